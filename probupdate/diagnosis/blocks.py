@@ -171,7 +171,8 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     places = [np.nanmedian(frequency, axis=0)]
     if expected_hz is not None:
         places.append(np.array([expected_hz[name] for name in names]))
-    groups = _groups(np.array(places), names) if len(kept_channels) else tuple((j,) for j in np.argsort(places[0]))
+    # one channel shows no plane of two shapes
+    groups = _groups(np.array(places), names) if len(kept_channels) > 1 else tuple((j,) for j in np.argsort(places[0]))
     angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):

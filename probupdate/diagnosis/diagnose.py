@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
+from probupdate.diagnosis.elementary import PART_CAUSES, in_place_of, parts_of
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
@@ -24,6 +26,7 @@ from probupdate.diagnosis.problem import (
 )
 from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
 from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside, search
+from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
@@ -76,7 +79,10 @@ def examine(
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, seed=seed, progress=progress)
-    explored, findings = _beyond_chance(explored, seed)
+    explored, findings, refuted = _beyond_chance(explored, seed)
+    parts = parts_of(prepared) if findings else []
+    instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
+    findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -86,10 +92,10 @@ def examine(
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))
-    far = _far(parameters)
+    far, foreign = _far(parameters), _foreign(findings)
     beyond = _beyond_sense(found)
     unexplained = (fits < ADEQUATE or explored.left_over or silent or _bent(problem, fitted) or far or beyond
-                   or not fitted.settled)
+                   or foreign or not fitted.settled)
     verdict = "unexplained" if unexplained else verdict_of(findings)
     included = () if verdict == "unexplained" else tuple(findings)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
@@ -112,6 +118,7 @@ def examine(
             *told,
             *pinned,
             *far,
+            *foreign,
             *beyond,
             *_short(fitted, [f.size_std for f in findings]),
             *([] if fitted.settled else [NOT_SETTLED]),
@@ -159,21 +166,23 @@ def _explored(
     return max(tried, key=lambda pair: pair[1].hypotheses[0].log_posterior)
 
 
-def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding]]:
+def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
-    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures."""
-    findings = findings_of(explored)
+    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
+    Chance is no explanation where what it leaves is none while the finding explains it, as what theory does not know is
+    part of that test too: such findings' numbers are the last value."""
+    refuted: set[int] = set()
     while True:
-        best = explored.hypotheses[0]
+        best, findings = explored.hypotheses[0], findings_of(explored, refuted=refuted)
         chance = [sum(a.posterior_probability for a in f.alternatives if a.cause == CHANCE) - f.posterior_probability
                   for f in findings]
         if not findings or max(chance) <= 0:
-            return explored, findings
+            return explored, findings, refuted
         problem, out = explored.problem, int(np.argmax(chance))
         rest = key_of(problem, [k for number, k in enumerate(best.candidates) if number != out])
         row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
         if row is None:
-            return explored, findings
+            return explored, findings, refuted
         there = explored.hypotheses[row]
         fitted = there.fitted
         if len(problem.which) > len(fitted.design.which):
@@ -181,16 +190,24 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
             design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
             there = replace(there, fitted=replace(fitted, design=design))
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
+        if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
+                and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):
+            refuted.add(out)
+            continue
+        refuted = set()
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, left_over=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
-        findings = findings_of(explored)
 
 
-def findings_of(explored: Explored) -> list[Finding]:
+def findings_of(
+    explored: Explored, instead: Mapping[int, Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
+    refuted: Collection[int] = (),
+) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
-    effect alone."""
+    effect alone. `instead`: what else may be meant by the effect of a number, with ln evidence and ln prior relative to
+    it. `refuted`: numbers of effects in whose place nothing at all explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
@@ -199,6 +216,12 @@ def findings_of(explored: Explored) -> list[Finding]:
         k, z = best.candidates[number], best.z[number]
         left, directions = span_left(problem, best.fitted, problem.which[k, 1])
         others, evidence, prior = exchanged(explored, number)
+        for other, apart, before in instead.get(number, ()):
+            others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
+        if number in refuted and None in others:
+            nothing = others.index(None)
+            others, evidence, prior = ([x for k, x in enumerate(row) if k != nothing]
+                                       for row in (others, evidence, prior))
         dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
         probability = special.softmax(np.array(evidence) / dispersion + prior)
         alternatives = tuple(
@@ -282,6 +305,18 @@ def _far(parameters: Sequence[dict]) -> list[str]:
         for p in parameters
         if abs(p["pushed_after"]) > FARTHEST
     ]
+
+
+def _foreign(findings: Sequence[Finding]) -> list[str]:
+    """What to say of findings for which an elementary part that no row describes is more probable."""
+    result = []
+    for f in findings:
+        part = next((a for a in f.alternatives if a.cause in PART_CAUSES), None)
+        if part is not None and part.posterior_probability > f.posterior_probability:
+            result.append(f"{f.cause}, {f.location}, is less probable ({f.posterior_probability:.2g}) than a "
+                          f"{part.cause}, {part.location} ({part.posterior_probability:.2g}): no row of the catalogue "
+                          "describes what is there")
+    return result
 
 
 def _beyond_sense(found: Search) -> list[str]:

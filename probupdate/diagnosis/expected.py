@@ -14,7 +14,7 @@ import numpy as np
 from probupdate.diagnosis.mode_numbers import Reference, numbers_of
 from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observed
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
-from probupdate.diagnosis.small_model import LocalModel
+from probupdate.diagnosis.small_model import N_KNOWN, LocalModel
 from probupdate.effects.catalogue import Effect
 
 # signatures are computed at headings this far apart; between these by straight lines
@@ -157,6 +157,16 @@ def _nodes(angles_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _node_slopes(predictor: ModalPredictor, local: LocalModel, names: tuple[str, ...], nodes: np.ndarray) -> list:
+    """`ModalPredictor.slopes` there; the last few are kept, as hypotheses are compared at the same parameters."""
+    key, known = (local.theta.tobytes(), names, nodes.tobytes()), predictor.known
+    if key not in known:
+        if len(known) >= N_KNOWN:
+            known.pop(next(iter(known)))
+        known[key] = _slopes_at(predictor, local, names, nodes)
+    return known[key]
+
+
+def _slopes_at(predictor: ModalPredictor, local: LocalModel, names: tuple[str, ...], nodes: np.ndarray) -> list:
     slopes = local.slopes([predictor.parameters.names.index(name) for name in names])
     return predictor.slopes(local, nodes * NODE_DEG, slopes)
 

@@ -12,6 +12,7 @@ from probupdate.diagnosis.expected import departures_at, local_at, signatures_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
 
 # a fit has settled when no parameter moves by more, in posterior deviations
@@ -87,6 +88,7 @@ def design_at(
         nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
     prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
+    scatter = _members_scatter(problem, included)
     std = np.array([*prior, *(problem.effects[j].tolerance for j in problem.tolerated)])
     return Design(
         bin_of=bin_of,
@@ -97,9 +99,44 @@ def design_at(
         courses=problem.courses,
         which=problem.which,
         noise=noise,
-        included=tuple((_number(problem, n), n.course, n.prior_std) for n in included if not n.effect.discrete),
+        included=(*((_number(problem, n), n.course, n.prior_std) for n in included if not n.effect.discrete), *scatter),
+        n_scatter=len(scatter),
         model_errors=tuple((n.course, _model_errors(problem, n, effect)) for n in included),
     )
+
+
+def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Design:
+    """The design of a fit with the signatures of the problem's effects from number `first` on, which it does not have,
+    and the problem's candidates."""
+    exact, more = [n for n in fitted.included if n.exact], problem.effects[first:]
+    bins = np.unique(np.column_stack([*(n.course.value for n in exact), problem.bins[1]]), axis=0)
+    names = tuple(name for effect in more for name, _ in effect.increments)
+    prints = _signatures_of_bins(problem, fitted.theta, exact, bins, more, names)
+    effect = tuple(np.concatenate(both, axis=2) for both in zip(fitted.design.effect, prints, strict=True))
+    return replace(fitted.design, effect=effect, courses=problem.courses, which=problem.which)
+
+
+def _members_scatter(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
+) -> tuple[tuple[int, TimeProfile, float], ...]:
+    """What members of included groups depart from the group's change, as (number of the member's own row, time profile,
+    standard deviation): where all are lost a member's own tolerance is lost with it, where a part is that part. The
+    storey without braces shows three per cent of one pair. What is so throughout has the tolerance itself."""
+    rows = {e.parameter: j for j, e in enumerate(problem.effects) if e.parameter}
+    names = problem.predictor.parameters.names
+    result = []
+    for n in included:
+        if len(n.effect.parts) < 2 or n.course.kind == "constant":
+            continue
+        for name, amount in n.effect.parts:
+            i = next((i for i, k in enumerate(problem.updated) if names[k] == name), None)
+            if i is None or name not in rows:
+                continue
+            p = problem.prior.items[i]
+            share = n.size * amount / p.initial if p.initial else 0.0
+            if share:
+                result.append((rows[name], n.course, abs(share) * local_std(problem.prior, i, p.initial)))
+    return tuple(result)
 
 
 def _signatures_of_bins(

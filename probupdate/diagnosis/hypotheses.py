@@ -316,11 +316,15 @@ def _fit_moves(
     problem: DiagnosisProblem, here: Hypothesis, moves: Sequence[Move], known: dict[frozenset, Hypothesis], *,
     noise_anew: bool,
 ) -> None:
-    """Adds to `known` where the moves lead that were not fitted before."""
+    """Adds to `known` where the moves lead that were not fitted before, or from a place that promises more than that
+    fit came to: of large effects one that began without the others may have ended anywhere."""
     for move in moves:
         there = key_of(problem, move.candidates)
-        fitted = None if there in known else _fitted(problem, here, move, noise_anew)
-        if fitted is not None:
+        before = known.get(there)
+        if before is not None and here.log_posterior + move.promise < before.log_posterior + CLOSE:
+            continue
+        fitted = _fitted(problem, here, move, noise_anew)
+        if fitted is not None and (before is None or fitted.log_posterior > before.log_posterior):
             known[there] = fitted
 
 
@@ -352,12 +356,13 @@ def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew:
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
         # it cannot be on the side that the score asked for
         return None
-    return _hypothesis(problem, move.candidates, move.z, fitted)
+    return hypothesis_of(problem, move.candidates, move.z, fitted)
 
 
-def _hypothesis(
+def hypothesis_of(
     problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
 ) -> Hypothesis:
+    """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
                       log_evidence=log_evidence(problem, fitted)).stored()
 
@@ -374,7 +379,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
         fitted = fitted if same else fit(problem, fitted.theta, included)
     except ConvergenceError:
         fitted = replace(here.fitted, last_step=np.inf)
-    return _hypothesis(problem, here.candidates, here.z, fitted)
+    return hypothesis_of(problem, here.candidates, here.z, fitted)
 
 
 def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:

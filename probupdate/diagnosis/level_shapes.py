@@ -256,7 +256,7 @@ def judge_levels(
     """`effects` of sensors with a size, `whole` ones that are there or not. false_alarm: chance that any is named when
     nothing is wrong."""
     tolerance = {"sensor gain": GAIN_TOLERANCE, "sensor rotation": ROTATION_TOLERANCE_DEG}
-    tolerated = [(e, tolerance[e.cause]) for e in effects if e.cause in tolerance]
+    tolerated = [(e, tolerance[e.cause]) for e in effects if e.tolerance and e.cause in tolerance]
     first = _test(s, tolerated, effects)
     usable = _usable(first)
     z = np.where(usable, first.u / np.sqrt(np.maximum(first.v, 1e-300)), 0.0)

@@ -37,8 +37,9 @@ class Design:
     n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) deviations of the offsets;
     effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which (n_candidate, 2).
     `included`: effects already found, as (effect, its time profile, deviation of its size); their sizes are unknowns
-    like c. `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin,
-    n_response) of their signature times size, all of which are multiplied by `error_scale`. """
+    like c; the last `n_scatter` of them are no effects found but what the members of such an effect depart from it.
+    `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin, n_response) of
+    their signature times size, all of which are multiplied by `error_scale`. """
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]
@@ -51,11 +52,12 @@ class Design:
     included: tuple[tuple[int, TimeProfile, float], ...] = ()
     model_errors: tuple[tuple[TimeProfile, tuple[np.ndarray, ...]], ...] = ()
     error_scale: float = 1.0
+    n_scatter: int = 0
 
     @property
     def sizes(self) -> slice:
         """Numbers of the unknowns that are sizes of effects found."""
-        return slice(self.nuisance_std.size, self.n_common)
+        return slice(self.nuisance_std.size, self.n_common - self.n_scatter)
 
     @property
     def n_bin(self) -> int:
@@ -124,49 +126,44 @@ class Design:
         return np.concatenate([self.nuisance_std, [std for _, _, std in self.included], *self.discrepancy_std, *doubts])
 
     @cached_property
-    def _unknowns(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-        """Per group: numbers of the unknowns that it sees (n,), the time profile of each (n,) and what one of each
-        makes (n_bin, n_response, n)."""
+    def _by_course(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
+        """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, their
+        numbers (n,) and what one of each makes (n_bin, n_response, n)."""
         n_c, n_course = self.nuisance_std.size, len(self.courses)
         total = sum(f.size for f in self.discrepancy_std)
         result = []
         for q, rows in enumerate(self._offsets):
-            m = self.discrepancy_std[q].size
-            number = [np.arange(n_c), n_c + np.arange(len(self.included)), np.arange(rows.start, rows.stop)]
-            course = [np.full(n_c, n_course), n_course + 1 + np.arange(len(self.included)), np.full(m, n_course)]
-            chosen = [effect for effect, _, _ in self.included]
-            parts = [self.nuisance[q], self.effect[q][:, :, chosen],
-                     np.broadcast_to(np.eye(m), (self.n_bin, m, m))]
-            for k, (_, spread) in enumerate(self.model_errors):
-                number.append(np.arange(rows.start, rows.stop) + (k + 1) * total)
-                course.append(np.full(m, n_course + 1 + len(self.included) + k))
-                parts.append(spread[q][:, :, None] * np.eye(m))
-            result.append((np.concatenate(number).astype(int), np.concatenate(course).astype(int),
-                           np.concatenate(parts, axis=2)))
+            offsets, unit = np.arange(rows.start, rows.stop), np.eye(rows.stop - rows.start)
+            own = [(n_course, np.arange(n_c), self.nuisance[q])]
+            own += [(n_course + 1 + k, np.array([n_c + k]), self.effect[q][:, :, [effect]])
+                    for k, (effect, _, _) in enumerate(self.included)]
+            own.append((n_course, offsets, np.broadcast_to(unit, (self.n_bin, *unit.shape))))
+            own += [(n_course + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q][:, :, None] * unit)
+                    for k, (_, spread) in enumerate(self.model_errors)]
+            result.append(own)
         return tuple(result)
-
-    @cached_property
-    def _by_course(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
-        """`_unknowns` per group, sorted: each time profile with the numbers of those that follow it and what they
-        make."""
-        return tuple([(row, number[course == row], made[:, :, course == row]) for row in np.unique(course)]
-                     for number, course, made in self._unknowns)
 
     @cached_property
     def _information(self) -> np.ndarray:
         """(n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
-        for q, (number, course, made) in enumerate(self._unknowns):
-            total = np.zeros((len(number), len(number)))
-            for g in np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin)):
-                total += self._times[q][g][np.ix_(course, course)] * (made[g].T @ (self.noise.precision[q] @ made[g]))
-            information[np.ix_(number, number)] += total
+        for q, sorted_unknowns in enumerate(self._by_course):
+            seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
+            parts = [(row, number, made[seen]) for row, number, made in sorted_unknowns]
+            for k, (row, number, made) in enumerate(parts):
+                weighted = self.noise.precision[q] @ made
+                for other, its, there in parts[: k + 1]:
+                    shared = self._times[q][seen, row, other][:, None, None] * there
+                    total = weighted.reshape(-1, len(number)).T @ shared.reshape(-1, len(its))
+                    information[np.ix_(number, its)] += total
+                    if its is not number:
+                        information[np.ix_(its, number)] += total.T
         return information
 
     def with_error_scale(self, error_scale: float) -> Design:
         """The design with another `error_scale`; what does not depend on it is not worked out again."""
         other = replace(self, error_scale=error_scale)
-        for name in ("_aggregators", "_times", "_unknowns", "_by_course", "_information"):
+        for name in ("_aggregators", "_times", "_by_course", "_information"):
             vars(other)[name] = getattr(self, name)
         return other
 
@@ -175,6 +172,19 @@ class Design:
         """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's deviations, as
         these are many powers of ten apart."""
         return self._scaled_factor(np.arange(self.n_unknown))
+
+    @cached_property
+    def _factors(self) -> dict[tuple[int, ...], tuple[np.ndarray, bool]]:
+        return {}
+
+    def _factor_without(self, held: tuple[int, ...]):
+        """The same with the unknowns `held` left out; the last one asked for is kept."""
+        if not held:
+            return self._factor
+        if held not in self._factors:
+            self._factors.clear()
+            self._factors[held] = self._scaled_factor(np.setdiff1d(np.arange(self.n_unknown), held))
+        return self._factors[held]
 
     def _scaled_factor(self, chosen: np.ndarray):
         std = self.prior_std[chosen]
@@ -203,16 +213,13 @@ class Design:
         before and after the unknowns have taken their part (n_candidate,)."""
         n_effect, n_course = self.effect[0].shape[2], len(self.courses)
         cross = np.zeros((n_course, n_effect, self.n_unknown))
-        own = np.zeros((n_course, n_effect))
         for q, sorted_unknowns in enumerate(self._by_course):
             weighted = self.noise.precision[q] @ self.effect[q]
             for row, number, made in sorted_unknowns:
                 shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
                 cross[:, :, number] += np.tensordot(self._times[q][:, :n_course, row], shared, (0, 0))
-            alone = np.einsum("gme,gme->ge", weighted, self.effect[q])
-            own += np.einsum("gcc,ge->ce", self._times[q][:, :n_course, :n_course], alone)
         effect, course = self.which.T
-        B, raw = cross[course, effect], own[course, effect]
+        B, raw = cross[course, effect], self._along_time[effect, course, course]
         solved = self._solve(B.T).T
         return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
 
@@ -276,7 +283,7 @@ class Design:
         right = self._right(self._sums(departures, len(self.courses)))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
         right = self.prior_std[free] * right[free]
-        solved = linalg.cho_solve(self._scaled_factor(free) if len(held) else self._factor, right)
+        solved = linalg.cho_solve(self._factor_without(tuple(held)), right)
         # searching for the order of so small products costs more than they do
         total = sum(float(w @ np.sum((y @ P) * y, axis=1)) for w, y, P in
                     zip(self.noise.weight, departures, self.noise.precision, strict=True))
@@ -318,11 +325,22 @@ class Design:
         rows, others = np.asarray(rows, int), np.asarray(others, int)
         B, solved, _, _ = self._system
         (effect, course), (effect2, course2) = self.which[rows].T, self.which[others].T
+        if len(np.unique([*effect, *effect2])) == 1:
+            return self._along_time[effect[0]][np.ix_(course, course2)] - B[rows] @ solved[others].T
         total = np.zeros((len(rows), len(others)))
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
             for own, time in zip(E, times, strict=True):
                 total += time[np.ix_(course, course2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
         return total - B[rows] @ solved[others].T
+
+    @cached_property
+    def _along_time(self) -> np.ndarray:
+        """(n_effect, n_course, n_course) X^T R^-1 X of each effect between its time profiles, R the noise alone."""
+        n_course, total = len(self.courses), 0.0
+        for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
+            alone = np.einsum("gme,gme->eg", precision @ E, E)
+            total = total + np.tensordot(alone, times[:, :n_course, :n_course], 1)
+        return total
 
     def score_correlation(self, rows: Rows) -> np.ndarray:
         """Correlation (n, n) of the z of candidates `rows`: how alike their signatures are, time profiles included,

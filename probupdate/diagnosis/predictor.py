@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -41,6 +41,7 @@ class ModalPredictor:
     planes: tuple[np.ndarray, ...]
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
+    known: dict[tuple, list] = field(default_factory=dict, repr=False)
 
     @property
     def parameters(self):
@@ -236,7 +237,7 @@ def build_predictor(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Mod
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
     axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(start.planes, groups, strict=True))
-    return replace(start, axes=axes)
+    return replace(start, axes=axes, known={})
 
 
 def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> dict[str, float]:

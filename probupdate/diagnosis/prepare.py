@@ -22,7 +22,8 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.description import Description
 from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
-from probupdate.structure.load import load_model
+from probupdate.structure.load import load_model, model_sensors
+from probupdate.structure.matrices import channel_places
 
 # modes looked through for the measured ones
 N_MODE = 7
@@ -65,14 +66,16 @@ def prepare(
     `groups`: named combinations of a model's parameters, name -> {parameter: change for a size of one}.
     """
     path = Path(path)
-    model = load_model(path, parameters=parameters, sensors=sensors)
+    of_matrices = model_sensors(path) is None
+    # matrices have their own channels only: what is stated of sensors says where these are
+    model = load_model(path, parameters=parameters, sensors=None if of_matrices else sensors)
     added = [e for e in effects if e.adds is not None]
     own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
     if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
         if added:
             raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} takes none of",
                              "name parameters that the model has (`parts`), or export it as model.toml")
-        return _prepare_matrices(path, model, own)
+        return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)
     catalogue = (*turbine_effects(description), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
@@ -99,12 +102,22 @@ def prepare(
                     sensors=placed, description=description)
 
 
-def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
+def _places(path: Path, model: AffineModel, stated: Sequence[Sensor] | None) -> tuple[Sensor, ...]:
+    """Where the channels of a model are that is no description of a turbine: as stated, else as its file has them."""
+    if stated is not None:
+        return tuple(s for s in stated if s.channel in model.channels)
+    own = model_sensors(path)
+    return channel_places(model) if own is None else own
+
+
+def _prepare_matrices(
+    path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
+) -> Prepared:
     n_mode = min(max(N_MODE, 20), model.n_available)
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=parameter_effects(model.parameters), own=own, sensors=(),
+                    effects=parameter_effects(model.parameters), own=own, sensors=sensors,
                     description=None)
 
 

@@ -71,8 +71,7 @@ def diagnose_files(
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")
     own = read_parameters(parameters) if parameters else None
-    placed = sensors if model.suffix == ".toml" else None
-    prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects,
+    prepared = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects,
                        progress=progress)
     return _with_tests(whole(prepared), tests, wrong_rate)
 

@@ -220,37 +220,37 @@ class LocalModel:
         for number, (angle_deg, modes, clusters) in enumerate(places):
             wave, parts = _harmonics(angle_deg), []
             for (_, _, waves), product in zip(slopes, products, strict=True):
-                own = product[:, :, ends[number] : ends[number + 1]]
+                own = product[:, ends[number] : ends[number + 1]]
                 for p, turning in waves.items():
-                    own[p] += np.tensordot(wave, turning, 1) @ wanted[number]
+                    own[p] += wanted[number].T @ np.tensordot(wave, turning, 1)
                 parts.append(own)
             result.append(self._changes(parts, modes, clusters))
         return result
 
     def _changes(self, parts, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
-        """`derivatives` at one place from dK Phi and dM Phi (n_param, r, all members): modes of the core one by one,
-        those above it by what all of them together give way."""
+        """`derivatives` at one place from Phi^T dK and Phi^T dM (n_param, all members, r): modes of the core one by
+        one, those above it by what all of them together give way."""
         value = (2 * np.pi * modes.frequency_hz) ** 2
         at_channels, residual = self.small.at_channels @ modes.vectors, self._core[-1]
-        onto_modes = [modes.vectors.T @ part for part in parts]
-        result, start = [], 0
+        n_channel, result, start = len(at_channels), [], 0
         for members in map(list, clusters):
-            own = slice(start, start + len(members))
-            dK, dM = (part[:, :, own] for part in onto_modes)
-            start += len(members)
-            own_value = value[members]
-            force = parts[0][:, :, own] - own_value * parts[1][:, :, own]
+            own_value, onto = value[members], modes.vectors[:, members].T
             outside = np.ones(len(value), bool)
             outside[members] = False
-            share = np.zeros((len(value), len(members)))
-            gap = own_value[None, :] - value[outside, None]
-            share[outside] = gap / (gap**2 + (EQUAL * own_value) ** 2)
-            amount = (dK - own_value * dM) * share
-            amount[:, members] = -0.5 * dM[:, members]
+            dK, dM, change = [], [], []
+            for j, at in enumerate(own_value):
+                gap = at - value[outside]
+                share = gap / (gap**2 + (EQUAL * at) ** 2)
+                # what a force on the basis does to this mode at the channels, and to the members' products
+                given = (at_channels[:, outside] * share) @ modes.vectors[:, outside].T - residual
+                stiff, heavy = (part[:, start + j] @ np.concatenate([given, onto]).T for part in parts)
+                dK.append(stiff[:, n_channel:])
+                dM.append(heavy[:, n_channel:])
+                change.append((stiff - at * heavy)[:, :n_channel] - 0.5 * dM[-1] @ at_channels[:, members].T)
+            start += len(members)
             mean = 0.5 * (own_value[:, None] + own_value[None, :])
-            coupling = dK[:, members] - mean * dM[:, members]
-            change = at_channels @ amount - residual @ force
-            result.append((coupling.transpose(1, 2, 0), change.transpose(1, 2, 0)))
+            coupling = np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)
+            result.append((coupling.transpose(1, 2, 0), np.stack(change, axis=2).transpose(1, 2, 0)))
         return result
 
 

@@ -131,11 +131,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Gain:
-    row: int
+    """Channels that show 1 + size of what they should: one, or all of a logger."""
+
+    rows: tuple[int, ...]
 
     def __call__(self, shape, frequency_hz, size):
         result = np.array(shape, complex)
-        result[self.row] *= 1 + size
+        result[list(self.rows)] *= 1 + size
         return result, 0.0
 
 
@@ -223,7 +225,7 @@ LAWS = tuple(law for laws in SIGNAL_PATH for law in laws)
 
 def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:
     """Gain, polarity and swapped cables of every channel; with `sensors` (places and directions) also rotation of every
-    sensor and of the whole frame, and the clock and filter of every logger (a position, or all of a level)."""
+    sensor and of the whole frame, and the gain, clock and filter of every logger (a position, or all of a level)."""
     row = {name: k for k, name in enumerate(channels)}
     placed = [s for s in sensors if s.channel in row]
     effects = [*_gains_and_polarities(channels, row), *_swaps(channels, placed, row)]
@@ -235,14 +237,14 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
 def _gains_and_polarities(channels: Sequence[str], row: Mapping[str, int]) -> list[Effect]:
     gains = [
         Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, slab=0.1,
-               lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain(row[c]), step_of_size=1e-3,
+               lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain((row[c],)), step_of_size=1e-3,
                fingerprint="one channel too large or small, every mode alike; frequencies untouched",
                check="calibrate the channel, or compare its standard deviation with its neighbours'")
         for c in channels
     ]
     polarities = [
         Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, slab=2.0, lower=-2.0,
-               upper=0.0, observe=Gain(row[c]), step_of_size=1e-3, discrete=(-2.0,),
+               upper=0.0, observe=Gain((row[c],)), step_of_size=1e-3, discrete=(-2.0,),
                fingerprint="one channel with the other sign in every mode",
                check="tap the sensor's base along its axis, or read its cable list")
         for c in channels
@@ -294,6 +296,14 @@ def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Eff
                 fingerprint="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
             ))
+        if len(rows) > 1:
+            # what a data sheet allows is each channel's own; a wrong range or unit is the whole logger's
+            effects.append(Effect(
+                kind="measurement", cause="sensor gain", location=name, unit="-", tolerance=0.0, slab=0.1,
+                lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain(rows), step_of_size=1e-3,
+                fingerprint="all channels of one logger too large or small, every mode alike; frequencies untouched",
+                check="read the logger's range and unit, or calibrate it",
+            ))
     return effects
 
 
@@ -323,13 +333,13 @@ def _positions(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]
 
 
 def _common(names: tuple[str, ...]) -> str:
-    """What the channels' names share at their beginning, or the first of them."""
+    """What the channels' names share at their beginning, or all of them."""
     if len(names) == 1:
         return names[0]
     short = names[0]
     while short and not all(n.startswith(short) for n in names):
         short = short[:-1]
-    return short.rstrip("-_ .") or names[0]
+    return short.rstrip("-_ .") or f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ...]]:

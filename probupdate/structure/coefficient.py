@@ -10,6 +10,10 @@ import numpy as np
 
 Values = Mapping[str, float | np.ndarray]
 
+# of each function the values at the last few points are kept: a fit moves few parameters at a time, and what depends on
+# the others is the same; of many points at once those are found that differ in what a function reads, from so many on
+N_KEPT, MANY = 6, 8
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Factor:
@@ -89,12 +93,13 @@ class Coefficients:
     """theta (..., n_param) -> stiffness coefficients (..., n_K) and mass coefficients (..., n_M).
 
     `names` are the updated parameters in theta's order, `fixed` the values of the others; `tables` the distinct
-    functions, and each term a product of (table, component) pairs.
+    functions with the names that each `reads`, and each term a product of (table, component) pairs.
     """
 
     names: tuple[str, ...]
     fixed: Mapping[str, float]
     tables: tuple[Callable[[Values], float | np.ndarray], ...]
+    reads: tuple[tuple[str, ...], ...]
     stiffness_terms: tuple[tuple[tuple[int, int | None], ...], ...]
     mass_terms: tuple[tuple[tuple[int, int | None], ...], ...]
 
@@ -126,7 +131,7 @@ class Coefficients:
         lead = theta.shape[:-1]
         used = [np.ones((*lead, 0), dtype=np.result_type(theta.dtype, float))]
         for table, components in columns:
-            found = np.asarray(self.tables[table](values))
+            found = self._value(table, theta, values)
             found = found[..., None] if components is None else found[..., components]
             used.append(np.broadcast_to(found, (*lead, found.shape[-1])))
         side_by_side = np.concatenate([*used, np.ones((*lead, 1))], axis=-1)
@@ -138,6 +143,49 @@ class Coefficients:
             return result
 
         return weights(self.stiffness_terms, factors[0]), weights(self.mass_terms, factors[1])
+
+    @cached_property
+    def _columns(self) -> list[np.ndarray]:
+        """Of every table the places in theta of what it reads."""
+        place = {name: k for k, name in enumerate(self.names)}
+        return [np.array([place[name] for name in own if name in place], int) for own in self.reads]
+
+    @cached_property
+    def _kept(self) -> list[dict[bytes, tuple[np.ndarray, np.ndarray | None]]]:
+        return [{} for _ in self.tables]
+
+    def __getstate__(self) -> dict[str, object]:
+        # other processes begin afresh
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
+
+    def _value(self, number: int, theta: np.ndarray, values: Values) -> np.ndarray:
+        """What a table is at theta (..., n_param)."""
+        table, columns = self.tables[number], self._columns[number]
+        if isinstance(table, _Named) and table.rule is _pick and len(columns):
+            return theta[..., columns[0]]
+        if not (theta.ndim == 1 or (theta.ndim == 2 and len(theta) >= MANY)):
+            return np.asarray(table(values))
+        own, kept = theta[..., columns], self._kept[number]
+        key = own.tobytes()
+        if key not in kept:
+            if len(kept) >= N_KEPT:
+                kept.pop(next(iter(kept)))
+            kept[key] = self._evaluated(number, own, values)
+        found, place = kept[key]
+        return found if place is None else found[place]
+
+    def _evaluated(self, number: int, own: np.ndarray, values: Values) -> tuple[np.ndarray, np.ndarray | None]:
+        """A table at points `own` of what it reads, and where each point's value stands in it, unless as they come: in
+        the steps of derivatives, one parameter at a time, most points have the same values of the others."""
+        for usual in (0, -1) if own.ndim == 2 else ():
+            other = np.flatnonzero((own != own[usual]).any(axis=1))
+            if 4 * len(other) < len(own):
+                place = np.zeros(len(own), int)
+                place[other] = 1 + np.arange(len(other))
+                few = own[np.concatenate([[usual % len(own)], other])]
+                names = [self.names[k] for k in self._columns[number]]
+                return np.asarray(self.tables[number](dict(values) | dict(zip(names, few.T, strict=True)))), place
+        return np.asarray(self.tables[number](values)), None
 
 
 class TermCollector:
@@ -182,6 +230,7 @@ def build_coefficients(
         names=names,
         fixed=dict(fixed),
         tables=tuple(factor.function for factor in factors.values()),
+        reads=tuple(factor.names for factor in factors.values()),
         stiffness_terms=terms(stiffness),
         mass_terms=terms(mass),
     )

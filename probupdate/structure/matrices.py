@@ -12,6 +12,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import archive_arrays
+from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -197,6 +198,24 @@ def _channel_rows(path: Path, content: Mapping, n_channel: int, n: int) -> spars
     if empty.size:
         raise InputError(where, f"channel {int(empty[0]) + 1} reads no degree of freedom", "give its direction there")
     return rows
+
+
+def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
+    """Where the channels of a model of matrices are that read one translation of a node with a place, all of one level,
+    as matrices know no loggers; () without `node_position_m`."""
+    if model.wire is None or model.wire_matrix is None:
+        return ()
+    moves, reads = sparse.coo_array(model.wire_matrix), sparse.csr_array(model.channel_matrix)
+    axis_of = dict(zip(moves.col.tolist(), moves.row.tolist(), strict=True))
+    found = []
+    for k, channel in enumerate(model.channels):
+        own = slice(reads.indptr[k], reads.indptr[k + 1])
+        dof, factor = reads.indices[own], reads.data[own]
+        if len(dof) == 1 and int(dof[0]) in axis_of:
+            node, axis = divmod(axis_of[int(dof[0])], 3)
+            found.append(Sensor(channel=channel, level="", position_m=model.wire.node_m[node],
+                                direction=np.sign(factor[0]) * np.eye(3)[axis]))
+    return tuple(found)
 
 
 def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, sparse.csr_array | None]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -48,30 +49,40 @@ class ProjectedTerms:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
         own = self.entry.shape[0]
         size = len(self.basis)
-        whole = sparse.csr_array((weight[:own] @ self.entry, (self.row, self.column)), shape=(size, size))
+        # entries stand column by column; what is symmetric has the same rows
+        whole = sparse.csr_array((weight[:own] @ self.entry, self.row, self._starts), shape=(size, size))
         found = self.basis.T @ (whole @ self.basis)
         for value, matrix in zip(weight[own:], self.added, strict=True):
             if value:
                 found += value * matrix
         return 0.5 * (found + found.T)
 
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        """(n_dof + 1,): where each column's entries begin, and their end."""
+        return np.searchsorted(self.column, np.arange(len(self.basis) + 1)).astype(self.row.dtype)
+
     def times(self, weights: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """sum_t weights_pt B^T K_t B X (n, r, k) for weights (n, n_term) and X (r, k): for each of the n sums only the
-        rows of B are touched that its terms have entries in."""
+        """sum_t weights_pt X^T B^T K_t B (n, k, r) for weights (n, n_term) and X (r, k): for each of the n sums only
+        the rows of B are touched that its terms have entries in."""
         own, size = self.entry.shape[0], len(self.basis)
-        result = np.zeros((len(weights), self.basis.shape[1], vectors.shape[1]))
+        result = np.zeros((len(weights), vectors.shape[1], self.basis.shape[1]))
         sums = sparse.csr_array(sparse.csr_array(weights[:, :own]) @ self.entry)
+        sums.sort_indices()
         motion = self.basis @ vectors
         for p in range(len(weights)):
             part = slice(sums.indptr[p], sums.indptr[p + 1])
             places, values = sums.indices[part], sums.data[part]
             if len(places):
-                rows, place = np.unique(self.row[places], return_inverse=True)
-                touched = sparse.csr_array((values, (place, self.column[places])), shape=(len(rows), size))
-                result[p] = self.basis[rows].T @ (touched @ motion)
+                # of the symmetric sum the rows that have entries
+                starts = np.searchsorted(places, self._starts)
+                rows = np.flatnonzero(np.diff(starts))
+                touched = sparse.csr_array((values, self.row[places], np.append(starts[rows], len(places))),
+                                           shape=(len(rows), size))
+                result[p] = (touched @ motion).T @ self.basis[rows]
             for value, matrix in zip(weights[p, own:], self.added, strict=True):
                 if value:
-                    result[p] += value * (matrix @ vectors)
+                    result[p] += value * (vectors.T @ matrix)
         return result
 
 

@@ -1,6 +1,6 @@
 """The IASC-ASCE phase I benchmark: which braces the diagnosis names, case by case, seed by seed.
 
-python studies/iasc_asce/run.py OUT [--seeds 20] [--quick]     goes on where it was stopped; OUT/cases.jsonl
+python studies/iasc_asce/run.py OUT [--first 1] [--seeds 20] [--quick]     goes on where it was stopped; OUT/cases.jsonl
 python studies/iasc_asce/run.py OUT --tables                   the tables of RESULTS.md from what is there
 python studies/iasc_asce/run.py OUT --loss                     a pair of braces that loses ever more
 """
@@ -81,9 +81,9 @@ def run_one(prepared: Prepared, case: Case, pattern: Pattern, seed: int, course:
     }
 
 
-def asked(seeds: int, patterns: dict[int, tuple[int, ...]]):
+def asked(first: int, seeds: int, patterns: dict[int, tuple[int, ...]]):
     """(case, pattern, seed, course), all of a seed before the next, so that what is there is a whole table."""
-    for seed in range(1, seeds + 1):
+    for seed in range(first, first + seeds):
         for case in CASES:
             for number in patterns.get(case.number, ()):
                 for course in ("step", "constant") if number else ("step",):
@@ -94,13 +94,13 @@ def read_lines(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
-def run_all(out: Path, seeds: int, *, patterns: list[int] | None = None, simple: bool = False) -> None:
+def run_all(out: Path, first: int, seeds: int, *, patterns: list[int] | None = None, simple: bool = False) -> None:
     """cases.jsonl, or simple.jsonl, line by line; of these `patterns` only, if any are given."""
     out.mkdir(parents=True, exist_ok=True)
     model = cache(lambda case: ready(case, out, simple=simple))
     path = out / ("simple.jsonl" if simple else "cases.jsonl")
     done = {(x["case"], x["pattern"], x["seed"], x["course"]) for x in read_lines(path)}
-    for case, pattern, seed, course in asked(seeds, SIMPLE if simple else ASKED):
+    for case, pattern, seed, course in asked(first, seeds, SIMPLE if simple else ASKED):
         left_out = patterns is not None and pattern.number not in patterns
         if left_out or (case.number, pattern.number, seed, course) in done:
             continue
@@ -187,7 +187,8 @@ def true_size(pattern: Pattern, location: str) -> float:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=1, help="seed")
+    parser.add_argument("--seeds", type=int, default=20, help="how many")
     parser.add_argument("--quick", action="store_true", help="one seed")
     parser.add_argument("--patterns", type=int, nargs="*", help="these only")
     parser.add_argument("--simple", action="store_true", help="the shear building given for the frame of 120")
@@ -198,7 +199,7 @@ def main() -> int:
     if a.loss:
         run_losses(a.out, seeds)
     elif not a.tables:
-        run_all(a.out, seeds, patterns=a.patterns, simple=a.simple)
+        run_all(a.out, a.first, seeds, patterns=a.patterns, simple=a.simple)
     sys.stdout.write(tables(a.out))
     return 0
 

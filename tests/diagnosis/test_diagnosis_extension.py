@@ -50,7 +50,7 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
     problem, _ = diagnosis_problem(prepared, true)
     n = len(true.sets)
     constant = TimeProfile(kind="constant", value=np.ones(n))
-    faults = (included(Gain(3), 0.2, step_profile(n, 10)), included(Turn(((4, 5),)), 12.0, constant),
+    faults = (included(Gain((3,)), 0.2, step_profile(n, 10)), included(Turn(((4, 5),)), 12.0, constant),
               included(Delay((0, 1)), 8.0, constant), included(Rate(), 0.01, constant))
     sets = []
     for b, s in enumerate(true.sets):
@@ -70,9 +70,9 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
 
 
 def test_deviations_are_corrected_as_the_shapes_are():
-    A, shift = corrections(4, [included(Gain(2), 0.25, None)], [1.0], 1.0)
+    A, shift = corrections(4, [included(Gain((2,)), 0.25, None)], [1.0], 1.0)
     assert shift == 0.0 and A[2, 2] == 1.25 and np.allclose(np.delete(np.diag(A), 2), 1.0)
-    assert corrections(4, [included(Gain(2), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
+    assert corrections(4, [included(Gain((2,)), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
 
 
 def test_mean_of_blocks_is_that_of_frequencies_and_shapes(stepped):

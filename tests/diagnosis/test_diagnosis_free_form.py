@@ -7,7 +7,8 @@ import pytest
 from scipy import linalg
 
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.free_form import PART_CAUSES, elementary, free_form, points
+from probupdate.diagnosis.elementary import PART_CAUSES, elementary, points
+from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.wording import free_form_words

@@ -164,6 +164,16 @@ def test_braces_that_are_lost_are_named(prepared, number, pattern, course):
     assert one["size"] == pytest.approx(run.true_size(pattern, one["location"]), abs=3 * one["std"])
 
 
+@pytest.mark.parametrize(("number", "pattern"), [(1, 2), (3, 1)], ids=["two storeys", "one storey"])
+def test_storeys_that_lose_all_braces_at_a_step_are_named(prepared, number, pattern):
+    """What is left of a storey without braces shows 3 % of one pair: a group's members lose their own tolerance too.
+    And of two storeys' steps the lesser one is no chance where the greater alone explains nothing."""
+    case, pattern = DEFINED[number, pattern]
+    line = run.run_one(prepared(case), case, pattern, 1, "step")
+    assert line["judged"] == "right" and line["adequacy"] > 0.05
+    assert [f["size"] for f in line["findings"]] == pytest.approx([1.0] * len(pattern.places), abs=0.05)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("case", cases.CASES, ids=lambda c: f"case {c.number}")
 def test_nothing_is_found_in_twenty_sound_frames(prepared, case):

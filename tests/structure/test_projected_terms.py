@@ -1,5 +1,6 @@
 """Terms on a basis, held as they are on the full model: against each of them projected, densely."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +43,7 @@ def test_sums_and_products_are_those_of_dense_terms(terms, n_added, without, val
     weights = RNG.standard_normal((5, len(dense))) * (RNG.random((5, len(dense))) < 0.4)
     weights[2] = 0.0
     vectors = RNG.standard_normal((R, 6))
-    row.error(held.times(weights, vectors) - np.tensordot(weights, dense, 1) @ vectors, below=1e-11)
+    row.error(held.times(weights, vectors) - vectors.T @ np.tensordot(weights, dense, 1), below=1e-11)
     assert all(a is b for a, b in zip(held.added, added, strict=True))
 
 
@@ -69,6 +70,30 @@ def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch):
         for a, b in zip(some, others, strict=True):
             assert np.array_equal(a.data, b.data) and np.array_equal(a.indices, b.indices)
             assert np.array_equal(a.indptr, b.indptr)
+
+
+def test_coefficients_that_are_kept_are_those_computed_anew(validation):
+    """What a function reads is the same at most points of a fit, and in most steps of derivatives: kept or shared, its
+    values are those of the points one by one."""
+    row = validation(what="coefficients of a model kept from point to point", reference="of a model asked once",
+                     why="rounding of complex steps taken together")
+    model = load_model(reference_model("updated"))
+    start, std = model.parameters.initial, model.parameters.std
+
+    def alone(theta: np.ndarray):
+        # what was kept stays behind
+        return pickle.loads(pickle.dumps(model.coefficients))(theta)
+
+    points = [start, *(start + 0.3 * size * own for size in (1, -1) for own in np.diag(std)), start]
+    for theta in points:
+        for own, anew in zip(model.coefficients(theta), alone(theta), strict=True):
+            assert np.array_equal(own, anew)
+    stepped = points[3] + 1e-30j * np.eye(len(start))
+    one_by_one = map(np.array, zip(*map(alone, stepped), strict=True))
+    for own, anew in zip(model.coefficients(stepped), one_by_one, strict=True):
+        scale = np.abs(anew.imag).max(axis=0) + 1e-30
+        row.error((own - anew).imag / scale, below=1e-12)
+        row.error(own.real / anew.real - 1, below=1e-12)
 
 
 def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix(validation):

@@ -1,0 +1,278 @@
+"""Elementary parts that a model may lack: a spring to ground or between two points, a mass.
+
+Of one kind all together are as probable before the data as one row of the catalogue. They stand for what no row
+describes: as competing hypotheses of every finding about the structure, and, where the record stays unexplained, as
+what says where and in which modes the unknown acts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from scipy import linalg
+from scipy.special import logsumexp
+
+from probupdate.diagnosis.fitting import Fit, design_with_more, fit
+from probupdate.diagnosis.hypotheses import (
+    LEAST_LEFT,
+    Explored,
+    Hypothesis,
+    Ranking,
+    hypothesis_of,
+    key_of,
+    without,
+)
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
+from probupdate.diagnosis.small_model import Attachment, SmallModel
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.effects.catalogue import Effect
+from probupdate.errors import ConvergenceError
+from probupdate.model.interface import Wireframe
+from probupdate.structure.description import Description
+from probupdate.structure.places import place_of
+
+# points of the structure where a part may sit, and horizontal directions of a spring
+N_POINT, N_DIRECTION = 48, 4
+# prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
+# there; its upper bound in these
+SHARE, MOST = 0.1, 100.0
+# parts that are scored at once
+CHUNK = 160
+# score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
+SAME = 0.98
+# points nearer to one another than this share of the structure's extent are one
+SAME_PLACE = 0.012
+# wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
+NOT_THERE = ("pile", "rna")
+PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point")
+
+
+# an elementary part: its row, and where it acts on the small basis
+Part = tuple[Effect, Attachment]
+
+
+def points(wire: Wireframe, most: int = N_POINT) -> np.ndarray:
+    """Numbers of the nodes (n,) where parts may sit: where members meet or end, then those farthest from all others."""
+    def joined(barred: bool) -> set[int]:
+        return {int(k) for line, group in zip(wire.line, wire.line_group, strict=True)
+                if (group in NOT_THERE) == barred for k in line}
+
+    barred = joined(True)
+    used = np.array(sorted(joined(False))) if len(wire.line) else np.arange(len(wire.node_m))
+    extent = float(np.max(np.ptp(wire.node_m[used], axis=0)))
+    clusters: list[list[int]] = []
+    for k in used:
+        near = [c for c in clusters if np.linalg.norm(wire.node_m[c[0]] - wire.node_m[k]) < SAME_PLACE * extent]
+        near[0].append(int(k)) if near else clusters.append([int(k)])
+    member = {k: number for number, c in enumerate(clusters) for k in c}
+    ends = np.zeros(len(clusters), int)
+    for line in wire.line:
+        a, b = (member.get(int(k)) for k in line)
+        # a line within a cluster is an eccentricity or a joint
+        for one in {a, b} if a != b else ():
+            if one is not None:
+                ends[one] += 1
+    chief = np.array([next((k for k in c if k not in barred), c[0]) for c in clusters])
+    place = wire.node_m[chief]
+    chosen = [int(i) for i in np.flatnonzero((ends >= 3) | (ends == 1))]
+    chosen = chosen or [int(np.argmax(place[:, 2]))]
+    away = np.min(np.linalg.norm(place[:, None] - place[chosen][None], axis=2), axis=1)
+    if len(chosen) > most:
+        chosen = farthest(place, chosen, most)
+    while len(chosen) < min(most, len(clusters)):
+        new = int(np.argmax(away))
+        if away[new] < 2 * SAME_PLACE * extent:
+            break
+        chosen.append(new)
+        away = np.minimum(away, np.linalg.norm(place - place[new], axis=1))
+    return np.sort(chief[chosen])
+
+
+def farthest(place: np.ndarray, among: Sequence[int], count: int) -> list[int]:
+    """`count` of the rows `among` of place (n, 3), each the one farthest from those before it."""
+    result = [max(among, key=lambda i: place[i, 2])]
+    while len(result) < min(count, len(among)):
+        away = np.min(np.linalg.norm(place[list(among)][:, None] - place[result][None], axis=2), axis=1)
+        result.append(among[int(np.argmax(away))])
+    return result
+
+
+def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
+    angle = np.arange(n) * 180.0 / n
+    level = [(f"along {a:g} deg", np.array([np.cos(np.radians(a)), np.sin(np.radians(a)), 0.0])) for a in angle]
+    return [*level, ("vertical", np.array([0.0, 0.0, 1.0]))]
+
+
+def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tuple[Effect, Attachment]]:
+    """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words."""
+    wire, at_nodes = small.picture
+    nodes = points(wire)
+    K, M = (wave[0] for wave in (small.at(small.parameters.initial).stiffness, small.at(small.parameters.initial).mass))
+    _, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
+    flexibility = linalg.cho_factor(K)
+    rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
+    result = []
+
+    def spring(cause: str, words: str, b: np.ndarray) -> None:
+        gives_way = float(b @ linalg.cho_solve(flexibility, b))
+        # a point that the model holds, or knows no motion of that way
+        if not gives_way > 0:
+            return
+        stiffness = 1 / gives_way
+        result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=np.outer(b, b))))
+
+    for k in nodes:
+        there = place(wire.node_m[k])
+        for words, d in directions():
+            spring(PART_CAUSES[0], f"{there}, {words}", d @ rows[int(k)])
+        own = rows[int(k)]
+        moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
+        if not moved > 0:
+            continue
+        modal_mass = 1 / moved
+        result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own.T @ own)))
+    lined = {frozenset(map(int, line)) for line in wire.line}
+    for a, b in combinations(map(int, nodes), 2):
+        way = wire.node_m[b] - wire.node_m[a]
+        if frozenset((a, b)) not in lined:
+            spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
+                   way / np.linalg.norm(way) @ (rows[b] - rows[a]))
+    number = Counter(effect.cause for effect, _ in result)
+    return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
+
+
+def _part(cause: str, location: str, unit: str, std: float, attachment: Attachment) -> tuple[Effect, Attachment]:
+    name = f"{cause}: {location}"
+    effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, slab=std,
+                    lower=0.0, upper=MOST * std, parameter=name, courses=("constant", "step"),
+                    check="look there for what the model does not have")
+    return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=MOST * std)
+
+
+def place_words(point: np.ndarray, description: Description | None) -> str:
+    """Where a point is: by leg, face and bay where the structure is described, else by its coordinates."""
+    included = place_of(description, point) if description is not None else ""
+    return included or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
+
+
+def parts_of(prepared: Prepared) -> list[Part]:
+    """Every part that may be added to a model; none where it has no picture to place them in."""
+    if prepared.small.wire is None:
+        return []
+    return elementary(prepared.small, lambda point: place_words(point, prepared.description))
+
+
+def with_parts(
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], profiles: Sequence[TimeProfile]
+) -> tuple[DiagnosisProblem, Fit]:
+    """Problem and fit with these parts as further effects along these time profiles, none of them there. The last rows
+    of the problem's `which` are theirs, those of one part after the other."""
+    small = problem.predictor.small.attached([attachment for _, attachment in parts])
+    first, courses = len(problem.effects), [*problem.courses]
+    number = []
+    for profile in profiles:
+        known = next((c for c, one in enumerate(courses) if one is profile), len(courses))
+        courses += [profile] if known == len(courses) else []
+        number.append(known)
+    which = np.array([(first + j, c) for j in range(len(parts)) for c in number])
+    wider = replace(problem, predictor=replace(problem.predictor, small=small), courses=tuple(courses),
+                    effects=(*problem.effects, *(effect for effect, _ in parts)),
+                    which=np.vstack([problem.which, which]))
+    padded = replace(fitted, theta=np.concatenate([fitted.theta, np.zeros(len(parts))]))
+    return wider, replace(padded, design=design_with_more(wider, padded, first))
+
+
+def scores_of_parts(
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], profiles: Sequence[TimeProfile],
+    own: tuple[int, TimeProfile] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every part along every time profile (n_part, n_profile) beside a fit: ln Bayes factor and size to first order,
+    and the score correlation with the effect of number and time profile `own` (zero without); -inf where nothing of
+    the signature is left beside all that is normal. By chunks, as all parts at once take gigabytes."""
+    gain, size, alike = (np.zeros((len(parts), len(profiles))) for _ in range(3))
+    for start in range(0, len(parts), CHUNK):
+        chunk = parts[start : start + CHUNK]
+        wider, there = with_parts(problem, fitted, chunk, profiles)
+        first, n = len(problem.effects), len(chunk) * len(profiles)
+        rows = [(first + j, c) for j in range(len(chunk)) for c in range(len(profiles))]
+        rows += [] if own is None else [(own[0], len(profiles))]
+        asked = {"courses": (*profiles, *(() if own is None else own[1:])), "which": np.array(rows)}
+        design = replace(there.design, **asked)
+        u, v = design.scores(fitted.centred), np.where(design.share_left > LEAST_LEFT, design.information, 0.0)
+        found = gains(replace(wider, **asked), u, v)
+        here = slice(start, start + len(chunk)), slice(None)
+        gain[here], size[here] = (x[:n].reshape(len(chunk), -1) for x in found)
+        if own is not None:
+            alike[here] = _correlations(design, n)[:n].reshape(len(chunk), -1)
+    return gain, size, alike
+
+
+def _correlations(design: Design, row: int) -> np.ndarray:
+    """(n_candidate,) score correlations with one candidate."""
+    length = np.sqrt(np.maximum(design.information, 1e-300))
+    return design.overlap([row], range(len(length)))[0] / (length * length[row])
+
+
+def in_place_of(
+    parts: Sequence[Part], explored: Explored, number: int
+) -> list[tuple[Effect, float, float]]:
+    """What of each kind of part may be meant instead of an effect of the most probable hypothesis: the part that
+    explains most, its ln evidence and ln prior relative to the effect's. It stands for all of its kind: its prior odds
+    are theirs, each weighed by what it promises to first order beside it. Parts that do what the effect does are not
+    told from it and are left out, and none competes with what a sensor does or what follows a column."""
+    problem, best = explored.problem, explored.hypotheses[0]
+    n = best.fitted.included[number]
+    if not parts or n.effect.kind == "measurement" or not n.exact:
+        return []
+    rest, lost = without(problem, best.fitted, number)
+    own = int(problem.which[best.candidates[number], 0])
+    gain, size, alike = (x[:, 0] for x in scores_of_parts(problem, rest, parts, (n.course,), (own, n.course)))
+    # the effect itself has what it lost where it was taken out
+    dispersion = model_error_dispersion(best.z[number])
+    odds = np.log([effect.odds for effect, _ in parts])
+    promise = np.where(np.abs(alike) < SAME, (gain + lost) / dispersion + odds, -np.inf)
+    result = []
+    for cause in PART_CAUSES:
+        of_kind = [k for k, (effect, _) in enumerate(parts) if effect.cause == cause and np.isfinite(promise[k])]
+        together = logsumexp(promise[of_kind]) if of_kind else -np.inf
+        if together - np.log(n.effect.prior_odds(n.course.name)) < -MARGIN:
+            continue
+        k = max(of_kind, key=lambda k: promise[k])
+        standing_for = replace(parts[k][0], odds=float(np.exp(together - promise[k] + odds[k])))
+        there = _compared(explored, rest, number, (standing_for, parts[k][1]), float(size[k]))
+        if there is not None:
+            result.append((standing_for, *there))
+    return result
+
+
+def _compared(
+    explored: Explored, rest: Fit, number: int, part: Part, size: float
+) -> tuple[float, float] | None:
+    """ln evidence and ln prior of the most probable hypothesis with a part in place of one effect, relative to it; None
+    where the model has no modes there."""
+    best = explored.hypotheses[0]
+    profile = best.fitted.included[number].course
+    problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
+    _, base = with_parts(explored.problem, rest, [part], (profile,))
+    n = IncludedEffect(effect=part[0], course=profile, size=0.0)
+    begun = replace(n, size=float(np.clip(size, *np.multiply(0.6, n.bounds))))
+    try:
+        found = fit(problem, base.theta, (*rest.included, begun), base=base)
+    except ConvergenceError:
+        return None
+    candidates = (*(c for i, c in enumerate(best.candidates) if i != number), len(problem.which) - 1)
+    z = (*(z for i, z in enumerate(best.z) if i != number), best.z[number])
+    one, here = hypothesis_of(problem, candidates, z, found), replace(best, fitted=fitted)
+    known: dict[frozenset, Hypothesis] = {key_of(problem, h.candidates): h for h in (here, one)}
+    relative = dict(zip(*Ranking().order(problem, known), strict=True))
+    apart = relative[key_of(problem, candidates)] - relative[key_of(problem, best.candidates)]
+    prior = one.log_prior - here.log_prior
+    return float(apart - prior), float(prior)
+

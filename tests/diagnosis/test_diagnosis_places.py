@@ -1,0 +1,57 @@
+"""Sensors of models of matrices: their places, and the rows of the catalogue that need them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from probupdate.diagnosis.diagnose import diagnose
+from probupdate.diagnosis.prepare import prepare
+from probupdate.modal.modes import ModalData, Sensor
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.matrices import channel_places, load_matrices
+from tests.diagnosis.conftest import CHANNELS, N_STOREY
+
+
+def test_sensors_of_a_model_of_matrices_have_the_places_that_are_stated(frame_file, record):
+    """A turned housing, a late clock and a wrong gain of one logger, which places alone make rows of."""
+    sensors = tuple(Sensor(channel=f"{axis}{storey}", level=f"storey {storey}", position_m=(0.0, 0.0, 3.0 * storey),
+                           direction=np.eye(3)["xy".index(axis)]) for storey in range(1, N_STOREY + 1) for axis in "xy")
+    prepared = prepare(frame_file, sensors=sensors)
+    rows = [CHANNELS.index("x3"), CHANNELS.index("y3")]
+    c, s = np.cos(np.radians(14.0)), np.sin(np.radians(14.0))
+
+    def turned(shape, frequency_hz):
+        shape[rows] = np.array([[c, s], [-s, c]]) @ shape[rows]
+
+    def late(shape, frequency_hz):
+        shape[rows] *= np.exp(2j * np.pi * frequency_hz * 8e-3)
+
+    def scaled(shape, frequency_hz):
+        shape[rows] *= 1.25
+
+    for change, cause, size in ((turned, "sensor rotation", 14.0), (late, "clock offset", 8.0),
+                                (scaled, "sensor gain", 0.25)):
+        sets = []
+        for one in record(3).sets:
+            shape = np.array(one.shape)
+            change(shape, one.frequency_hz)
+            sets.append(replace(one, shape=shape))
+        found = diagnose(prepared, ModalData(channels=CHANNELS, sets=tuple(sets)))
+        assert found.verdict in ("named", "ambiguous"), (cause, found.verdict, found.notes)
+        (finding,) = found.findings
+        assert finding.cause == cause and finding.location.startswith("x3 and y3")
+        assert abs(finding.size - size) < 3 * finding.size_std + 1e-9
+
+
+def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
+    """One node's two translations, one of them the other way round; a channel that reads two degrees of freedom has no
+    place."""
+    row = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.8, 0.0]])
+    np.savez(tmp_path / "model.npz", K0=np.zeros((3, 3)), M0=np.eye(3), K_a=np.diag([1.0, 2.0, 3.0]),
+             channel=np.array(["A", "B", "C"]), channel_row=row, node_position_m=np.array([[0.0, 0.0, 5.0]]),
+             dof_node=np.zeros(3, int), dof_direction=np.arange(3))
+    parameter = Parameter(name="a", unit="-", initial=1.0, std=0.1, lower=0.5, upper=2.0)
+    a, b = channel_places(load_matrices(tmp_path / "model.npz", Parameters((parameter,))))
+    assert (a.channel, b.channel) == ("A", "B")
+    assert np.array_equal(a.direction, [1, 0, 0]) and np.array_equal(b.direction, [0, -1, 0])
+    assert np.array_equal(a.position_m, [0, 0, 5])
