@@ -215,7 +215,9 @@ class _Still:
         return np.zeros(shape)
 
 
-def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expected(run):
+def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expected(run, validation):
+    checked = validation(what="tolerances given data and parameters, their middle",
+                         reference="least squares with the prior as data", why="rounding, in standard deviations")
     *_, problem, laplace = run
     # a mean of its own for every source: the prediction has it, and it must not be taken off once more
     sources = tuple(replace(s, mean=0.3 * s.std) for s in problem.error.sources)
@@ -231,7 +233,7 @@ def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expec
         expected, *_ = np.linalg.lstsq(
             np.vstack([root @ B, np.eye(len(std))]), np.concatenate([root @ left, np.zeros(len(std))]), rcond=None
         )
-        np.testing.assert_allclose(row / std - 0.3, expected, atol=1e-8)
+        checked.error(row / std - 0.3 - expected, below=1e-8)
 
 
 @pytest.mark.long
