@@ -94,6 +94,10 @@ STUDIES = {
         question="What does the diagnosis name on the OC4 jacket solved by OpenSees, its SubDyn file as the model?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="the number of the case",
         takes="half an hour", data="shared/reference/oc4 beside the repository"),
+    "other_worlds": Study(
+        question="What does the diagnosis say of structures drawn at random, by equations that are not the package's?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="the number of the record",
+        takes="half an hour"),
     "performance": Study(
         question="How fast are modes, identification, diagnosis and sampling?",
         runs=(("benchmark_modal.py",), ("benchmark_identification.py",), ("benchmark_data_first.py",),

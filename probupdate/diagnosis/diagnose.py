@@ -183,12 +183,8 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
         if row is None:
             return explored, findings, refuted
-        there = explored.hypotheses[row]
-        fitted = there.fitted
-        if len(problem.which) > len(fitted.design.which):
-            # crosstalks were taken up after it
-            design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
-            there = replace(there, fitted=replace(fitted, design=design))
+        # crosstalks may have been taken up after it
+        there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
         if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
                 and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):

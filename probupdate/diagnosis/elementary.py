@@ -163,8 +163,8 @@ def place_words(point: np.ndarray, description: Description | None) -> str:
 
 
 def parts_of(prepared: Prepared) -> list[Part]:
-    """Every part that may be added to a model; none where it has no picture to place them in."""
-    if prepared.small.wire is None:
+    """Every part that may be added to a model; none where it has no picture to place them in, or has parts already."""
+    if prepared.small.wire is None or any(effect.cause in PART_CAUSES for effect in prepared.effects):
         return []
     return elementary(prepared.small, lambda point: place_words(point, prepared.description))
 

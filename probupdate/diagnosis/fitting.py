@@ -14,6 +14,7 @@ from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
+from probupdate.runtime.arrays import frozen_array
 
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
@@ -30,6 +31,8 @@ MOST_LEAPS = 8
 # signatures of tolerances and effects are computed anew every so many steps on the way, those of the updated
 # parameters after every step longer than this, in posterior deviations
 REFRESH, FAR = 6, 1.0
+# angles of a nacelle at which it is asked how far modes may turn towards others that were not measured
+MOST_ANGLES = 8
 # relative error of an effect's signature, response by response: between this model and the virtual turbine, whose
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
 # their length, nine of ten less than 13 % (studies/blind/signatures.py)
@@ -226,7 +229,7 @@ def fit(
     theta, included, n_own = np.array(theta, float), tuple(included), len(problem.updated)
     here = departures_at(problem, theta, included)
     if base is None:
-        noise = noise_of(problem, here)
+        noise = turning_freely(problem, noise_of(problem, here), theta, included)
         design = design_at(problem, theta, included, noise)
     else:
         noise = base.design.noise
@@ -237,6 +240,7 @@ def fit(
         # far from where the fit ends the noise is not what it is there
         if (ended and not renewed) or (base is None and 0 < number < WARM):
             noise = noise_of(problem, _left(problem, design, theta, included, here))
+            noise = turning_freely(problem, noise, theta, included)
             renewed = renewed or ended
         if number:
             # what has settled with the signatures of another point need not have with those of its own
@@ -406,6 +410,35 @@ def noise_of(problem: DiagnosisProblem, departures: Sequence[np.ndarray]) -> Noi
     sizes = tuple(len(g) for g in blocks.groups)
     return estimate_noise(tuple(departures), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
                           problem.stated, blocks.few)
+
+
+def turning_freely(
+    problem: DiagnosisProblem, noise: Noise, theta: np.ndarray, included: Sequence[IncludedEffect]
+) -> Noise:
+    """The noise where modes turn towards mates that were not measured, in the states that the included effects make:
+    how far is not known from the model, whichever block it is, so that what lies along such a turn counts the less the
+    nearer the mate is."""
+    exact = [n for n in included if n.exact]
+    states = np.unique(np.column_stack([np.zeros(len(problem.blocks)), *(n.course.value for n in exact)]), axis=0)
+    angles = problem.bins[0]
+    angles = angles[:: max(1, len(angles) // MOST_ANGLES)]
+    turns: list[list[np.ndarray]] = [[] for _ in noise.precision]
+    for state in states:
+        local, seen = local_at(problem.predictor, theta, exact, state[1:])
+        for angle in angles:
+            for found, (made, std) in zip(turns, problem.predictor.unknown_turns(local, angle, seen), strict=True):
+                found.append(made * std)
+    precision = []
+    for P, found in zip(noise.precision, turns, strict=True):
+        W = np.hstack(found)
+        if not W.size:
+            precision.append(P)
+            continue
+        left = P @ W
+        # (C + W W^T)^-1, by Woodbury's identity
+        P = P - left @ np.linalg.solve(np.eye(W.shape[1]) + W.T @ left, left.T)
+        precision.append(frozen_array(0.5 * (P + P.T)))
+    return replace(noise, precision=tuple(precision))
 
 
 def kept(departures, noise: Noise):

@@ -23,7 +23,7 @@ from probupdate.diagnosis.evidence import (
     over_error_scales,
 )
 from probupdate.diagnosis.expected import departures_at
-from probupdate.diagnosis.fitting import Fit, fit, linearised
+from probupdate.diagnosis.fitting import Fit, design_at, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -61,21 +61,36 @@ CLOSE = 40.0
 class Hypothesis:
     """Effects with their time profiles beside the model (`candidates`, rows of the problem's `which`, in the order of
     `fitted.included`), fitted; score z of each when it was proposed; ln prior probability of the set; ln evidence by
-    Laplace's method at its own noise."""
+    Laplace's method at its own noise, and what of it is `only_promised`. `stored`: the effects that its design, which
+    is not kept, was made with."""
 
     candidates: tuple[int, ...]
     z: tuple[float, ...]
     fitted: Fit
     log_prior: float
     log_evidence: float
+    promised: float
+    stored: tuple[IncludedEffect, ...] | None = None
 
     @property
     def log_posterior(self) -> float:
         return self.log_evidence + self.log_prior
 
-    def stored(self) -> Hypothesis:
-        """The same without what its design was asked for, which it works out again when it is asked."""
-        return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
+    def without_design(self) -> Hypothesis:
+        """The same without the signatures of its design, of which some dozen would be as large as all else."""
+        if self.stored is not None:
+            return self
+        return replace(self, fitted=replace(self.fitted, design=self.fitted.design.emptied()),
+                       stored=self.fitted.included)
+
+    def with_design(self, problem: DiagnosisProblem) -> Hypothesis:
+        """The same with its design made anew, as for this problem, which may have taken up crosstalks since."""
+        fitted = self.fitted
+        if self.stored is None and len(fitted.design.which) == len(problem.which):
+            return self
+        included = fitted.included if self.stored is None else self.stored
+        design = design_at(problem, fitted.theta, included, fitted.design.noise)
+        return replace(self, fitted=replace(fitted, design=design), stored=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -244,7 +259,7 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
 def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
     n_searched = len(problem.which)
-    start = Hypothesis(candidates=(), z=(), fitted=null, log_prior=0.0, log_evidence=log_evidence(problem, null))
+    start = _hypothesis(problem, (), (), null)
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     left_over: dict[frozenset, bool] = {}
@@ -260,8 +275,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             # what its own noise and times made less probable is looked at when its turn comes again
             if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
                 continue
-        # what its design is asked for here is as large as all else together, and not kept
-        here = known[key].stored() if key else known[key]
+        here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
         found = first if not key else search(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
@@ -273,7 +287,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         if add:
             problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
             here, searches[key] = replace(here, fitted=fitted), found
-            known[key] = here.stored()
+            known[key] = here.without_design()
         large = bool(found.statistic.max() > LARGE)
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
@@ -284,8 +298,8 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             left_over[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
         _fit_moves(problem, here, moves, known, noise_anew=large)
     keys, relative = compared.order(problem, known)
+    last = known[keys[0]] = known[keys[0]].with_design(problem)
     if keys[0] not in searches:
-        last = known[keys[0]]
         found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
         searches[keys[0]] = found
         left_over[keys[0]] = bool(found.statistic.max() > found.threshold)
@@ -356,7 +370,7 @@ def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew:
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
         # it cannot be on the side that the score asked for
         return None
-    return hypothesis_of(problem, move.candidates, move.z, fitted)
+    return hypothesis_of(problem, move.candidates, move.z, fitted).without_design()
 
 
 def hypothesis_of(
@@ -364,7 +378,7 @@ def hypothesis_of(
 ) -> Hypothesis:
     """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
-                      log_evidence=log_evidence(problem, fitted)).stored()
+                      log_evidence=log_evidence(problem, fitted), promised=only_promised(problem, fitted))
 
 
 def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
@@ -379,7 +393,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
         fitted = fitted if same else fit(problem, fitted.theta, included)
     except ConvergenceError:
         fitted = replace(here.fitted, last_step=np.inf)
-    return hypothesis_of(problem, here.candidates, here.z, fitted)
+    return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()
 
 
 def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
@@ -436,8 +450,7 @@ class Ranking:
         own, other = (max(about(p, h) for p in places) for h in (one, best))
         if not np.isfinite([own, other]).all():
             return apart
-        promised = only_promised(problem, one.fitted) - only_promised(problem, best.fitted)
-        return own - other - promised + one.log_prior - best.log_prior
+        return own - other - (one.promised - best.promised) + one.log_prior - best.log_prior
 
 
 def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:

@@ -167,6 +167,10 @@ class Design:
             vars(other)[name] = getattr(self, name)
         return other
 
+    def emptied(self) -> Design:
+        """The design without signatures, and without what it was asked for."""
+        return replace(self, nuisance=(), effect=(), model_errors=())
+
     @cached_property
     def _factor(self):
         """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's deviations, as

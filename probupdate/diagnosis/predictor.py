@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.mode_numbers import Reference, fingerprint
+from probupdate.diagnosis.mode_numbers import Reference, fingerprint, n_response
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
@@ -21,6 +21,8 @@ from probupdate.runtime.arrays import frozen_array
 # a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a
 # few per cent of any stiffness does to their shapes has no bound
 MATE = 0.02
+# standard deviation in rad of a turn of which nothing is known
+FREE_TURN = 10.0
 # a mode that moves the sensors less than this share of what another does is seen by none of them
 UNSEEN = 1e-3
 # least share of a measured shape that lies in the plane of the computed mode it is paired with (and of its equals)
@@ -103,6 +105,35 @@ class ModalPredictor:
         turn = left @ right
         log = np.log(modes.frequency_hz[list(members)])
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
+
+    def unknown_turns(
+        self, local: LocalModel, angle_deg: float, seen: Sequence[tuple[Effect, float]] = ()
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per group what its numbers do where it turns towards computed modes nearby that no measured one was paired
+        with: (n_response, n) for a turn of one radian, and the standard deviation (n,) of the turn. Of mates any turn
+        is as probable, as a tolerance of any stiffness makes it; beyond them it fades out to twice as far."""
+        modes = local.solve(angle_deg, self.small.n_search)
+        shape, groups = self._members(local, modes)
+        log, taken = np.log(modes.frequency_hz[: shape.shape[1]]), {i for group in groups for i in group}
+        result = []
+        for members, axes in zip(groups, self.axes, strict=True):
+            reference, turn = self._reference(modes, shape, members, axes)
+            k, n_channel = reference.tensor.shape[0], shape.shape[0]
+            away = {i: float(np.min(np.abs(log[list(members)] - log[i]))) for i in range(len(log)) if i not in taken}
+            near = [i for i, gap in away.items() if gap < 2 * MATE]
+            beyond = np.linalg.svd(turn)[0][:, k:]
+            others = np.hstack([shape[:, list(members)] @ beyond, shape[:, near]])
+            std = np.array([FREE_TURN] * beyond.shape[1] + [0.5 * (2 * MATE / max(away[i], MATE) - 1) for i in near])
+            if not others.size or not n_channel:
+                result.append((np.zeros((n_response(k, n_channel), 0)), np.zeros(0)))
+                continue
+            change = np.zeros((n_channel, k, k * len(std)))
+            for j in range(k):
+                change[:, j, j * len(std) : (j + 1) * len(std)] = others
+            made = fingerprint(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
+                               _seen_change(reference, change, seen).astype(complex), axes)
+            result.append((made, np.tile(std, k)))
+        return result
 
     def slopes(
         self, local: LocalModel, angles_deg: Sequence[float] | np.ndarray, slopes: Slopes

@@ -29,6 +29,8 @@ TURNS_DEG = tuple(72.0 * k for k in range(5))
 N_KNOWN = 6
 # modes of the mean over all angles from which the lowest ones at an angle are made
 N_CORE = 80
+# angles at which derivatives are taken at once
+PLACES = 12
 # modes a snapshot holds beyond those looked for: modes may trade places
 SPARE = 1
 # the highest of the modes looked through are there to be told from others, and may be less exact
@@ -47,8 +49,8 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
 
-# for stiffness and mass: terms that do not turn with their weights (n, n_term), and by parameter what does turn
-Slopes = list[tuple[ProjectedTerms, np.ndarray, dict[int, np.ndarray]]]
+# for stiffness and mass: terms by harmonics of the nacelle's angle, and their weights (n, n_term)
+Slopes = list[tuple[tuple[ProjectedTerms, ...], np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,8 +76,8 @@ class Attachment:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
-    """K and M on the basis: stiffness, mass with zeros where a term turns with the nacelle; turning_... the terms that
-    do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a, sin 2a.
+    """K and M on the basis: stiffness, mass by harmonics of the nacelle's angle, the coefficients of 1, cos a, sin a,
+    cos 2a, sin 2a, or of 1 alone where nothing turns.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
     `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
@@ -85,10 +87,8 @@ class SmallModel:
     parameters: Parameters
     channels: tuple[str, ...]
     coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    stiffness: ProjectedTerms
-    mass: ProjectedTerms
-    turning_stiffness: dict[int, np.ndarray]
-    turning_mass: dict[int, np.ndarray]
+    stiffness: tuple[ProjectedTerms, ...]
+    mass: tuple[ProjectedTerms, ...]
     at_channels: np.ndarray
     n_search: int
     frequency_error: float
@@ -107,7 +107,7 @@ class SmallModel:
     @property
     def turns(self) -> bool:
         """Whether the nacelle's angle changes anything."""
-        return bool(self.turning_stiffness or self.turning_mass)
+        return any(len(part.moved) for part in (*self.stiffness[1:], *self.mass[1:]))
 
     def at(self, theta: np.ndarray) -> LocalModel:
         """The model at theta (n_param,); the last few are kept."""
@@ -137,28 +137,20 @@ class SmallModel:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
         return replace(
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
-            stiffness=self.stiffness.with_added([*stiff.values()]),
-            mass=self.mass.with_added([*heavy.values()]), known={},
+            stiffness=(self.stiffness[0].with_added([*stiff.values()]), *self.stiffness[1:]),
+            mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), known={},
         )
 
     def _at(self, theta: np.ndarray) -> LocalModel:
         cK, cM = self.coefficients(theta)
-        waves = []
-        for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
-                                       (cM, self.mass, self.turning_mass)):
-            still = fixed.total(weight)
-            wave = np.zeros((5, *still.shape))
-            wave[0] = still
-            for term, part in turning.items():
-                if weight[term]:
-                    wave += weight[term] * part
-            waves.append(wave)
-        return LocalModel(small=self, theta=theta, stiffness=waves[0], mass=waves[1])
+        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
+                           for weight, parts in ((cK, self.stiffness), (cM, self.mass)))
+        return LocalModel(small=self, theta=theta, stiffness=stiffness, mass=mass)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LocalModel:
-    """The small model at one theta: stiffness, mass (5, r, r) by harmonics of the nacelle's angle."""
+    """The small model at one theta: stiffness, mass (5 or 1, r, r) by harmonics of the nacelle's angle."""
 
     small: SmallModel
     theta: np.ndarray
@@ -177,9 +169,9 @@ class LocalModel:
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
         """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean
         over all angles, which turn little (frequencies to 1e-5, shapes to 3e-4 of their largest)."""
-        wave = _harmonics(angle_deg)
         try:
             core, stiffness, mass, _ = self._core
+            wave = _harmonics(angle_deg)[: len(stiffness)]
             value, vectors = linalg.eigh(np.tensordot(wave, stiffness, 1), np.tensordot(wave, mass, 1),
                                          subset_by_index=None if count is None else (0, count - 1))
         except linalg.LinAlgError as error:
@@ -191,20 +183,10 @@ class LocalModel:
         return self.small.at_channels @ modes.vectors[:, :count]
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
-        """For stiffness and mass: derivatives with the parameters `columns`, of what does not turn as weights of the
-        terms (n, n_term), and by number the harmonics (5, r, r) of those that do."""
+        """For stiffness and mass the terms, and derivatives of their weights with the parameters `columns`."""
         small, columns = self.small, list(columns)
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
-        result = []
-        for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
-                                       (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):
-            waves = {}
-            for p, own in enumerate(weight):
-                turned = [own[t] * part for t, part in turning.items() if own[t]]
-                if turned:
-                    waves[p] = sum(turned)
-            result.append((fixed, weight, waves))
-        return result
+        return [(small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)]
 
     def derivatives(
         self, slopes: Slopes, places: Sequence[tuple[float, SmallModes, Sequence[Sequence[int]]]]
@@ -212,20 +194,27 @@ class LocalModel:
         """At every place (nacelle's angle in degrees, modes there, clusters of them, ascending) for each cluster:
         d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members, lambda the mean of the two, and d shape
         (n_channel, k, n_param) without their rotation into each other; for the parameters of `slopes`."""
-        wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
-        ends = np.cumsum([0, *(phi.shape[1] for phi in wanted)])
-        # once for all places
-        products = [fixed.times(weight, np.hstack(wanted)) for fixed, weight, _ in slopes]
         result = []
-        for number, (angle_deg, modes, clusters) in enumerate(places):
-            wave, parts = _harmonics(angle_deg), []
-            for (_, _, waves), product in zip(slopes, products, strict=True):
-                own = product[:, ends[number] : ends[number + 1]]
-                for p, turning in waves.items():
-                    own[p] += wanted[number].T @ np.tensordot(wave, turning, 1)
-                parts.append(own)
-            result.append(self._changes(parts, modes, clusters))
+        # those of a month's headings together are as large as all else
+        for first in range(0, len(places), PLACES):
+            result += self._derivatives(slopes, places[first : first + PLACES])
         return result
+
+    def _derivatives(self, slopes: Slopes, places) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+        wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
+        ends, together = np.cumsum([0, *(phi.shape[1] for phi in wanted)]), np.hstack(wanted)
+        harmonics = np.repeat([_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
+        products = []
+        for (still, *turning), weight in slopes:
+            product = still.times(weight, together)
+            for wave, part in zip(harmonics.T[1:], turning, strict=False):
+                own = weight[:, : len(part)]
+                rows = np.flatnonzero(np.any(own[:, part.moved], axis=1))
+                if len(rows):
+                    product[rows] += wave[:, None] * part.times(own[rows], together)
+            products.append(product)
+        return [self._changes([product[:, start:end] for product in products], modes, clusters)
+                for (_, modes, clusters), start, end in zip(places, ends, ends[1:], strict=False)]
 
     def _changes(self, parts, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
         """`derivatives` at one place from Phi^T dK and Phi^T dM (n_param, all members, r): modes of the core one by
@@ -257,6 +246,20 @@ class LocalModel:
 def _harmonics(angle_deg: float) -> np.ndarray:
     a = np.radians(angle_deg)
     return np.array([1.0, np.cos(a), np.sin(a), np.cos(2 * a), np.sin(2 * a)])
+
+
+def _harmonics_of(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list[sparse.csc_array]:
+    """Harmonics of a term that is known at all TURNS_DEG; what does not turn in it has none but the first."""
+    pattern, entry = patterned(terms)
+    at = entry.toarray()
+    found = turn @ at
+    found[1:][np.abs(found[1:]) < 1e-14 * np.abs(at).max(axis=0)] = 0.0
+    parts = []
+    for own in found:
+        part = sparse.csc_array((own, pattern.indices, pattern.indptr), shape=pattern.shape, copy=True)
+        part.eliminate_zeros()
+        parts.append(part)
+    return parts
 
 
 def _differ(a: sparse.csc_array, b: sparse.csc_array) -> bool:
@@ -411,29 +414,23 @@ def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.nd
 
 
 def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> SmallModel:
-    first = models[0]
+    first, basis = models[0], frozen_array(basis)
+    turn = np.linalg.inv([_harmonics(a) for a in TURNS_DEG])
 
-    def onto(term) -> np.ndarray:
-        # a term touches a few degrees of freedom only
-        there = np.unique(term.indices)
-        part = basis[there]
-        small = part.T @ (sparse.csr_array(term)[there][:, there] @ part)
-        return 0.5 * (small + small.T)
-
-    fixed, turning = [], []
-    for kind in ("stiffness", "mass"):
+    def by_harmonics(kind: str) -> tuple[ProjectedTerms, ...]:
         terms = getattr(first, kind)
-        moved = {}
+        waves = [list(terms), *([sparse.csc_array(t.shape) for t in terms] for _ in models[1:])]
         for number, term in enumerate(terms):
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
-                at = np.array([onto(getattr(m, kind)[number]) for m in models])
-                moved[number] = np.tensordot(np.linalg.inv([_harmonics(a) for a in TURNS_DEG]), at, 1)
-        fixed.append(ProjectedTerms.of(terms, basis, without=moved))
-        turning.append(moved)
+                for wave, part in zip(waves, _harmonics_of([getattr(m, kind)[number] for m in models], turn),
+                                      strict=True):
+                    wave[number] = part
+        return tuple(ProjectedTerms.of(wave, basis) for wave in waves)
+
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
-        stiffness=fixed[0], mass=fixed[1], turning_stiffness=turning[0],
-        turning_mass=turning[1], at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
+        stiffness=by_harmonics("stiffness"), mass=by_harmonics("mass"),
+        at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
     )

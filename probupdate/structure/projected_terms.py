@@ -6,7 +6,7 @@ thousand of them would be hundreds of megabytes there, and are two as they are: 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,14 +29,12 @@ class ProjectedTerms:
     added: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray, without: Collection[int] = ()) -> ProjectedTerms:
-        """`without`: numbers of terms that count as zero."""
+    def of(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray) -> ProjectedTerms:
         pattern, entry = patterned(terms)
-        if without:
-            entry = sparse.csr_array(sparse.diags_array([float(t not in without) for t in range(len(terms))]) @ entry)
-            entry.eliminate_zeros()
         column = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
-        return cls(basis=frozen_array(basis), row=pattern.indices, column=column, entry=entry)
+        # a basis that is read-only is shared
+        basis = frozen_array(basis) if basis.flags.writeable else basis
+        return cls(basis=basis, row=pattern.indices, column=column, entry=entry)
 
     def __len__(self) -> int:
         return self.entry.shape[0] + len(self.added)
@@ -48,14 +46,26 @@ class ProjectedTerms:
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
         own = self.entry.shape[0]
-        size = len(self.basis)
         # entries stand column by column; what is symmetric has the same rows
-        whole = sparse.csr_array((weight[:own] @ self.entry, self.row, self._starts), shape=(size, size))
-        found = self.basis.T @ (whole @ self.basis)
+        rows, starts, basis = self._touched
+        whole = sparse.csr_array((weight[:own] @ self.entry, self.row, starts), shape=(len(rows), len(self.basis)))
+        found = basis.T @ (whole @ self.basis)
         for value, matrix in zip(weight[own:], self.added, strict=True):
             if value:
                 found += value * matrix
         return 0.5 * (found + found.T)
+
+    @cached_property
+    def _touched(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows in which any term has entries, where these begin, and the basis there."""
+        rows = np.flatnonzero(np.diff(self._starts))
+        basis = self.basis if len(rows) == len(self.basis) else self.basis[rows]
+        return rows, np.append(self._starts[rows], self._starts[-1]), basis
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """Numbers of the terms that have entries."""
+        return np.flatnonzero(np.diff(self.entry.indptr))
 
     @cached_property
     def _starts(self) -> np.ndarray:

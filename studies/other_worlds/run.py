@@ -49,7 +49,8 @@ def run_one(record: Record, folder: Path) -> dict:
             "size": record.size, "course": record.course}
     try:
         groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
-        found = probupdate.diagnose(prepare(path, groups=groups, sensors=record.world.sensors), record.data, extend=False, seed=record.number)
+        prepared = prepare(path, groups=groups, sensors=record.world.sensors)
+        found = probupdate.diagnose(prepared, record.data, extend=False, seed=record.number)
     except Exception as error:
         return line | {"judged": "error", "error": f"{type(error).__name__}: {error}",
                        "trace": traceback.format_exc(), "cpu_s": round(time.process_time() - begun, 2)}
@@ -98,10 +99,9 @@ def tables(out: Path) -> str:
             continue
         counts = " | ".join(str(sum(x["judged"] == w for x in own)) for w in WORDS)
         sure = sum(x["judged"] == "wrong" and max(f["probability"] for f in x["findings"]) >= SURE for x in own)
-        sized = [f for x in own if x["judged"] == "right" and len(x["findings"]) == 1 for f in x["findings"] for _ in [0]
-                 if f["std"] > 0]
-        near = sum(abs(f["size"] - x["size"]) < 2 * f["std"] for x in own if x["judged"] == "right"
-                   and len(x["findings"]) == 1 for f in x["findings"] if f["std"] > 0)
+        sized = [(f["size"] - x["size"]) / f["std"] for x in own if x["judged"] == "right" for f in x["findings"]
+                 if len(x["findings"]) == 1 and f["std"] > 0]
+        near = sum(abs(off) < 2 for off in sized)
         rows.append(f"| {family} | {len(own)} | {counts} | {sure} | {near} of {len(sized)} | "
                     f"{np.median([x['cpu_s'] for x in own]):.1f} |")
     return "\n".join(rows) + "\n"

@@ -1,5 +1,5 @@
-"""Structures drawn at random, by equations of their own (plain numpy): storeys in two
-directions, a guyed mast, a plane truss bridge, a beam on springs. Each as matrices with parameters, and the channels."""
+"""Structures drawn at random, by equations of their own (plain numpy): storeys in two directions, a guyed mast, a plane
+truss bridge, a beam on springs. Each as matrices with parameters, and the channels."""
 
 from __future__ import annotations
 
@@ -41,8 +41,9 @@ class World:
         """One at each channel; a level is a height, or half of what lies."""
         levels = [c.split("-")[0] if "-" in c else ("left" if k in self.together else "right")
                   for k, c in enumerate(self.channels)]
-        return tuple(Sensor(channel=c, level=level, position_m=p, direction=d, quantity="acceleration",
-                            unit="m/s2") for c, level, p, d in zip(self.channels, levels, self.places, self.directions, strict=True))
+        return tuple(
+            Sensor(channel=c, level=level, position_m=p, direction=d, quantity="acceleration", unit="m/s2")
+            for c, level, p, d in zip(self.channels, levels, self.places, self.directions, strict=True))
 
     def write(self, folder: Path) -> Path:
         """model.npz with parameters.toml and, where there are any, groups.toml."""

@@ -164,12 +164,14 @@ def test_braces_that_are_lost_are_named(prepared, number, pattern, course):
     assert one["size"] == pytest.approx(run.true_size(pattern, one["location"]), abs=3 * one["std"])
 
 
-@pytest.mark.parametrize(("number", "pattern"), [(1, 2), (3, 1)], ids=["two storeys", "one storey"])
-def test_storeys_that_lose_all_braces_at_a_step_are_named(prepared, number, pattern):
+@pytest.mark.parametrize(("number", "pattern", "seed"), [(1, 2, 1), (3, 1, 1), (1, 1, 21)],
+                         ids=["two storeys", "one storey", "one storey, a mode beside an unmeasured one"])
+def test_storeys_that_lose_all_braces_at_a_step_are_named(prepared, number, pattern, seed):
     """What is left of a storey without braces shows 3 % of one pair: a group's members lose their own tolerance too.
-    And of two storeys' steps the lesser one is no chance where the greater alone explains nothing."""
+    Of two storeys' steps the lesser one is no chance where the greater alone explains nothing. And how far the fourth
+    mode in y (48.41 Hz) turns towards that in x (48.43 Hz), which was not measured, is not known from the model."""
     case, pattern = DEFINED[number, pattern]
-    line = run.run_one(prepared(case), case, pattern, 1, "step")
+    line = run.run_one(prepared(case), case, pattern, seed, "step")
     assert line["judged"] == "right" and line["adequacy"] > 0.05
     assert [f["size"] for f in line["findings"]] == pytest.approx([1.0] * len(pattern.places), abs=0.05)
 

@@ -203,7 +203,8 @@ def _hypothesis(problem, null, *parts):
         included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], course=course, size=size))
     fitted = fit(problem, null.theta, included, base=null)
     return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
-                      log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted))
+                      log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted),
+                      promised=only_promised(problem, fitted))
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,7 @@ def test_a_drawn_structure_is_stiff_and_its_parts_are(kind):
 
 @pytest.mark.parametrize("family", ["one channel", "one channel null"])
 def test_one_channel_has_no_pairs_of_shapes(family, tmp_path):
-    """A mast alike in x and y: its pairs of modes were held against the plane of two shapes, which one channel lacks."""
+    """A mast alike in x and y: its pairs were held against the plane of two shapes, which one channel lacks."""
     record, found = diagnosed(family, 1, tmp_path)
     assert found.verdict == ("ambiguous" if record.places else "none")
     if record.places:
