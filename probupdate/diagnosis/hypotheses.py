@@ -259,7 +259,7 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
 def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
     n_searched = len(problem.which)
-    start = _hypothesis(problem, (), (), null)
+    start = hypothesis_of(problem, (), (), null)
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     left_over: dict[frozenset, bool] = {}
