@@ -303,7 +303,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     chosen = later & (bin_of == usual)
     exact = [n for n in fitted.included if n.exact]
     local, _ = local_at(problem.predictor, fitted.theta, exact, np.ones(len(exact)))
-    seen = [n for n in fitted.included if n.effect.observe is not None]
+    seen = [n for n in fitted.included if n.effect.observe is not None and n.course.kind != "covariate"]
     n_channel, n_mode = len(blocks.channels), len(blocks.labels)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)

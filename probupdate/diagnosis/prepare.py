@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
-from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects
+from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects, temperature_effect
 from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
@@ -117,8 +117,8 @@ def _prepare_matrices(
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=parameter_effects(model.parameters), own=own, sensors=sensors,
-                    description=None)
+                    effects=(*parameter_effects(model.parameters), temperature_effect()), own=own,
+                    sensors=sensors, description=None)
 
 
 def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:

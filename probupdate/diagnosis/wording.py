@@ -9,7 +9,7 @@ from collections.abc import Mapping
 SHARES = (
     "brace stiffness lost", "joints loosened", "leg stiffness lost", "lateral soil stiffness", "axial soil stiffness",
     "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
-    "soil softens with amplitude", "crosstalk",
+    "soil softens with amplitude", "crosstalk", "stiffness with temperature",
 )
 # causes that are there or not: a limit of their size says nothing but that they would be seen
 DISCRETE = ("swapped channels", "sensor polarity")

@@ -1,10 +1,12 @@
-"""Sensors of models of matrices: their places, and the rows of the catalogue that need them."""
+"""Models of matrices: where their sensors are, with the rows of the catalogue that need it, and the temperature."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from probupdate.diagnosis.diagnose import diagnose
+from probupdate.diagnosis.diagnose import diagnose, examine
+from probupdate.diagnosis.extension import mean_set
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameter, Parameters
@@ -55,3 +57,22 @@ def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
     assert (a.channel, b.channel) == ("A", "B")
     assert np.array_equal(a.direction, [1, 0, 0]) and np.array_equal(b.direction, [0, -1, 0])
     assert np.array_equal(a.position_m, [0, 0, 5])
+
+
+def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_file, record):
+    """All stiffness falls by 0.08 % a degree, by the frequencies of the frame's own equations; the mean of the sets that
+    the estimators are given is that of the mean temperature."""
+    temperature = 8 + 6 * np.sin(np.arange(40) * 0.7)
+    sets = tuple(replace(one, frequency_hz=one.frequency_hz * np.sqrt(1 - 8e-4 * (t - temperature.mean())),
+                         environment={"air_temperature_c": float(t)})
+                 for one, t in zip(record(6).sets, temperature, strict=True))
+    prepared, data = prepare(frame_file), ModalData(channels=CHANNELS, sets=sets)
+    outcome = examine(prepared, data)
+    (finding,) = outcome.diagnosis.findings
+    assert outcome.diagnosis.verdict == "named"
+    assert (finding.kind, finding.cause, finding.course) == (
+        "environmental", "stiffness with temperature", "air_temperature_c")
+    assert abs(finding.size + 8e-4) < 3 * finding.size_std < 3e-4
+    mean, _ = mean_set(outcome.problem, outcome.fitted)
+    measured = np.exp(np.mean([np.log(s.frequency_hz) for s in sets], axis=0))
+    assert mean.frequency_hz == pytest.approx(measured, rel=5e-4)
