@@ -302,6 +302,10 @@ def test_equations_have_one_place_and_point_at_what_evaluates_them():
     numbers = [n for name in pages for n in re.findall(r"^\*\*\((\w+)\)\*\*", text(name), re.MULTILINE)]
     assert len(numbers) == len(set(numbers)) and {str(k) for k in range(1, 8)} <= set(numbers)
     for name in pages:
+        # an equation's own words end where the next one, or a heading, begins
+        for number, words in re.findall(r"^\*\*\((\w+)\)\*\*(.*?)(?=^\$\$|^\*\*\(|^## |\Z)", text(name),
+                                        re.MULTILINE | re.DOTALL):
+            assert "Source:" in words, f"{name}, ({number}) has no source"
         named = set(re.findall(r"`(probupdate\.[\w.]+)`", text(name)))
         assert named, name
         for pointer in named:

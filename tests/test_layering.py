@@ -248,6 +248,17 @@ def test_functions_are_short_enough_to_be_read_at_once():
     assert not found, f"split where a reader gains: {found}"
 
 
+def test_functions_take_few_arguments():
+    """Twelve at most, values of several numbers among them; keywords of a step are the options of its command."""
+    found = []
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and room(path) != "verbs":
+                count = len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs])
+                found += [f"{module_name(path)}.{node.name}: {count}"] if count > 12 else []
+    assert not found, found
+
+
 def test_lines_and_branches_are_counted(tmp_path):
     (tmp_path / "a.py").write_text(
         'def f(x):\n    """Says\n    it."""\n    if x:\n        return [y for y in x]\n    return 1\n')

@@ -38,15 +38,14 @@ def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Ef
     return (*rows, *(_single(d) if single_members else ()))
 
 
-def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
-         courses=("constant", "step"), group="structural", fingerprint="", check="",
-         unit="", odds=1.0) -> Effect:
+def _row(name, kind, cause, location, *, low, high, slab, on=None, settings=None, group="structural", unit="",
+         **row) -> Effect:
+    """An effect with a parameter of its own; `row`: what else an Effect has."""
     neutral = KINDS[kind].neutral
     adds = EffectParameter(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
                            upper=neutral + high, cause=cause, location=location)
-    return Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
-                  slab=slab, lower=low, upper=high, adds=adds, courses=courses, fingerprint=fingerprint, check=check,
-                  odds=odds)
+    return Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, slab=slab,
+                  lower=low, upper=high, adds=adds, **row)
 
 
 def _faces(d: Description) -> dict[str, tuple[str, str]]:

@@ -13,7 +13,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -114,23 +114,50 @@ class Export:
         return "\n".join([*lines, *(f"left out: {text}" for text in self.left_out)])
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunResults:
+    """What of a run is exported. path: the model's file; diagnosis, findings: verdict and causes of diagnosis.json,
+    None and empty without one; source: files of the run by name, whose hashes are kept."""
+
+    posterior: Posterior
+    model: Model
+    path: Path
+    parameters_file: Path | None = None
+    modes: ModalData | None = None
+    diagnosis: str | None = None
+    findings: tuple[str, ...] = ()
+    source: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def status(self) -> RunStatus:
+        return RunStatus(converged=bool(self.posterior.converged), sampler=self.posterior.verdict,
+                         diagnosis=self.diagnosis, findings=self.findings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportSettings:
+    """n_draw: draws; n_mode: Craig-Bampton modes; accept: export a run that did not converge or is not explained."""
+
+    n_draw: int = 100
+    n_mode: int = 10
+    accept: bool = False
+    seed: int = 1
+
+
 def export_lifetime(
-    posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
-    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100,
-    n_mode: int = 10, accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None,
-    source: Mapping[str, Path] | None = None, progress: Progress = silent,
+    run: RunResults, out: Path, settings: ExportSettings | None = None, *, fatigue: FatigueInput | None = None,
+    progress: Progress = silent,
 ) -> Export:
     """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`;
     with `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of
     model.toml).
 
-    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton
-    modes; `source`: files of the run, whose hashes are kept. Raises InputError where the run does not stand and
-    `accept` is not given, where posterior and model differ, or where what is read back is not what was written.
+    Raises InputError where the run is not fit to be exported and `accept` is not set, where posterior and model differ,
+    or where what is read back is not what was written.
     """
-    status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
-                       findings=findings)
-    if status.refused and not accept:
+    settings = settings or ExportSettings()
+    posterior, model, path, status = run.posterior, run.model, run.path, run.status
+    if status.refused and not settings.accept:
         raise InputError(str(out), f"this run is not fit to be exported: {status.refused}",
                          "sample longer, or find the cause; --accept exports it with that said in every file")
     if tuple(posterior.names) != tuple(model.parameters.names):
@@ -140,8 +167,8 @@ def export_lifetime(
     if out.exists() and any(out.iterdir()):
         raise InputError(str(out), "holds something already", "name a new folder")
     out.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(seed)
-    draws = equal_draws(posterior.draws, n_draw, rng)
+    rng = np.random.default_rng(settings.seed)
+    draws = equal_draws(posterior.draws, settings.n_draw, rng)
     joint = joint_of(posterior.names, posterior.draws)
     files = _Files(out, status)
     units = {p.name: p.unit for p in model.parameters}
@@ -149,21 +176,23 @@ def export_lifetime(
                 [[k + 1, *row] for k, row in enumerate(draws.tolist())])
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
-    solved = _models(files, model, path, parameters_file, draws, left_out, progress)
-    damping = _modes(files, model, path, solved, modes, left_out, rng)
+    solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
+    damping = _modes(files, model, path, solved, run.modes, left_out, rng)
     truncation = None
     if is_subdyn(path) and not unspeakable(path):
-        truncation = _superelements(files, len(draws), _at_draw(path), n_mode, progress)
+        truncation = _superelements(files, len(draws), _at_draw(path), settings.n_mode, progress)
     else:
         left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
-    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, seed, progress)
+    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, settings.seed,
+                        progress)
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": status.remark,
         "accepted": bool(status.refused), "converged": status.converged, "sampler": status.sampler,
-        "diagnosis": status.diagnosis, "findings": list(status.findings), "seed": int(seed), "draws": n_draw,
+        "diagnosis": status.diagnosis, "findings": list(status.findings), "seed": int(settings.seed),
+        "draws": settings.n_draw,
         "model": model.name, "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
         "superelement_truncation_first_pair": truncation, "fatigue": assessed, "left_out": left_out,
-        "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
+        "source": {name: _sha(p) for name, p in run.source.items() if p.is_file()}, "files": files.entries,
     }
     files.json("manifest.json", manifest, listed=False)
     _verify(out)

@@ -76,7 +76,7 @@ def export(
     fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
-    from probupdate.lifetime.export import export_lifetime
+    from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime
 
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
@@ -89,13 +89,15 @@ def export(
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
     verdict = None if found is None else found["verdict"]
-    return export_lifetime(
-        read_posterior(places["posterior.nc"]), load_model(places["model"], parameters=parameters), places["model"],
-        Path(out), parameters_file=parameters,
+    results = RunResults(
+        posterior=read_posterior(places["posterior.nc"]), model=load_model(places["model"], parameters=parameters),
+        path=places["model"], parameters_file=parameters,
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
-        n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
-        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress),
-    )
+        source=places)
+    settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
+    return export_lifetime(
+        results, Path(out), settings, progress=progress,
+        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress))
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):

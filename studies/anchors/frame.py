@@ -1,8 +1,8 @@
 """A published example of Bayesian updating: the two-storey steel frame of SimCenter's quoFEM, example qfem-0008.
 
 Five pairs of eigenvalue and mode-shape ratio were made by scattering those of the true frame (both moments of inertia
-1190 in^4); its script divides by deviations of 54.203 and 0.0705, 5 % of each, and weighs all five pairs. Its page
-states what DREAM found. Here: the same likelihood by quadrature, and the product's chain on the mean of the five.
+1190 in^4); its script divides by standard deviations of 54.203 and 0.0705, 5 % of each, and weighs all five pairs. Its
+page states what DREAM found. Here: the same likelihood by quadrature, and the product's chain on the mean of the five.
 
     python studies/anchors/frame.py
 """
@@ -41,7 +41,7 @@ def modes(first, second):
 
 
 def quadrature() -> np.ndarray:
-    """Mean and deviation (2, 2) of both inertias under uniform priors; rows are the inertias."""
+    """Mean and standard deviation (2, 2) of both inertias under uniform priors; rows are the inertias."""
     node, weight = np.polynomial.legendre.leggauss(N_GRID)
     at = 0.5 * (LOWER + UPPER) + 0.5 * (UPPER - LOWER) * node
     first, second = np.meshgrid(at, at, indexing="ij")
@@ -73,7 +73,7 @@ def by_chain(seed: int = 1) -> np.ndarray:
     value, ratio = EIGENVALUE.mean(), RATIO.mean()
     frequency = np.sqrt(value) / (2 * np.pi)
     root = np.sqrt(len(RATIO))
-    # the roof is the shape's unit and has no deviation of its own: the smallest that the weights allow
+    # the roof is the shape's unit and has no standard deviation of its own: the smallest that the weights allow
     one = ModalSet(
         id="mean of five", frequency_hz=np.array([frequency]), shape=np.array([[1 / ratio], [1.0]]),
         damping_ratio=np.array([0.01]), frequency_std_hz=np.array([0.5 * frequency * EIGENVALUE_STD / value / root]),

@@ -197,7 +197,7 @@ OUTSIDE = (
                  "period_s": float(rng.uniform(0.15, 0.4))},
 )
 
-# what frequencies and shapes of one kind of record cannot tell apart: either name, and the other beside it
+# what frequencies and shapes of one kind of record cannot distinguish: either name, and the other beside it
 TWINS = (
     ("icing", "nacelle mass"), ("joints loosened", "brace stiffness lost"), ("marine growth", "wetted length"),
     ("leg not flooded", "marine growth"),
@@ -296,7 +296,8 @@ def _trap(number: int, rng, truth: dict, options: dict) -> None:
     """Nulls that may look like something: by turns plain, parameters far out, storms, gaps, a coarse simulator."""
     kind = number % 5
     if kind == 1:
-        # two prior deviations of k_t, k_j, py and the rotor's mass, in random directions, as the updated file has them
+        # two prior standard deviations of k_t, k_j, py and the rotor's mass, in random directions, as the updated file
+        # has them
         sign = rng.choice([-1.0, 1.0], 4)
         options["shifts"] = dict(zip(("k_t", "k_j", "py", "m_h"), (2 * sign).tolist(), strict=True))
     elif kind == 2:

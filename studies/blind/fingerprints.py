@@ -1,10 +1,10 @@
-"""How far the model's fingerprints are those of the virtual turbine: effects at their true size, put into the model.
+"""How far the model's signatures are those of the virtual turbine: effects at their true size, put into the model.
 
 python studies/blind/fingerprints.py [--each 3]
 
-A line for each effect: length of what it does to the modes in deviations of a block's noise and model form, the share
-of it that is left when the model has the effect at its true size, and the share left at the factor on the size that
-leaves least.
+A line for each effect: length of what it does to the modes in standard deviations of a block's noise and model form,
+the share of it that is left when the model has the effect at its true size, and the share left at the factor on the
+size that leaves least.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
             for c, f in zip(noisy.stated, noisy.discrepancy_std, strict=True)]
 
     def shift(own, included=()) -> np.ndarray:
-        """What lies between a record and the plain one, in deviations."""
+        """What lies between a record and the plain one, in standard deviations."""
         found, plain = departures_at(own, theta, included), departures_at(problem, theta, ())
         return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
 

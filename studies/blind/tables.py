@@ -60,7 +60,7 @@ def above_limit(line: dict, effect: dict) -> bool:
 
 
 def distinguishable(effect: dict) -> bool | None:
-    """Whether the effect can be told from its nearest rival as surely as a name asks for; None: not known."""
+    """Whether the effect can be told from its nearest alternative as surely as a name asks for; None: not known."""
     return None if effect.get("apart") is None else bool(effect["apart"] >= np.log(SURE / (1 - SURE)))
 
 
@@ -92,7 +92,7 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("detected singles: right cause and place first", len(first), len(found)))
     out.append(rate("detected singles: in the named set", len(held), len(found)))
     # told_apart.py has been there
-    for words, ids in (("that can be told from the nearest rival",
+    for words, ids in (("that can be distinguished from the nearest alternative",
                         {x["id"] for x in found if distinguishable(x["effects"][0])}),
                        ("that cannot", {x["id"] for x in found if distinguishable(x["effects"][0]) is False})):
         out.append(rate(f"detected singles {words}: right first", len(first & ids), len(ids)))

@@ -1,10 +1,10 @@
-"""Which hidden effects can be told from their nearest rival at all, whatever is then said about them.
+"""Which hidden effects can be distinguished from their nearest alternative at all, whatever is then said about them.
 
 python studies/blind/told_apart.py LINES.jsonl
 
 Adds to every effect of the lines `nearest`, the row of the catalogue that would explain most of it instead, and
 `apart`, how much log evidence lies between the two for a record without noise, the error of a fingerprint counted as
-the diagnosis counts it. Below ln(0.95 / 0.05) = 2.9 two rows are not told apart, and either may come first. From the
+the diagnosis counts it. Below ln(0.95 / 0.05) = 2.9 two rows are not distinguished, and either may come first. From the
 design of one typical record and the truth, to first order in the sizes; no outcome is looked at.
 """
 

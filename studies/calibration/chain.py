@@ -55,7 +55,7 @@ RECORDED = NOISES[2:]
 ALLOWED = 0.01
 SEARCHED = 24  # computed modes among which those of LABELS are told
 CARRIED = 7  # modes of the reduced basis: the five, the next one, and one to spare
-# of the reduced basis over all of both priors: a fifth of the paper's deviations, a fifth of identification's
+# of the reduced basis over all of both priors: a fifth of the paper's standard deviations, a fifth of identification's
 FREQUENCY_TOLERANCE = {"paper": 3e-3, "identified": 4e-4, "record": 4e-4, "allowed": 4e-4, "default": 4e-4}
 # the basis holds between these quantiles of either prior
 EDGE = 1e-3
@@ -67,7 +67,7 @@ MAINTENANCE = {"maintenance_hours": [[0, 24]]}  # idling at any wind
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bench:
     """What all replicates share: the full model and one reduced basis, both at heading 0; `frequency_hz` (5,) of the
-    initial model, which the paper's deviations are shares of."""
+    initial model, which the paper's standard deviations are shares of."""
 
     file: TurbineFile
     full: AffineModel
@@ -178,7 +178,7 @@ def _of_labels(labels: tuple[str, ...]) -> list[int]:
 
 
 def _paper_set(bench: Bench, frequency, shape, rng, number: int) -> ModalSet:
-    # shares of the initial model's frequencies: deviations that told of the truth would be data themselves
+    # shares of the initial model's frequencies: standard deviations that told of the truth would be data themselves
     cov = np.array([PAPER_COV_FIRST if label in ("FA1", "SS1") else PAPER_COV_SECOND for label in LABELS])
     std = cov * bench.frequency_hz
     shape = shape / np.abs(shape).max(axis=0)

@@ -74,7 +74,8 @@ class _Solved:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Place:
     """rank (n_param,) of the truth and rank_log_likelihood of its log-likelihood among the posterior's draws; how it
-    was drawn, effective draws, Pareto k; misfit at the truth, n_effective; mean and deviation of the posterior."""
+    was drawn, effective draws, Pareto k; misfit at the truth, n_effective; mean and standard deviation of the
+    posterior."""
 
     rank: np.ndarray
     rank_log_likelihood: float
@@ -160,7 +161,7 @@ def _likely(problem: Problem, pool: Pool) -> np.ndarray:
 
 def _student(centre, covariance, rng, parameters, n: int, *, logarithms: bool):
     """n draws of a Student t, those inside the bounds, and its density over theta."""
-    # in units of its deviations, as masses in kg stand beside factors
+    # in units of its standard deviations, as masses in kg stand beside factors
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
     shape = stats.multivariate_t(np.zeros(len(scale)), correlation, df=DEGREES)
@@ -185,7 +186,8 @@ def gaussian_rank(theta: np.ndarray, centre: np.ndarray, std: np.ndarray) -> np.
 
 
 def printed_interval(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Eq. 7 as printed after ITERATIONS, and the Gauss-Newton deviations (S^T W_Lambda S + W_Theta)^-1 there."""
+    """Eq. 7 as printed after ITERATIONS, and the Gauss-Newton standard deviations (S^T W_Lambda S + W_Theta)^-1
+    there."""
     found = update(problem, penalty="step", max_iteration=ITERATIONS).theta[-1]
     _, sensitivity = problem.sensitivity(found)
     over = problem.weighted(sensitivity.T)
@@ -194,7 +196,7 @@ def printed_interval(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def set_wise_scatter(fast, full, measured, problem: Problem, top: Laplace) -> np.ndarray:
-    """Deviation (n_param,) of the maxima of every set's posterior (Table 7)."""
+    """Standard deviation (n_param,) of the maxima of every set's posterior (Table 7)."""
     clusters = [group.measured for group in problem.matching.groups]
     ends = [top.theta]
     for each in measured.data.sets[1:]:

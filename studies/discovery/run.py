@@ -44,7 +44,7 @@ def month(seed: int, effects=HIDDEN):
 
 
 def share_of_scatter(run, plain) -> list[float]:
-    """By how many of a block's own deviations the effects move ln f at most, per mode; lost modes left out."""
+    """By how many of a block's own standard deviations the effects move ln f at most, per mode; lost modes left out."""
     moved = np.abs(np.log(run.frequency_hz / plain.frequency_hz)).max(axis=0)
     own = np.nanmedian([s.frequency_std_hz / s.frequency_hz for s in run.data.sets], axis=0)
     return (moved / own).tolist()
@@ -61,7 +61,8 @@ def with_shear(out: Path) -> dict:
 
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
-    """Parameter -> prior deviations from the prior's centre: most probable values of each update, and the truth."""
+    """Parameter -> prior standard deviations from the prior's centre: most probable values of each update, and the
+    truth."""
     gains_of = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
     return {p["name"]: [*(t[p["name"]] for t in gains_of), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
             for p in updates[0]["parameters"] if p["name"] in truth}
@@ -92,7 +93,7 @@ def draw_month(outcome: Outcome, path: Path) -> None:
 
 
 def draw_gain(causes: list[str], gains_of: list[dict], pushed: dict[str, list[float]], path: Path) -> None:
-    """How far parameters were pushed, and how well the motion at a level is foretold without its sensors."""
+    """How far parameters moved from their prior, and how well a level's motion is predicted without its sensors."""
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
@@ -106,7 +107,7 @@ def draw_gain(causes: list[str], gains_of: list[dict], pushed: dict[str, list[fl
     left.invert_yaxis()
     left.plot([v[-1] for v in pushed.values()], place, "k|", ms=12, label="truth")
     left.axvline(0, color="0.4", lw=0.8)
-    left.set_xlabel("pushed from the prior's centre, prior deviations")
+    left.set_xlabel("shift from the prior's centre, prior standard deviations")
     left.legend(fontsize=8)
     levels = [s["level"] for s in gains_of[0]["heldout_sensors"]]
     steps = [[s["rms_error_before"] for s in gains_of[0]["heldout_sensors"]],
@@ -116,7 +117,7 @@ def draw_gain(causes: list[str], gains_of: list[dict], pushed: dict[str, list[fl
     for k, (values, word) in enumerate(zip(steps, words, strict=True)):
         right.bar(np.arange(len(levels)) + k * width, 100 * np.array(values), width, label=word)
     right.set_xticks(np.arange(len(levels)) + 0.4 - width / 2, levels, fontsize=8)
-    right.set_ylabel("error of motion foretold without\nthe level's sensors, % of largest")
+    right.set_ylabel("error of motion predicted without\nthe level's sensors, % of largest")
     right.legend(fontsize=8)
     figure.savefig(path, dpi=110)
     plt.close(figure)

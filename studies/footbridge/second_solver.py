@@ -22,7 +22,7 @@ from scipy.sparse.linalg import eigsh
 
 N_MODE = 8
 SHAPE_FLOOR = 0.02
-STEP = 1e-4  # of the differences, in prior deviations
+STEP = 1e-4  # of the differences, in prior standard deviations
 
 
 class Bridge:
@@ -104,7 +104,8 @@ def package_maximum(folder: Path):
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--starts", type=int, default=2, help="the initial model, and draws within a prior deviation")
+    parser.add_argument("--starts", type=int, default=2,
+                        help="the initial model, and draws within a prior standard deviation")
     a = parser.parse_args()
     bridge = Bridge(a.data)
     say = sys.stdout.write
@@ -123,7 +124,7 @@ def main() -> int:
         sys.stdout.flush()
         best = found if best is None or found.cost < best.cost else best
     apart = (best.x - own.theta) / np.sqrt(np.diag(own.covariance))
-    say("| | package | second solver | apart, posterior deviations |\n|---|---|---|---|\n")
+    say("| | package | second solver | apart, posterior standard deviations |\n|---|---|---|---|\n")
     for name, one, other, d in zip(bridge.names, own.theta, best.x, apart, strict=True):
         say(f"| {name} | {one:.4f} | {other:.4f} | {d:.4f} |\n")
     return 0

@@ -28,7 +28,8 @@ from probupdate.verbs import modes_of_interest, open_model
 from probupdate.virtual.truth import read_truth_modes
 
 ORDERS, BLOCK_ROWS, RATE_HZ = (20, *(n for n in range(12, 37, 2) if n != 20)), 30, 5.0
-# a pole further from the mode's true frequency than this is another thing taken for it: five deviations of the weakest
+# a pole further from the mode's true frequency than this is another thing taken for it: five standard deviations of the
+# weakest
 FAR = 0.03
 WINDY = "[operation]\nmaintenance_hours = []\nwind_speed_mean_mps = 12.0\n"
 PAPER, FOLLOWED, REMOVED = "paper", "followed", "harmonics removed"
@@ -89,7 +90,7 @@ def with_harmonics_removed(campaign: Campaign, identification: Identification, r
 
 def rows_of(campaign, identification: Identification, truth, removed) -> pd.DataFrame:
     """A row a block, mode and way: errors of frequency and damping, NaN where the mode was not found; z: the error over
-    the stated deviation."""
+    the stated standard deviation."""
     paper, labels, rows = by_paper(identification, 20), identification.data.labels, []
     for s in identification.data.sets:
         if s.environment.get("excluded"):

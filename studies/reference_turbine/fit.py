@@ -43,7 +43,7 @@ BAY_LEVELS_M = (-34.0, -20.0, -8.0, 2.0, 10.0)
 
 @dataclass(frozen=True)
 class Unknown:
-    """A dimension to fit; `scale` is the departure from `start` that counts as one unit of implausibility."""
+    """A dimension to fit; `scale` is the difference from `start` that counts as one unit of implausibility."""
 
     start: float
     low: float
@@ -165,13 +165,13 @@ def _sensor(row):
 
 
 def residuals(answer) -> np.ndarray:
-    """Deviations in units of what is thought small: 0.7 % of a frequency, 5 % of a stiffness."""
+    """Differences in units of what is thought small: 0.7 % of a frequency, 5 % of a stiffness."""
     r = []
     for state in STATES:
         by_label, f, _, _, k = answer[state]
         for name, paper in zip(MODES, FREQUENCY_HZ[state], strict=True):
             d = (by_label.get(name, 0.0) / paper - 1) / 0.007
-            # beyond what may be rounded away in the paper the deviation counts more
+            # beyond what may be rounded away in the paper the difference counts more
             r += [d, 5 * max(abs(d) - 2.0, 0.0)]
         for n in ("k_xy", "k_z"):
             d = (k[n] / PILE_HEAD_NPM[state][n] - 1) / 0.06

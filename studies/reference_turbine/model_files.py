@@ -72,7 +72,8 @@ def as_built_text(text: str, raw: Mapping) -> str:
 
 
 def state_text(as_built: str, state: str, values: Mapping[str, float]) -> str:
-    """The file of a state: as_built.toml with other initial values; a relative deviation becomes the absolute one."""
+    """The file of a state: as_built.toml with other initial values; a relative standard deviation becomes the absolute
+    one."""
     name, head = HEAD[state]
     start = as_built.index("Lengths in m")
     text = f"# {head}\n# {as_built[start:]}"

@@ -65,7 +65,7 @@ class Masses(FunctionModel):
 
 
 def measured(theta, rng, stated=1.0):
-    """Modes with Gaussian noise whose deviation is told as `stated` times what it is."""
+    """Modes with Gaussian noise whose standard deviation is told as `stated` times what it is."""
     frequency, shape = modes(theta)
     frequency = frequency[:N_MODE] + FREQUENCY_STD * rng.standard_normal(N_MODE)
     shape = shape[:, :N_MODE] + SHAPE_STD * rng.standard_normal((N_MASS, N_MODE))

@@ -97,7 +97,7 @@ def test_a_wrong_unit_beside_its_like_is_a_suspicion(campaign_folder, head):
 
 
 def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):
-    """A ringing answer to a blow is signal: 20 deviations high, but not alone."""
+    """A ringing answer to a blow is signal: 20 standard deviations high, but not alone."""
     data = noise() * 0.05
     t = np.arange(300) / 10
     ring = 20 * np.exp(-t / 5) * np.cos(2 * np.pi * 2.0 * t)

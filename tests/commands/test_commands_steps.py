@@ -84,12 +84,13 @@ def test_import_stays_light():
 
 
 def test_matrices_find_the_building_that_was_measured(estimated):
-    """Truth within four deviations of both estimates, which the 1 in 10^4 of a Gaussian allows; modes by MAC."""
+    """Truth within four standard deviations of both estimates, which the 1 in 10^4 of a Gaussian allows; modes by
+    MAC."""
     record, posterior = read_update(estimated / "update.json"), read_posterior(estimated / "posterior.nc")
     std = np.sqrt(np.diag(record.map_covariance))
     assert np.all(np.abs(record.map_theta - TRUTH) < 4 * std)
     assert np.all(np.abs(posterior.draws.mean(axis=0) - TRUTH) < 4 * posterior.draws.std(axis=0))
-    # near-linear problem: the Laplace deviations are the posterior's
+    # near-linear problem: the Laplace standard deviations are the posterior's
     assert np.allclose(posterior.draws.std(axis=0), std, rtol=0.2)
     # the file's second column is the first mode
     assert list(record.computed_mode) == [2, 1, 3, 4]
@@ -135,7 +136,7 @@ def test_a_callable_gives_what_the_matrices_give(estimated, tmp_path):
     assert record.map_misfit == pytest.approx(here.map_misfit, rel=1e-6)
     posterior = probupdate.sample(function, modes, tmp_path / "p.nc", max_steps=200)
     drawn, other = posterior.draws, read_posterior(estimated / "posterior.nc").draws
-    # two chains of some hundred effective draws: means within 0.3 deviations
+    # two chains of some hundred effective draws: means within 0.3 standard deviations
     assert np.all(np.abs(drawn.mean(axis=0) - other.mean(axis=0)) < 0.3 * other.std(axis=0))
     assert len(true_modes(TRUTH)[0]) == N_FLOOR
 
@@ -176,7 +177,7 @@ def turbine(tmp_path_factory):
 
 
 def test_a_turbine_through_every_step(turbine):
-    """Modes without noise: both estimates hold the truth within their deviations, the report has it all."""
+    """Modes without noise: both estimates hold the truth within their standard deviations, the report has it all."""
     problem = ["--model", str(turbine / "model.toml"), "--modes", str(turbine / "modes.json")]
     update, posterior = str(turbine / "update.json"), str(turbine / "posterior.nc")
     assert main(["update", *problem, "--out", update]) == 0
@@ -334,7 +335,7 @@ def test_the_demonstration_against_its_truth(tmp_path):
     """A day's campaign: the chain converges and the report is there; the parameters the data inform hold the truth.
 
     The truth is built by other elements and another soil law, so that a parameter may be off by what those differ:
-    three quarters of the strongly identified ones within three deviations is asked, not each of them.
+    three quarters of the strongly identified ones within three standard deviations is asked, not each of them.
     """
     import tomllib
 

@@ -79,7 +79,7 @@ def test_update_comes_to_the_values_that_were_built_in(case, job):
     assert main(["update", "--model", str(model), "--modes", str(modes), "--out", str(out)]) == 0
     found = read_update(out)
     values = dict(zip(found.parameters.names, found.map_theta, strict=True))
-    # prior deviations 0.1 and 0.4; half of the way would not do
+    # prior standard deviations 0.1 and 0.4; half of the way would not do
     assert values["k_tower"] == pytest.approx(case.TRUE["k_tower"], abs=0.05)
     assert values["soil"] == pytest.approx(case.TRUE["soil"], abs=0.15)
 

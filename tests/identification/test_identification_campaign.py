@@ -32,7 +32,8 @@ def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign):
         assert plane_mac(s.shape[:, [0, 1]], jacket.shape[:, [0, 1]]) > 0.99
         assert plane_mac(s.shape[:, [3, 4]], jacket.shape[:, [3, 4]]) > 0.99
         assert mac(s.shape[:, [2]], jacket.shape[:, [2]])[0, 0] > 0.98
-    # deviations of single blocks against their errors: the median of |error / deviation| over 4 blocks and 5 modes is
+    # standard deviations of single blocks against their errors: the median of |error / standard deviation| over 4
+    # blocks and 5 modes is
     # 0.67 for normal errors, and 0.25 to 1.2 in all but one of a thousand such samples
     error = np.array([(s.frequency_hz - jacket.frequency_hz) / s.frequency_std_hz for s in result.data.sets])
     damping = np.array([(s.damping_ratio - jacket.damping_ratio) / s.damping_ratio_std for s in result.data.sets])
@@ -166,7 +167,8 @@ def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_ca
     assert "1 channel of velocity converted to acceleration" in result.summary
     assert any("TP-B-x converted to acceleration" in note for note in result.notes)
     converted = result.data.sets[0]
-    # one record, two estimates: what the band leaves out moves them by less than three deviations of half an hour
+    # one record, two estimates: what the band leaves out moves them by less than three standard deviations of half an
+    # hour
     assert np.all(np.abs(converted.frequency_hz / plain.frequency_hz - 1)[:3] < scatter(jacket, 3)[:3])
     assert np.abs(converted.shape[3, :3] - plain.shape[3, :3]).max() < 0.05
 

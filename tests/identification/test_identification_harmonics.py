@@ -67,7 +67,7 @@ def test_without_lines_nothing_is_followed_and_nothing_changes(jacket, seed):
 
 
 def test_two_lines_that_are_no_multiples_of_one_speed_are_left(jacket):
-    """A pump at 0.62 Hz and another at 1.30 Hz: the first does not foretell the second."""
+    """A pump at 0.62 Hz and another at 1.30 Hz: the first does not predict the second."""
     t = np.arange(9000) / RATE
     other = 0.2 * np.outer(np.cos(2 * np.pi * 0.62 * t), jacket.shape[:, 3])
     other += 0.2 * np.outer(np.cos(2 * np.pi * 1.30 * t), jacket.shape[:, 2])

@@ -145,7 +145,7 @@ def test_every_mode_of_a_campaign_and_its_table(tmp_path):
     assert set(result.fits) == {"FA1", "FA2"} and any(note.startswith("T1: regression of") for note in result.notes)
     assert any("rotor_speed_rpm left out: known in 0 of 80" in note for note in result.notes)
     assert "FA2, ln frequency: water_level_m -0.0" in result.summary
-    # identification's own deviations are about right here, and the factor on them says so
+    # identification's own standard deviations are about right here, and the factor on them says so
     assert result.fits["FA2"][0].noise_factor == pytest.approx(1.0, abs=0.3)
     written = pd.read_csv(result.write(tmp_path / "regression.csv"))
     assert len(written) == len(result.table) == 2 * 2 * 3

@@ -108,7 +108,7 @@ identify(read_campaign(given["campaign"]), rough, settings=SSISettings(**given["
 
 
 def poles_of(content: bytes) -> set[tuple[int, int]]:
-    """(model order, index) of the poles whose deviations a file holds."""
+    """(model order, index) of the poles whose standard deviations a file holds."""
     with np.load(io.BytesIO(content), allow_pickle=False) as held:
         return {tuple(key) for key in held["key"].tolist()}
 
@@ -141,7 +141,7 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
     assert same_results(out, undisturbed)
     again = stored(out)
     for name, there in left.items():
-        # deviations of a block grow where a later round chooses another pole; nothing else is written twice
+        # standard deviations of a block grow where a later round chooses another pole; nothing else is written twice
         grown = name.endswith(".deviations.npz") and poles_of(there[1]) < poles_of(again[name][1])
         assert grown or again[name] == there, f"{name} was finished and written again"
     n_poles = sum(name.endswith(".poles.npz") for name in left)

@@ -1,4 +1,5 @@
-"""Setups with common references, merged: deviations against finite differences, shapes against a known structure."""
+"""Setups with common references, merged: standard deviations against finite differences, shapes against a known
+structure."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,7 @@ def nan(*shape):
 
 
 def made_set(shape, frequency, rng, size=1e-3, n_column=6, id="a") -> ModalSet:
-    """A set with drawn errors and deviations of that size."""
+    """A set with drawn errors and standard deviations of that size."""
     n_channel, n_mode = shape.shape
     shape = unit_largest(shape * np.exp(1j * rng.uniform(0, 0.3, n_mode)) + size * rng.standard_normal(shape.shape))
     d_shape = size * (rng.standard_normal((n_channel, n_mode, n_column)) + 1j * rng.standard_normal((1, n_mode, 1)))
@@ -72,7 +73,9 @@ def moved(setups, column: int, step: float):
 
 
 @pytest.mark.parametrize("apart", [0.05, 0.0005], ids=["resolved", "pairs as planes"])
-def test_deviations_of_the_merged_set_are_finite_differences(jacket, sensor_list, apart):
+def test_deviations_of_the_merged_set_are_finite_differences(jacket, sensor_list, apart, validation):
+    checked = validation(what="covariance factors of merged setups, pairs resolved and not", reference="differences",
+                         why="rounding; weights of shapes are taken as constant, of the largest")
     frequency = np.array([0.32, 0.32 * (1 + apart), 1.3, 1.93, 1.93 * (1 + apart)])
     setups = made_setups(jacket, sensor_list, frequency)
     merged = merge_setups(setups).data.sets[0].deviation
@@ -83,9 +86,9 @@ def test_deviations_of_the_merged_set_are_finite_differences(jacket, sensor_list
             (np.log(ends[0].frequency_hz), np.log(ends[1].frequency_hz)),
             (ends[0].damping_ratio, ends[1].damping_ratio), (ends[0].shape, ends[1].shape)))
         # what is left out: shapes' weights, too, move a little with the shapes, which matters by the misfit (0.1 %)
-        assert merged.ln_frequency[:, column] == pytest.approx(f, abs=1e-9)
-        assert merged.damping_ratio[:, column] == pytest.approx(zeta, abs=1e-9)
-        assert np.abs(merged.shape[:, :, column] - shape).max() < 5e-3 * np.abs(shape).max()
+        checked.error(merged.ln_frequency[:, column] - f, below=1e-9, of="f, damping")
+        checked.error(merged.damping_ratio[:, column] - zeta, below=1e-9, of="f, damping")
+        checked.error((merged.shape[:, :, column] - shape) / np.abs(shape).max(), below=5e-3, of="shapes")
 
 
 def test_channels_modes_and_statistics_of_the_merge(jacket, sensor_list, tmp_path):
@@ -101,7 +104,7 @@ def test_channels_modes_and_statistics_of_the_merge(jacket, sensor_list, tmp_pat
     files = result.write(tmp_path / "modes.json")
     assert [f.name for f in files] == ["modes.json", "modes.deviations.h5", "modes.setups.csv"]
     assert read_modes(files[0]).sets[0].shape_std == pytest.approx(s.shape_std)
-    # one setup measured another state: said, and the deviation covers the difference
+    # one setup measured another state: said, and the standard deviation covers the difference
     odd = setups[2].data.sets
     odd = tuple(replace(x, frequency_hz=x.frequency_hz * 1.05) for x in odd)
     other = merge_setups([*setups[:2], replace(setups[2], data=replace(setups[2].data, sets=odd))])
@@ -167,7 +170,7 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
 
 
 def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path):
-    """Records of three setups, ten minutes twice each: all eighteen channels within their deviations."""
+    """Records of three setups, ten minutes twice each: all eighteen channels within their standard deviations."""
     rate, half = 5.0, 3000
     setups = []
     for number, own in enumerate(ROVING):
@@ -196,7 +199,7 @@ def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp
     assert mac(s.shape[:, [2]], truth[:, [2]])[0, 0] > 0.98
     error = (s.frequency_hz / jacket.frequency_hz - 1) / (s.frequency_std_hz / s.frequency_hz)
     assert np.all(np.abs(error) < 4)
-    # torsion, which no neighbour turns: every component within its own deviations, the largest sets the scale
+    # torsion, which no neighbour turns: every component within its own standard deviations, the largest sets the scale
     scaled = truth[:, 2] / truth[np.argmax(np.abs(s.shape[:, 2])), 2]
     ratio = np.abs(s.shape[:, 2].real - scaled) / np.maximum(s.shape_std[:, 2], 1e-3)
     assert np.mean(ratio < 2) > 0.8 and ratio.max() < 6

@@ -160,7 +160,7 @@ def test_estimates_scatter_about_the_truth(jacket):
         error = np.std(damping[:, j], ddof=1) / np.sqrt(n_record)
         assert abs(np.mean(damping[:, j]) - jacket.damping_ratio[j]) < 3.5 * error
         bound = jacket.frequency_hz[j] * np.sqrt(jacket.damping_ratio[j] / (4 * np.pi * jacket.frequency_hz[j] * time))
-        # a deviation of sixty numbers is itself known to 9 %
+        # a standard deviation of sixty numbers is itself known to 9 %
         assert 0.75 * bound < np.std(frequency[:, j], ddof=1) < 4 * bound
 
 

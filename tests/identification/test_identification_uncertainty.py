@@ -1,4 +1,4 @@
-"""Deviations of poles: against finite differences, a plain second route, another program, and statistics."""
+"""Standard deviations of poles: against finite differences, a plain second route, another program, and statistics."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
     """Every pole's ln f, damping and complex shape, two sub-records: covariances moved by +-h dR and identified anew.
     A central difference of h = 1e-4 is wrong by h^2 times the third derivative, largest for poles of the noise; errors
     are held against each pole's standard deviation."""
-    row = validation(what="deviations of f, damping, complex shapes; three orders, three kinds of references",
+    row = validation(what="standard deviations of f, damping, complex shapes; three orders, three kinds of references",
                      reference="central differences of the identification", why="the differences' own error")
     record = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=SPREAD, sub_records=30,
                              references=references)
@@ -58,8 +58,8 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
 
 
 def test_deviations_of_asked_orders_are_those_among_all_orders(data, validation):
-    """Lower orders and their deviations do not depend on the highest."""
-    row = validation(what="deviations at the asked orders alone", reference="among all orders", why="rounding")
+    """Lower orders and their standard deviations do not depend on the highest."""
+    row = validation(what="standard deviations at the asked orders alone", reference="among all orders", why="rounding")
     everything = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=16, sub_records=30)
     asked = identify_record(data, RATE, order=24, block_rows=BLOCK_ROWS, sub_records=30, orders=(14, 24))
     assert [one.order for one in asked.by_order] == [14, 24]
@@ -85,9 +85,11 @@ def peer_factors(ssi, toeplitz, deviation, block_rows, order):
 
 
 def test_pyoma2_gives_the_same_deviations(jacket):
-    """The same block Toeplitz matrix and the same columns of deviations, at step 1: to rounding, which its inverses
-    of (H^T H / s^2 - I) enlarge. Then its own matrices, with sums over common windows of 8941 of the 9000 samples in
-    30 parts of 298: the same estimates within a third of a deviation, deviations within their own 13 % twice."""
+    """The same block Toeplitz matrix and the same columns of standard deviations, at step 1: to rounding, which its
+    inverses of (H^T H / s^2 - I) enlarge. Then its own matrices, with sums over common windows of 8941 of the 9000
+    samples in
+    30 parts of 298: the same estimates within a third of a standard deviation, standard deviations within their own 13
+    % twice."""
     ssi = peer("pyoma2.functions.ssi")
     data = jacket.record(9000, seed=4)[:, [0, 1, 4, 12, 13]]
     block_rows, order = 12, 10
@@ -157,8 +159,8 @@ def test_the_scaling_of_shapes_is_differentiated():
 
 
 def test_more_parts_give_the_same_deviations_within_their_own_scatter(data):
-    """Deviations of 20 and of 60 parts are known to 16 % and 9 %: 3.5 times both together; of a mode that stands
-    alone, at the order that the record holds."""
+    """Standard deviations of 20 and of 60 parts are known to 16 % and 9 %: 3.5 times both together; of a mode that
+    stands alone, at the order that the record holds."""
     size = []
     for parts in (20, 60):
         record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=parts)
@@ -171,7 +173,8 @@ def test_more_parts_give_the_same_deviations_within_their_own_scatter(data):
 
 
 def scatter_ratio(structure, channels, n_record):
-    """Stated (root mean square over records) by true deviations of ln f, damping, real and imaginary shapes."""
+    """Stated (root mean square over records) by true standard deviations of ln f, damping, real and imaginary
+    shapes."""
     found = []
     for k in range(n_record):
         record = identify_record(structure.record(9000, seed=1000 + k)[:, channels], RATE, order=10,
@@ -193,8 +196,8 @@ def scatter_ratio(structure, channels, n_record):
     value, variance = (np.array(a) for a in zip(*found, strict=True))  # (n_record, 2 + 2 n_channel, n_mode)
     deviation, stated = value.std(axis=0, ddof=1), np.sqrt(variance.mean(axis=0))
     # Left out: the component that scales the shape, and imaginary parts that hardly move. Those of a close pair's own
-    # direction do so by the product of two deviations of the other direction, real and imaginary: of second order,
-    # where a first order taken at the estimate states sqrt(2) too much.
+    # direction do so by the product of two standard deviations of the other direction, real and imaginary: of second
+    # order, where a first order taken at the estimate states sqrt(2) too much.
     moves, half = deviation > 1e-9, 2 + len(channels)
     moves[half:] &= deviation[half:] > 0.2 * deviation[2:].max(axis=0)
     ratio = np.where(moves, stated / np.where(moves, deviation, 1), np.nan)
@@ -217,7 +220,8 @@ def test_stated_deviations_are_those_of_three_hundred_records(jacket):
 
 def test_another_order_where_poles_of_the_noise_lie_close(jacket):
     """Order 20 where ten states are: of each mode the pole of the order that deviates least scatters no more than
-    that of order 20, and its stated deviations hold: errors over them have deviation 1 within 3 of 1 / sqrt(2 n)."""
+    that of order 20, and its stated standard deviations hold: errors over them have standard deviation 1 within 3 of 1
+    / sqrt(2 n)."""
     n_record, error, plain = 25, [], []
     for k in range(n_record):
         record = identify_record(jacket.record(9000, seed=500 + k)[:, [0, 1, 4, 12, 16, 17]], RATE, order=ORDER,
@@ -244,7 +248,7 @@ def test_absent_modes_are_nan_and_wrong_poles_are_refused(data):
         assert np.all(np.isnan(one.ln_frequency[1])) and np.all(np.isnan(one.shape[:, 1]))
         assert np.all(np.isfinite(one.ln_frequency[[0, 2]])) and np.all(np.isfinite(one.shape[:, [0, 2]]))
     assert best.index[1] == -1 and np.isnan(best.frequency_hz[1])
-    # a mode's deviations are the same whatever else is asked for
+    # a mode's standard deviations are the same whatever else is asked for
     assert record.factors(np.array([0])).shape[:, 0] == pytest.approx(found.shape[:, 2], rel=1e-9)
     assert record.factors(np.array([-1])).shape.shape == (18, 1, 10)
     with pytest.raises(InputError, match="are not indices of 5 poles"):

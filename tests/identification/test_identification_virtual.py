@@ -51,7 +51,7 @@ def test_an_idling_turbine_s_modes_are_found_and_selected(virtual):
         heading = s.environment["nacelle_heading_deg"]
         near = min(truth, key=lambda m: abs((m.heading_deg - heading + 180) % 360 - 180))
         error = s.frequency_hz / near.frequency_hz[index] - 1
-        # 2 % are some five deviations of the weakest of them in half an hour
+        # 2 % are some five standard deviations of the weakest of them in half an hour
         assert np.all(np.abs(error[np.isfinite(error)]) < 0.02)
         for pair in ([0, 1], [3, 4]):
             if s.measured[pair].all():

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
-from probupdate.lifetime.export import export_lifetime, read_table, with_initial
+from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table, with_initial
 from probupdate.lifetime.superelement import frequencies, read_extptfm, superelement
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
@@ -72,9 +73,10 @@ def posterior(model, *, converged=True, n=400) -> Posterior:
     )
 
 
-def exported(run, out="out", **options):
+def exported(run, out="out", **found):
     model = load_model(run / "model.toml")
-    return export_lifetime(posterior(model), model, run / "model.toml", run / out, n_draw=3, n_mode=4, **options)
+    results = RunResults(posterior=posterior(model), model=model, path=run / "model.toml", **found)
+    return export_lifetime(results, run / out, ExportSettings(n_draw=3, n_mode=4))
 
 
 def test_every_file_is_there_with_its_hash_and_the_verdict(run):
@@ -93,7 +95,9 @@ def test_every_file_is_there_with_its_hash_and_the_verdict(run):
     assert any("fatigue" in text for text in manifest["left_out"])
 
 
-def test_models_hold_every_parameter_of_their_draw(run):
+def test_models_hold_every_parameter_of_their_draw(run, validation):
+    checked = validation(what="SubDyn file at a draw, seven kinds of parameters", reference="the model at that draw",
+                         why="two assemblies of one text")
     done = exported(run)
     model = load_model(run / "model.toml")
     table = read_table(done.folder / "draws.csv")
@@ -103,7 +107,7 @@ def test_models_hold_every_parameter_of_their_draw(run):
     for k, row in enumerate(theta, 1):
         written = load_model(done.folder / "models" / f"{k:03d}" / "subdyn_at_draw.dat")
         expected = model.solve(row, 10).frequency_hz
-        np.testing.assert_allclose(written.solve(np.zeros(0), 10).frequency_hz, expected, rtol=1e-9)
+        checked.error(written.solve(np.zeros(0), 10).frequency_hz / expected - 1, below=1e-9, of="draws")
         np.testing.assert_allclose([f for d, f in zip(modes["draw"], modes["frequency_hz"], strict=True) if d == k],
                                    expected)
     # values far from the initial ones are put in too
@@ -112,7 +116,7 @@ def test_models_hold_every_parameter_of_their_draw(run):
     frame, K, M = assembled_file(file)
     value = sparse.linalg.eigsh(K, k=5, M=M, sigma=0.0, return_eigenvectors=False)
     own = model.solve(np.array(list(far.values())), 5).frequency_hz
-    np.testing.assert_allclose(np.sort(np.sqrt(value)) / (2 * np.pi), own, rtol=1e-8)
+    checked.error(np.sort(np.sqrt(value)) / (2 * np.pi) / own - 1, below=1e-8, of="far values")
     assert above == ()
 
 
@@ -133,10 +137,11 @@ def test_what_subdyn_cannot_say_goes_out_as_toml(run):
 def test_a_run_that_does_not_stand_needs_accept_and_says_so_in_every_file(run, options):
     model = load_model(run / "model.toml")
     drawn = posterior(model, converged=options.get("converged", True))
-    words = {"diagnosis": options.get("diagnosis"), "n_draw": 2, "n_mode": 2}
+    results = RunResults(posterior=drawn, model=model, path=run / "model.toml", diagnosis=options.get("diagnosis"))
+    settings = ExportSettings(n_draw=2, n_mode=2)
     with pytest.raises(InputError, match="--accept"):
-        export_lifetime(drawn, model, run / "model.toml", run / "out", **words)
-    done = export_lifetime(drawn, model, run / "model.toml", run / "out", accept=True, **words)
+        export_lifetime(results, run / "out", settings)
+    done = export_lifetime(results, run / "out", replace(settings, accept=True))
     for path in (p for p in done.folder.rglob("*") if p.is_file()):
         if path.suffix == ".npz":
             with np.load(path) as held:
@@ -152,7 +157,8 @@ def test_models_of_matrices_go_out_with_their_parameters(tmp_path):
              channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
     model = load_model(tmp_path / "model.npz")
-    done = export_lifetime(posterior(model), model, tmp_path / "model.npz", tmp_path / "out", n_draw=2)
+    results = RunResults(posterior=posterior(model), model=model, path=tmp_path / "model.npz")
+    done = export_lifetime(results, tmp_path / "out", ExportSettings(n_draw=2))
     again = load_model(done.folder / "models" / "001" / "model.npz")
     assert again.parameters.initial[0] == done.draws[0, 0]
     assert read_table(done.folder / "modes.csv")["label"][0] == "mode 1"
@@ -232,7 +238,9 @@ def test_damping_is_that_of_the_sets(run):
 # superelements -------------------------------------------------------------------------------------------------------
 
 
-def test_a_superelement_with_all_modes_is_the_structure_itself(run):
+def test_a_superelement_with_all_modes_is_the_structure_itself(run, validation):
+    checked = validation(what="superelement with all modes; with 0, 2, 6 never below",
+                         reference="the structure itself; Rayleigh-Ritz from above", why="eigensolver")
     file = read_subdyn(run / "structure.dat")
     # one interface joint: with all modes nothing is lost
     alone = read_subdyn(run / "structure.dat")
@@ -243,13 +251,15 @@ def test_a_superelement_with_all_modes_is_the_structure_itself(run):
     assert [i.joint for i in one.interfaces] == [4] and len(file.interfaces) == 2
     _, K, _ = assembled_file(one)
     most = superelement(one, n_mode=K.shape[0] - 6 - 2, compared=5)
-    np.testing.assert_allclose(most.truncation, 0, atol=1e-6)
+    checked.error(most.truncation, below=1e-6)
     few = [superelement(one, n_mode=n, compared=5).truncation for n in (0, 2, 6)]
     # Rayleigh-Ritz: frequencies come down to the structure's as modes are added
     assert all(np.all(t > -1e-9) for t in few) and np.all(few[0] >= few[1] - 1e-9) and np.all(few[1] >= few[2] - 1e-9)
 
 
-def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(run):
+def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(run, validation):
+    checked = validation(what="recovery at the interface; Guyan stiffness",
+                         reference="rigid motion; flexibility by a stiff tie", why="rounding, the tie")
     file = read_subdyn(run / "structure.dat")
     one = superelement(file, n_mode=3, reference_m=[2.0, 0.0, 8.0])
     frame, K, _ = assembled_file(file)
@@ -258,8 +268,9 @@ def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(r
         arm = np.array(next(j.position_m for j in file.joints if j.id == joint)) - [2.0, 0.0, 8.0]
         rigid = np.eye(6)
         rigid[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
-        np.testing.assert_allclose(one.recovery[one.joints.index(joint), :, :6], rigid, atol=1e-9)
-        np.testing.assert_allclose(one.recovery[one.joints.index(joint), :, 6:], 0, atol=1e-9)
+        recovered = one.recovery[one.joints.index(joint)]
+        checked.error(recovered[:, :6] - rigid, below=1e-9, of="recovery")
+        checked.error(recovered[:, 6:], below=1e-9, of="recovery")
     # by a stiff tie and loads instead: the flexibility of the reference point is the inverse
     rows = np.vstack([frame.reduction[frame.node_dofs(frame.node_of[j])].toarray() for j in (3, 4)])
     motion = one.recovery[[one.joints.index(j) for j in (3, 4)], :, :6].reshape(12, 6)
@@ -269,8 +280,8 @@ def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(r
     tied[:size, :size] = K.toarray()
     tied += 1e14 * gap.T @ gap
     flexibility = np.linalg.inv(tied)[size:, size:]
-    np.testing.assert_allclose(np.linalg.inv(one.stiffness[:6, :6]), flexibility, rtol=1e-3,
-                               atol=1e-4 * flexibility.max())
+    apart = np.linalg.inv(one.stiffness[:6, :6]) - flexibility
+    checked.error(apart / (np.abs(flexibility) + 0.1 * flexibility.max()), below=1e-3, of="flexibility")
 
 
 def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):

@@ -11,7 +11,7 @@ from probupdate.cli import main
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
 from probupdate.lifetime import fatigue_files
-from probupdate.lifetime.export import export_lifetime, read_table
+from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput
@@ -112,12 +112,9 @@ def done(run):
         for name, number in (("WORST", 3), ("PRIOR_DRAWS", 6), ("SIMULATED", 4000)):
             patch.setattr(fatigue_files, name, number)
         return export_lifetime(
-            posterior(model),
-            model,
-            folder / "model.toml",
+            RunResults(posterior=posterior(model), model=model, path=folder / "model.toml", modes=data),
             folder / "out",
-            n_draw=4,
-            modes=data,
+            ExportSettings(n_draw=4),
             fatigue=FatigueInput(
                 file=folder / "fatigue.toml",
                 problem=problem,
@@ -218,7 +215,9 @@ class _Still:
         return np.zeros(shape)
 
 
-def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expected(run):
+def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expected(run, validation):
+    checked = validation(what="tolerances given data and parameters, their middle",
+                         reference="least squares with the prior as data", why="rounding, in standard deviations")
     *_, problem, laplace = run
     # a mean of its own for every source: the prediction has it, and it must not be taken off once more
     sources = tuple(replace(s, mean=0.3 * s.std) for s in problem.error.sources)
@@ -234,7 +233,7 @@ def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expec
         expected, *_ = np.linalg.lstsq(
             np.vstack([root @ B, np.eye(len(std))]), np.concatenate([root @ left, np.zeros(len(std))]), rcond=None
         )
-        np.testing.assert_allclose(row / std - 0.3, expected, atol=1e-8)
+        checked.error(row / std - 0.3 - expected, below=1e-8)
 
 
 @pytest.mark.long
@@ -279,11 +278,9 @@ def test_matrices_have_no_members_to_fatigue(run, tmp_path):
     model = load_model(tmp_path / "model.npz")
     with pytest.raises(InputError, match="leave --fatigue out"):
         export_lifetime(
-            posterior(model),
-            model,
-            tmp_path / "model.npz",
+            RunResults(posterior=posterior(model), model=model, path=tmp_path / "model.npz"),
             tmp_path / "out",
-            n_draw=2,
+            ExportSettings(n_draw=2),
             fatigue=FatigueInput(file=folder / "fatigue.toml"),
         )
 

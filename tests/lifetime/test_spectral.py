@@ -40,7 +40,10 @@ def test_cycles_of_the_standards_example():
 
 @pytest.mark.parametrize("name", list(SPECTRA))
 @pytest.mark.parametrize("method", METHODS)
-def test_spectral_damage_is_that_of_counted_cycles(name, method):
+def test_spectral_damage_is_that_of_counted_cycles(name, method, validation):
+    checked = validation(what="Dirlik; Tovo and Benasciutti, three spectra",
+                         reference="rainflow counting of simulated records, 33 hours",
+                         why="the methods are fits, of the range and of damage with two slopes")
     spectrum = SPECTRA[name]
     rng, seconds, rate = np.random.default_rng(4), 40_000, 20.0
     counted = {3: 0.0, 5: 0.0, "two slopes": 0.0}
@@ -53,8 +56,8 @@ def test_spectral_damage_is_that_of_counted_cycles(name, method):
     one = ranges(moments(F, spectrum), method)
     # of stress ranges; the methods are fits, said to be within some per cent of damage
     for m, tolerance in ((3, 0.03), (5, 0.04)):
-        assert (one.moment(m) / counted[m]) ** (1 / m) == pytest.approx(1, abs=tolerance)
-    assert one.damage(T_CURVE) / counted["two slopes"] == pytest.approx(1, abs=0.25)
+        checked.error((one.moment(m) / counted[m]) ** (1 / m) - 1, below=tolerance, of=f"m = {m}")
+    checked.error(one.damage(T_CURVE) / counted["two slopes"] - 1, below=0.25, of="damage")
 
 
 def test_dirliks_moment_is_the_integral_of_his_density(validation):

@@ -212,7 +212,8 @@ def test_names_are_drawn_as_they_are_written():
 
 
 def test_contours_hold_their_share_of_the_draws():
-    """39, 68 and 90 %: of a Gaussian's draws the innermost contour holds what a circle of one deviation holds."""
+    """39, 68 and 90 %: of a Gaussian's draws the innermost contour holds what a circle of one standard deviation
+    holds."""
     rng = np.random.default_rng(2)
     draws = rng.standard_normal((40000, 2))
     figure = figures.corner([standard("a"), standard("b")], draws, [])
@@ -236,7 +237,8 @@ def _rank_panel(theta: np.ndarray, effective: float):
 
 
 def test_ranks_of_parts_that_tell_the_same_stay_in_their_band():
-    """Independent draws: of 80 shares at two deviations about 5 % lie outside; three times that is chance of 1e-4."""
+    """Independent draws: of 80 shares at two standard deviations about 5 % lie outside; three times that is chance of
+    1e-4."""
     theta = np.random.default_rng(4).standard_normal((16, 500, 1))
     assert _rank_panel(theta, 8000.0) < 0.15
 

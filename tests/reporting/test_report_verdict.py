@@ -117,7 +117,7 @@ def test_why_eq_7_fits_closer_is_said_at_the_figure(run):
 
 
 def test_a_model_that_misses_is_said_to_miss(run):
-    """Misfit of 6.25 a response: 2.5 deviations."""
+    """Misfit of 6.25 a response: 2.5 standard deviations."""
     update = replace(run.update, map_misfit=6.25 * run.update.n_effective)
     section = verdict_section(replace(run, update=update))
     assert "does not fit" in section.headline and "2.5 times the stated standard deviations" in section.headline

@@ -235,7 +235,7 @@ def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
 
 def test_every_effect_of_the_catalogue_shows_at_the_channels(catalogue):
     """All at once, exact slopes at neutral: each moves a frequency or a shape by more than rounding when it is as
-    large as its prior's deviation."""
+    large as its prior's standard deviation."""
     raw = with_effects([effect.table() for effect in catalogue])
     # sensors see the legs in both directions: an effect on one leg or face must not hide in symmetry
     turbine = model(raw)

@@ -214,7 +214,7 @@ def test_modes_that_cross_are_not_missed():
 def test_pedestrian_bridge_with_its_soft_deck():
     parameters = read_parameters(REPOSITORY / "studies" / "footbridge" / "parameters.toml")
     model = load_matrices(BRIDGE / "model.npz", parameters)
-    # a posterior's width: half of each prior deviation
+    # a posterior's width: half of each prior standard deviation
     low, high = (np.clip(parameters.initial + s * 0.5 * parameters.std, parameters.lower, parameters.upper)
                  for s in (-1, 1))
     found = reduce_basis(model, n_mode=6, box=(low, high), frequency_tolerance=1e-4, n_snapshot=48, n_verify=24)

@@ -60,7 +60,8 @@ def test_each_row_repeats_its_sources(update, comparison):
 
 
 def test_on_a_linear_problem_the_routes_meet(comparison):
-    # the MAP of a Gaussian is its mean, within four standard errors of the draws; the bound of b is deviations away
+    # the MAP of a Gaussian is its mean, within four standard errors of the draws; the bound of b is standard deviations
+    # away
     for name in "ac":
         row = row_of(comparison, name)
         assert abs(row.map_distance) < 4 / np.sqrt(30_000) + 0.01
@@ -93,7 +94,7 @@ def test_what_the_data_do_not_inform_is_said_to_keep_its_prior(comparison):
 
 
 def test_the_prior_is_taken_as_its_bounds_cut_it():
-    # normal(1, 1) from 0 on: deviation 0.794, not 1; a posterior of that width keeps its prior
+    # normal(1, 1) from 0 on: standard deviation 0.794, not 1; a posterior of that width keeps its prior
     items = (replace(PARAMETERS.items[0], std=1.0, lower=0.0, upper=np.inf), *PARAMETERS.items[1:])
     update = record(parameters=Parameters(items))
     prior = update.parameters.items[0].distribution

@@ -19,7 +19,8 @@ STATED, MISSED = 1e-3, 6e-3
 
 
 def disturbed(seed: int, share: float) -> ModalData:
-    """Four modes of the chain off by `share` of frequencies and tenfold of shapes; deviations of STATED are stated."""
+    """Four modes of the chain off by `share` of frequencies and tenfold of shapes; standard deviations of STATED are
+    stated."""
     rng = np.random.default_rng(seed)
     data = measured_chain()
     one = data.sets[0]
@@ -45,7 +46,7 @@ def test_what_the_model_misses_is_found():
     top = maximum_a_posteriori(problem, [CHAIN_TRUTH])
     assert top.misfit == pytest.approx(expected_misfit(problem, top), rel=0.03)
     assert "estimated" in problem.weights.description and "%" in problem.weights.description
-    # the sure posterior of the stated deviations alone becomes as wide as what is missed says
+    # the sure posterior of the stated standard deviations alone becomes as wide as what is missed says
     plain = maximum_a_posteriori(build_problem(model, data_sets[0], weights=WEIGHTS), [CHAIN_TRUTH])
     assert top.covariance[0, 0] > 4 * plain.covariance[0, 0]
 

@@ -125,7 +125,7 @@ def mixed_problem():
 
 
 def test_posterior_against_quadrature(tmp_path):
-    """Means, deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
+    """Means, standard deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
     problem = mixed_problem()
     chain = sample(problem, approximated(problem), tmp_path / "chain", SamplerSettings(target_ess=1500))
     assert chain.converged, chain.verdict

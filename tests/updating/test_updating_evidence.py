@@ -120,7 +120,7 @@ def test_pareto_shape_of_known_tails():
     rng = np.random.default_rng(3)
     for k in (0.2, 0.5, 0.9):
         weights = stats.genpareto(k).rvs(20_000, random_state=rng)
-        # the tail's 424 largest: deviation of k about (1 + k) / sqrt(424)
+        # the tail's 424 largest: standard deviation of k about (1 + k) / sqrt(424)
         assert abs(pareto_shape(np.log(weights)) - k) < LIMIT * (1 + k) / np.sqrt(424)
     assert pareto_shape(np.zeros(100)) == 0.0
     assert pareto_shape(np.zeros(20)) == np.inf

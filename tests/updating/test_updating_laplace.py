@@ -101,14 +101,14 @@ def test_no_optimiser_of_scipy_finds_a_higher_point(parameters, name):
     function = negative_log_posterior(problem)
     assert top.log_posterior == pytest.approx(-function(top.theta), rel=1e-12)
     root = np.linalg.cholesky(top.covariance)
-    # off by about two deviations in every direction, optimised in whitened coordinates
+    # off by about two standard deviations in every direction, optimised in whitened coordinates
     begin = np.random.default_rng(6).standard_normal(4) * 2
     peer = optimize.minimize(
         lambda z: function(np.clip(top.theta + root @ z, parameters.lower, parameters.upper)), begin,
         method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7, "maxfev": 500},
     )
     assert peer.success and -peer.fun <= top.log_posterior + 1e-6
-    # within a hundredth of a posterior deviation of the same point
+    # within a hundredth of a posterior standard deviation of the same point
     assert np.max(np.abs(peer.x)) < 0.01, name
 
 
@@ -249,7 +249,8 @@ def test_steps_that_overshoot_are_shortened(monkeypatch, validation):
     shape = np.linalg.qr(np.random.default_rng(2).standard_normal((4, 4)))[0]
     model = FunctionModel(name="bowl", parameters=parameters, channels=tuple("abcd"), version="1",
                           function=lambda theta: (np.array([10 + theta[0] ** 2, 20.0, 40.0, 80.0]), shape))
-    # the parameter moves one frequency only, and that cannot come nearer than one deviation of what was measured
+    # the parameter moves one frequency only, and that cannot come nearer than one standard deviation of what was
+    # measured
     data = ModalData(channels=model.channels, sets=(modal_set(np.array([9.0]), shape[:, :1], std=np.array([1.0])),))
     problem = build_problem(model, data, weights=Weights(shapes="none"))
     end = optimize.minimize_scalar(lambda a: (1 + a**2) ** 2 + (a - 1) ** 2, bracket=(0, 0.3, 1), tol=1e-14)

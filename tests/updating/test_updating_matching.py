@@ -204,7 +204,7 @@ def test_a_shape_between_two_computed_modes_is_refused_with_both_macs():
 
 
 def test_a_like_shape_far_off_in_frequency_is_no_alternative():
-    """Sensors on one level see a column's bending modes alike; frequencies tell them apart."""
+    """Sensors on one level see a column's bending modes alike; frequencies distinguish them."""
     exact = solution_at()
     rows = np.array([3, 8])  # one level, x and y
     found = match(modal_set(exact.frequency_hz[:2], exact.shape[rows][:, :2]), exact, rows, clusters=[(0,), (1,)])

@@ -49,7 +49,7 @@ def test_the_scatter_of_maxima_under_noise_alone_is_less_than_the_posterior(scat
     # entries of a sample covariance of whitened normals: 1 +- sqrt(2 / (n - 1)), 0 +- sqrt(1 / (n - 1))
     error = np.sqrt((1 + np.eye(3)) / (N_SET - 1))
     assert np.max(np.abs(white - np.eye(3)) / error) < 4
-    # the posterior itself would be told apart: the third parameter hardly scatters, and is hardly known
+    # the posterior itself would be distinguished: the third parameter hardly scatters, and is hardly known
     assert found[2, 2] < 0.2 * P[2, 2] and P[2, 2] > 0.5 * 0.2**2
 
 

@@ -56,7 +56,7 @@ def test_the_total_is_the_density_of_the_data(many):
 
 
 def test_a_model_that_cannot_fit_and_a_truth_beyond_the_prior_are_told_apart():
-    # across all the parameters' effects; then five prior deviations along the first
+    # across all the parameters' effects; then five prior standard deviations along the first
     across = np.linalg.svd(SLOPE / LINEAR_HZ[:, None])[0][:, -1]
     misfit = check(LINEAR_HZ * (1 + 0.08 * across))
     assert misfit.misfit_p < 1e-3 and misfit.penalty_p > 0.05

@@ -81,7 +81,8 @@ def test_one_and_many_parameter_vectors_are_answered_alike():
 
 
 def test_the_chi_square_of_a_true_model_is_the_number_of_effective_responses():
-    # noise drawn by the very deviations that are assumed: mean of chi-square within four of its standard errors
+    # noise drawn by the very standard deviations that are assumed: mean of chi-square within four of its standard
+    # errors
     model, cov = chain_model(), 0.003
     weights = Weights(frequency_cov=(cov,) * 4, shape_std=False)
     found = []
@@ -117,7 +118,7 @@ def test_a_model_of_few_degrees_of_freedom_is_searched_as_far_as_it_goes():
     assert problem.misfit(problem.predict(CHAIN_TRUTH)) < 1e-12
 
 
-# deviations
+# standard deviations
 
 
 def test_paper_weights_are_told_by_label_or_by_frequency():
@@ -146,7 +147,7 @@ def test_deviations_of_the_file_follow_the_scale_of_the_shape_and_have_a_floor()
     problem = build_problem(model, scaled, weights=weights, clusters=[(0,), (1,)])
     sigma = problem.std[2:].reshape(2, 10)
     wanted = np.full(10, 0.05)
-    # no deviation of the file: ten times the frequency's, which is 1 %
+    # no standard deviation of the file: ten times the frequency's, which is 1 %
     wanted[2], wanted[3], wanted[4] = 0.02, 0.3, 0.1
     assert sigma == pytest.approx(np.array([wanted, wanted]))
 
@@ -194,7 +195,8 @@ def test_sign_phase_and_scale_of_measured_shapes_do_not_matter(weights):
 @pytest.mark.parametrize("angle", [0.2, np.pi / 4, 1.3, 2.5])
 def test_a_measured_pair_turned_in_its_plane_changes_no_misfit_and_no_sensitivity_norm(angle):
     data = measured_chain(noise=0.004, seed=2)
-    # shapes orthogonal and of one length, so that turning them keeps what a deviation of the largest component means
+    # shapes orthogonal and of one length, so that turning them keeps what a standard deviation of the largest component
+    # means
     shape = np.array(data.sets[0].shape)
     for pair in ([0, 1], [2, 3]):
         shape[:, pair] = linalg.orth(shape[:, pair])
@@ -219,7 +221,7 @@ def test_the_models_own_rotation_in_a_pair_does_not_matter():
     problem = build_problem(model, data, weights=PAPER)
     straight, diagonal = np.array([0.7, 1.06, 0.97, 0.0]), np.array([0.7, 1.06, 0.97, 0.01])
     shapes = [model.solve(theta, 2).shape for theta in (straight, diagonal)]
-    # the single shapes turn by tens of degrees: compared one by one they would miss by many deviations
+    # the single shapes turn by tens of degrees: compared one by one they would miss by many standard deviations
     assert np.max(np.abs(shapes[0] - shapes[1])) > 0.5 * np.max(np.abs(shapes[0]))
     difference = problem.predict(diagonal) - problem.predict(straight)
     assert np.max(np.abs(difference[4:] / problem.std[4:])) < 0.05
@@ -247,7 +249,8 @@ def test_sensitivity_is_the_central_difference_of_the_responses(theta, weights, 
     sigma = np.random.default_rng(4).uniform(0.03, 0.2, (10, 4))
     problem = chain_problem(weights=weights, noise=0.02, shape_std=sigma)
     _, S = problem.sensitivity(theta)
-    # in deviations of the response for a prior deviation of the parameter; truncation goes with the step squared
+    # in standard deviations of the response for a prior standard deviation of the parameter; truncation goes with the
+    # step squared
     scale = problem.parameters.std / problem.std[:, None]
     error = (S - central_differences(problem, theta, 1e-4)) * scale
     row.error(error / np.max(np.abs(S * scale)), below=1e-5)
@@ -312,7 +315,7 @@ def test_log_posterior_is_scipys_prior_times_scipys_likelihood(validation):
     ))
     problem = build_problem(chain_model(parameters), measured_chain(noise=0.004))
     theta = np.array([[0.7, 1.06, 0.97, 0.035], [1.4, 0.81, 1.02, 0.001]])
-    # lognormal of median 1 and deviation 1: e^{s^2} (e^{s^2} - 1) = 1, the golden ratio
+    # lognormal of median 1 and standard deviation 1: e^{s^2} (e^{s^2} - 1) = 1, the golden ratio
     s = np.sqrt(np.log((1 + np.sqrt(5)) / 2))
     base = stats.lognorm(s, scale=1.0)
     cut = np.log(base.cdf(6.0) - base.cdf(0.05))

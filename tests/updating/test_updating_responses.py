@@ -27,8 +27,8 @@ def weights_of(kind: dict, **least_std) -> Weights:
 
 
 def root_of_noise(n_column=70, seed=4) -> np.ndarray:
-    """Deviations (4 + 40, n_column) of frequencies' logarithms and of shapes with largest component 1, correlated over
-    modes and channels."""
+    """Standard deviations (4 + 40, n_column) of frequencies' logarithms and of shapes with largest component 1,
+    correlated over modes and channels."""
     rng = np.random.default_rng(seed)
     mixed = rng.standard_normal((44, n_column)) / np.sqrt(n_column)
     common = rng.standard_normal((1, n_column)) / np.sqrt(n_column)
@@ -87,7 +87,7 @@ def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind):
 def test_log_frequencies_and_those_in_hz_agree_to_first_order():
     hz, log = (build_problem(chain_model(), measured_chain(noise=COV, seed=2), weights=weights_of(kind))
                for kind in ({}, {"frequencies": "log"}))
-    # (f' - f) / (c f) against ln(f' / f) / c, at residuals of a few deviations c
+    # (f' - f) / (c f) against ln(f' / f) / c, at residuals of a few standard deviations c
     theta = CHAIN_TRUTH * [1.02, 1.005, 1.0, 1.0]
     residual = (hz.measured - hz.predict(theta))[:4] / hz.std[:4]
     assert 0.5 < np.max(np.abs(residual)) < 20

@@ -37,7 +37,8 @@ def closed_form_map(alpha=1.0):
 
 
 def whitened():
-    """Singular values and vectors of the sensitivity in response and prior deviations, and the data in them."""
+    """Singular values and vectors of the sensitivity in response and prior standard deviations, and the data in
+    them."""
     deviations = np.sqrt(np.diag(PRIOR))
     u, s, v = np.linalg.svd(SLOPE / STD[:, None] * deviations, full_matrices=False)
     return s, deviations[:, None] * v.T, u.T @ ((MEASURED - LINEAR_HZ) / STD)
@@ -79,7 +80,7 @@ def test_the_printed_scheme_forgets_the_prior_and_ends_at_the_least_squares_fit(
     run = update(linear_problem(MEASURED), penalty="step", alpha=0.02, max_iteration=300)
     fit = START + np.linalg.lstsq(SLOPE / STD[:, None], (MEASURED - LINEAR_HZ) / STD, rcond=None)[0]
     assert run.converged
-    # it stops when steps shrink below 1e-6 prior deviations; what remains is that times 1 / (1 - contraction)
+    # it stops when steps shrink below 1e-6 prior standard deviations; what remains is that times 1 / (1 - contraction)
     s, *_ = whitened()
     left = 1e-6 * (0.02 + s.min() ** 2) / s.min() ** 2
     assert np.max(np.abs(run.theta[-1] - fit) / LINEAR_PARAMETERS.std) < 3 * left

@@ -21,7 +21,7 @@ PARAMETERS = Parameters((
 
 
 def record(change=(0.05, 0.3, 0.0), *, noise_seed=1, n_set=3, iterations=50, parameters=PARAMETERS) -> UpdateRecord:
-    """The update of frequencies of the model at initial + change, 1 % deviations."""
+    """The update of frequencies of the model at initial + change, 1 % standard deviations."""
     noise = np.random.default_rng(noise_seed).standard_normal((n_set, 5)) * 0.002 * LINEAR_HZ
     frequencies = LINEAR_HZ + SLOPE @ np.array(change) + noise
     if n_set > 2:

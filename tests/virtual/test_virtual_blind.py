@@ -99,5 +99,5 @@ def test_what_cannot_be_told_apart_is_counted_by_itself(tables):
              {**line, "id": "c", "effects": [{**effect, "apart": 0.0}], "findings": []}]
     text = tables.summary(lines)
     assert "| detected singles: right cause and place first | 1 of 3 |" in text
-    assert "that can be told from the nearest rival: right first | 1 of 1 |" in text
+    assert "that can be distinguished from the nearest alternative: right first | 1 of 1 |" in text
     assert "that cannot: right first | 0 of 2 |" in text and "that cannot: in the named set | 1 of 2 |" in text

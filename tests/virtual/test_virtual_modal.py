@@ -24,21 +24,23 @@ def busy():
     return modal_blocks.simulate_modes(truth=BUSY, seed=3, days=6, n_block=12)
 
 
-def test_the_small_basis_gives_what_the_structure_gives(busy):
+def test_the_small_basis_gives_what_the_structure_gives(busy, validation):
     """Frequencies within a tenth of what a month's mean of an identification resolves, shapes likewise."""
+    checked = validation(what="modal sets from a small basis, four varying effects", reference="the whole structure",
+                         why="a tenth of what a month's mean resolves")
     file = turbine_file.read_turbine(turbine_file.reference_file())
     for k in (6, 11):
         structure = frame.build_structure(file, busy.truth, busy.amount[k])
         full = dynamics.heading_modes(structure, busy.truth.damping_ratio, busy.heading_deg[k])
-        assert busy.frequency_hz[k][:3] == pytest.approx(full.frequency_hz[:3], rel=1e-4)
+        checked.error(busy.frequency_hz[k][:3] / full.frequency_hz[:3] - 1, below=1e-4, of="first three f")
         found = np.argmin(np.abs(full.frequency_hz[:, None] - busy.frequency_hz[k]), axis=0)
-        assert busy.frequency_hz[k] == pytest.approx(full.frequency_hz[found], rel=3e-4)
+        checked.error(busy.frequency_hz[k] / full.frequency_hz[found] - 1, below=3e-4, of="all f")
         assert busy.damping_ratio[k] == pytest.approx(full.damping_ratio["idling"][found], rel=0.02)
         for j, i in enumerate(found):
             ours, theirs = busy.shape[k][:, j].real, full.observed_shape[:, i]
             theirs = theirs * np.sign(ours @ theirs)
             # the close pair turns by (error of eigenvalue) / (their distance)
-            assert np.abs(ours - theirs).max() < 0.01 * np.abs(theirs).max(), (k, j)
+            checked.error((ours - theirs) / np.abs(theirs).max(), below=0.01, of="shapes")
 
 
 def test_columns_stay_with_their_modes():
@@ -70,8 +72,10 @@ def test_same_seed_same_sets_and_another_seed_others(busy, tmp_path):
     assert back.sets[2].frequency_std_hz == pytest.approx(busy.data.sets[2].frequency_std_hz, nan_ok=True)
 
 
-def test_scatter_is_as_large_as_it_says():
+def test_scatter_is_as_large_as_it_says(validation):
     """400 identifications of one state: their scatter against the law of its size and against their own estimates."""
+    checked = validation(what="their scatter, 400 draws; what each states; shapes of a pair",
+                         reference="the law that they are drawn by", why="four standard deviations of the first")
     rng = np.random.default_rng(8)
     frequency, damping = np.array([0.308, 0.320, 1.32, 1.93, 2.03]), np.full(5, 0.012)
     shape = np.linalg.qr(rng.standard_normal((18, 5)))[0]
@@ -80,15 +84,15 @@ def test_scatter_is_as_large_as_it_says():
     f = np.array([r[0] for r in runs])
     entries = np.array([np.sqrt((r[3].ln_frequency**2).sum(axis=1)) for r in runs])
     law = modal_noise.ln_frequency_std(frequency, damping, 1800.0, labels)
-    # deviation of a deviation from 400 runs 3.5 %; four of them
-    assert np.std(np.log(f), axis=0) == pytest.approx(law, rel=0.14)
-    assert np.sqrt((entries**2).mean(axis=0)) == pytest.approx(law, rel=0.05)
+    # standard deviation of a standard deviation from 400 runs 3.5 %; four of them
+    checked.error(np.std(np.log(f), axis=0) / law - 1, below=0.14, of="scatter")
+    checked.error(np.sqrt((entries**2).mean(axis=0)) / law - 1, below=0.05, of="stated")
     # the second pair is 5 % apart: its shapes scatter as its first-order estimate says
     scatter = np.std(np.array([r[2][:, 3].real for r in runs]), axis=0)
     estimate = np.sqrt(np.mean([(r[3].shape[:, 3].real ** 2).sum(axis=1) for r in runs], axis=0))
     moving = estimate > 0.02
     assert moving.sum() > 5
-    assert scatter[moving] == pytest.approx(estimate[moving], rel=0.25)
+    checked.error(scatter[moving] / estimate[moving] - 1, below=0.25, of="shapes")
     still = modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng, scale=0.0)
     assert still[0] == pytest.approx(frequency, rel=1e-12) and still[1] == pytest.approx(damping, rel=1e-9)
 

@@ -65,7 +65,7 @@ def test_response_to_white_noise_has_the_theory_s_size(validation):
     near = (frequency > 0.8) & (frequency < 1.2)
     exact = spectrum * (frequency / f) ** 4 / ((1 - (frequency / f) ** 2) ** 2 + (2 * zeta * frequency / f) ** 2)
     power, expected = density[near].sum(), exact[near].sum()
-    # narrow-band power over n/RATE s has deviation 1/sqrt(2 pi f zeta T) = 1 %; linear force between samples
+    # narrow-band power over n/RATE s has standard deviation 1/sqrt(2 pi f zeta T) = 1 %; linear force between samples
     # takes sinc^4(f/RATE) = 1 % off the spectrum
     row.error(power / (expected * np.sinc(f / RATE) ** 4) - 1, below=0.04)
 

@@ -87,7 +87,7 @@ def test_modes_are_orthonormal_and_in_the_expected_order(file, plain):
 def test_fore_aft_goes_with_the_nacelle(file):
     structure, drawn = built(file)
     zero, quarter = (dynamics.heading_modes(structure, drawn.damping_ratio, h) for h in (0.0, 90.0))
-    # a square jacket cannot tell a quarter turn, but the sensors do
+    # a square jacket cannot distinguish a quarter turn, but the sensors do
     assert quarter.frequency_hz[:5] == pytest.approx(zero.frequency_hz[:5], rel=1e-6)
     names = [s.channel for s in file.sensors]
     x, y = names.index("T90-x"), names.index("T90-y")
