@@ -225,7 +225,8 @@ class Stiffness:
         return np.array(shape, complex), 0.5 * np.log1p(size)
 
 
-# in the order in which a signal passes them, the structure first; a sensor turned before its sign is exchanged is not one turned after it
+# in the order in which a signal passes them, the structure first; a sensor turned before its sign is exchanged is not
+# one turned after it
 SIGNAL_PATH = ((Stiffness, Turn), (Gain,), (Swap, Crosstalk), (Delay, LowPass, Rate))
 # they take a frequency for each mode as well
 LAWS = tuple(law for laws in SIGNAL_PATH for law in laws)
@@ -381,8 +382,8 @@ def _loggers(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]]]
 
 def temperature_effect() -> Effect:
     """The stiffness of a structure that no description says the materials of, with the air's temperature: steel loses
-    0.04 % a degree (Eurocode 3, part 1-2, to first order), concrete and asphalt several times as much. It enters through
-    the frequencies, which it moves alike, so that any model takes it."""
+    0.04 % a degree (Eurocode 3, part 1-2, to first order), concrete and asphalt several times as much. It enters
+    through the frequencies, which it moves alike, so that any model takes it."""
     return Effect(
         kind="environmental", cause="stiffness with temperature", location="all members", unit="-", tolerance=0.0,
         slab=1e-3, lower=-0.5, upper=0.5, observe=Stiffness(), step_of_size=1e-5, courses=("air_temperature_c",),

@@ -60,8 +60,8 @@ def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
 
 
 def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_file, record):
-    """All stiffness falls by 0.08 % a degree, by the frequencies of the frame's own equations; the mean of the sets that
-    the estimators are given is that of the mean temperature."""
+    """All stiffness falls by 0.08 % a degree, by the frequencies of the frame's own equations; the mean of the sets
+    that the estimators are given is that of the mean temperature."""
     temperature = 8 + 6 * np.sin(np.arange(40) * 0.7)
     sets = tuple(replace(one, frequency_hz=one.frequency_hz * np.sqrt(1 - 8e-4 * (t - temperature.mean())),
                          environment={"air_temperature_c": float(t)})
