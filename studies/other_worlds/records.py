@@ -124,6 +124,31 @@ def _null(family, number, world, rng):
                   course="")
 
 
+def _harder_null(family, number, world, rng):
+    """Nothing hidden: no standard deviation stated; one stated a third of what it is; single modes of single sets far
+    off; masses 2 % off node by node."""
+    theta, M = _true(world, rng)
+    if family == "null, masses":
+        scatter = 1 + 2 * MASS_SCATTER * rng.standard_normal(len(M))
+        M = M * np.outer(scatter, scatter)
+    K = world.stiffness(theta)
+    data = measured(world, rng, lambda k: (K, M), _length(rng))
+    sets = []
+    for s in data.sets:
+        f, phi, f_std, phi_std = s.frequency_hz, s.shape, s.frequency_std_hz, s.shape_std
+        if family == "null, unstated":
+            f_std, phi_std = np.full(f.shape, np.nan), np.full(phi.shape, np.nan)
+        elif family == "null, too sure":
+            f_std, phi_std = f_std / 3, phi_std / 3
+        elif family == "null, strays":
+            off = rng.random(len(f)) < 0.05
+            f = f * np.where(off, 1 + rng.choice([-1, 1], len(f)) * rng.uniform(0.01, 0.05, len(f)), 1.0)
+            phi = np.where(off, phi + 0.2 * rng.standard_normal(phi.shape), phi)
+        sets.append(replace(s, frequency_hz=f, shape=phi, frequency_std_hz=f_std, shape_std=phi_std))
+    return Record(family=family, number=number, world=world, data=replace(data, sets=tuple(sets)), places=frozenset(),
+                  hidden="nothing", size=0.0, course="")
+
+
 def _loss(family, number, world, rng):
     course = "step" if family.endswith("step") else "constant"
     theta, M = _true(world, rng)
@@ -303,5 +328,8 @@ _MADE = {
     "two sets": _few, "two sets null": _few, "nine sets": _few, "nine sets null": _few,
     "frequencies": _few, "frequencies null": _few, "frequencies, 2 sets": _few, "frequencies, 2 sets null": _few,
     "one channel": _few, "one channel null": _few,
+    # a family's place seeds its records: a new one goes last
+    "null, unstated": _harder_null, "null, too sure": _harder_null, "null, strays": _harder_null,
+    "null, masses": _harder_null,
 }
 FAMILIES = tuple(_MADE)
