@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.parquet_records import ENDING, parquet_rows
+from probupdate.campaign import parquet_records, zarr_records
+from probupdate.campaign.parquet_records import parquet_rows
 from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
+from probupdate.campaign.zarr_records import zarr_rows
 from probupdate.errors import parsing
 from probupdate.io.hdf5_file import refuse_outside
 from probupdate.runtime.arrays import frozen_array
@@ -93,8 +95,12 @@ def read_block(
     n = round(length.total_seconds() * campaign.sampling_rate_hz)
     for file in files:
         first, source = _placing(file, start, campaign.sampling_rate_hz)
-        if file.path.suffix == ENDING:
+        if file.path.suffix == parquet_records.ENDING:
             pieces.append((first, parquet_rows(file.path, campaign.channels, source, source + n - first)))
+            continue
+        if file.path.suffix == zarr_records.ENDING:
+            rows = zarr_rows(file.path, source, source + n - first)
+            pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
             continue
         with h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened:
             rows = _rows(opened, file.path, source, source + n - first)

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.parquet_records import ENDING, parquet_head
+from probupdate.campaign import parquet_records, zarr_records
+from probupdate.campaign.parquet_records import parquet_head
 from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
+from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
@@ -40,11 +42,18 @@ SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFile:
-    """One HDF5 or Parquet file of the campaign; `start` is UTC."""
+    """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC."""
 
     path: Path
     start: pd.Timestamp
     n_sample: int
+
+    @property
+    def parts(self) -> tuple[Path, ...]:
+        """The file itself, or those of an array."""
+        if self.path.suffix != zarr_records.ENDING:
+            return (self.path,)
+        return tuple(self.path / name for name in zarr_records.zarr_files(self.path))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,7 +122,7 @@ def read_head(path: str | Path) -> CampaignHead:
 
 
 def read_campaign(path: str | Path) -> Campaign:
-    """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5 and *.parquet.
+    """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5, *.parquet and *.zarr.
 
     Raises InputError where a key, a unit or a file is not what the campaign's layout says.
     """
@@ -217,14 +226,21 @@ def _sensors(where: Path, raw: Mapping) -> tuple[Sensor, ...]:
 
 
 def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tuple[RecordFile, ...]:
-    paths = sorted([*folder.glob("*.h5"), *folder.glob(f"*{ENDING}")])
+    endings = (".h5", parquet_records.ENDING, zarr_records.ENDING)
+    paths = sorted(path for ending in endings for path in folder.glob(f"*{ending}"))
     if not paths:
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
     files = []
     for path in paths:
         inside(path, folder.parent)
-        if path.suffix == ENDING:
+        if path.suffix == parquet_records.ENDING:
             start, rate, n_sample = parquet_head(input_file(path, "remove it"), channels)
+            files.append(_checked(path, n_sample, start, rate, rate_hz))
+            continue
+        if path.suffix == zarr_records.ENDING:
+            start, rate, names, n_sample = zarr_head(input_folder(path, remedy="remove it"), len(channels))
+            if names is not None:
+                _refuse_renamed(path, names, channels)
             files.append(_checked(path, n_sample, start, rate, rate_hz))
             continue
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:

@@ -60,8 +60,10 @@ def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) ->
 def made_of(month: Month, farm: Farm) -> dict[str, str]:
     """What a month's results depend on: the records by name and size (their content is `identify`'s to know), the other
     files of campaign and model by content, the options, the seed, the version."""
-    records = sorted((p.name, p.stat().st_size) for p in (month.campaign / "acceleration").glob("*") if
-                     p.suffix != PART)
+    folder = month.campaign / "acceleration"
+    # of a Zarr array each of its files
+    records = sorted((p.relative_to(folder).as_posix(), p.stat().st_size) for p in folder.rglob("*") if
+                     p.suffix != PART and not p.is_dir())
     tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
     return {
         "records": _hash([repr(records).encode()]), "campaign": _hash(p.read_bytes() for p in tables),

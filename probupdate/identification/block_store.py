@@ -67,13 +67,27 @@ def sources(files: tuple[RecordFile, ...]) -> list[str]:
     larger file it is that of 64 pieces of 64 kB, evenly spread from its first byte to its last: what was changed
     between the pieces, without a change of the file's size, is not seen.
     """
-    return [f"{_words(file)}, content {content_hash(file.path)}" for file in files]
+    return [f"{_words(file)}, content {_content(file)}" for file in files]
 
 
 def content_hash(path: Path) -> str:
     """The hash by which `sources` recognises a file's content; read once a process as long as size and times stay."""
     stat = path.stat()
     return _hash(path, stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino))
+
+
+def _content(file: RecordFile) -> str:
+    """`content_hash` of a file; of a Zarr array, whose chunks are files, that of their names and sizes, and of all of
+    them up to 16 MB together, of more of 64 of them."""
+    parts = file.parts
+    if parts == (file.path,):
+        return content_hash(file.path)
+    found = hashlib.blake2b(digest_size=16)
+    found.update("\n".join(f"{p.relative_to(file.path).as_posix()}, {p.stat().st_size}" for p in parts).encode())
+    whole = sum(p.stat().st_size for p in parts) <= WHOLE_BYTES
+    for part in parts if whole else [parts[k] for k in np.linspace(0, len(parts) - 1, PIECES).astype(int)]:
+        found.update(content_hash(part).encode())
+    return found.hexdigest()
 
 
 # `state` is a key of the cache only: of times that of the last change of any kind, which nobody sets back
@@ -92,7 +106,8 @@ def _hash(path: Path, size: int, state: tuple[int, ...]) -> str:
 
 
 def _words(file: RecordFile) -> str:
-    return f"{file.path.name}, {file.start.isoformat()}, {file.n_sample} samples, {file.path.stat().st_size} bytes"
+    size = sum(part.stat().st_size for part in file.parts)
+    return f"{file.path.name}, {file.start.isoformat()}, {file.n_sample} samples, {size} bytes"
 
 
 def _timed(files: tuple[RecordFile, ...]) -> list[str]:

@@ -174,6 +174,15 @@ def parquet_campaign(folder: Path) -> Made:
     return sorted((folder / "acceleration").glob("*.parquet")), read
 
 
+def zarr_campaign(folder: Path) -> Made:
+    import pytest
+
+    pytest.importorskip("zarr", reason="zarr is not installed (pip install probupdate[zarr])")
+    _, read = campaign(folder)
+    module_of("campaign", "test_campaign_zarr").as_zarr(folder)
+    return sorted((folder / "acceleration").glob("*.zarr/zarr.json")), read
+
+
 def head(folder: Path) -> Made:
     from probupdate.campaign.reading import read_head
 
@@ -492,6 +501,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "criteria": (criteria, ("identification.criteria.read_criteria", "io.files.read_toml")),
     "campaign": (campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
     "parquet": (parquet_campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
+    "zarr": (zarr_campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
     "head": (head, ("campaign.reading.read_head",)),
     "scada": (scada, ("campaign.scada.read_scada",)),
     "convert": (convert_description, ("campaign.description.read_description",)),

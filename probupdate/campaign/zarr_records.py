@@ -1,0 +1,113 @@
+"""Records as Zarr arrays: start and rate among the array's attributes, read by the chunks that a block touches."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from probupdate.errors import InputError, parsing
+from probupdate.io.files import read_json_table
+
+ENDING = ".zarr"
+# a chunk as eight-byte numbers: it is read whole
+LARGEST_CHUNK = 256 * 2**20
+HEAD_KEYS = ("start", "sampling_rate_hz")
+# what turns chunks into numbers; others are the file's own choice of code to run
+CODECS = frozenset({"bytes", "transpose", "blosc", "gzip", "zstd", "crc32c", "sharding_indexed"})
+AGAIN = "write it again as zarr.create_array does, or remove it"
+
+
+def zarr_head(path: Path, n_channel: int) -> tuple[Any, Any, Any, int]:
+    """Start, sampling rate and names of the channels (None where they are not said) as they are written, and the number
+    of samples. Raises InputError where a number or the package zarr is missing."""
+    files = set(zarr_files(path))
+    if "zarr.json" not in files:
+        raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
+    head = read_json_table(path / "zarr.json", AGAIN, nan=True)
+    attributes = _checked(path, head)
+    array = _opened(path)
+    if array.ndim != 2 or array.shape[1] != n_channel:
+        raise InputError(str(path), f"is {array.shape}, campaign.toml lists {n_channel} channels",
+                         "give one column per [[sensor]], in that order")
+    if array.dtype.kind not in "iuf":
+        raise InputError(str(path), f"holds {array.dtype}, not numbers", "write float32")
+    if 8 * np.prod(array.chunks) > LARGEST_CHUNK:
+        raise InputError(str(path), f"has chunks {array.chunks}, {8e-6 * np.prod(array.chunks):.0f} MB",
+                         "write smaller chunks, such as half an hour each")
+    for key in HEAD_KEYS:
+        if key not in attributes:
+            raise InputError(str(path), f"has no '{key}' among its attributes", "write it beside the samples")
+    if not np.isnan(array.fill_value) and array.nchunks_initialized < array.nchunks:
+        raise InputError(str(path), f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks are not "
+                         f"there and would be read as {array.fill_value:g}",
+                         "write them, or give the array the fill_value NaN")
+    names = attributes.get("channels")
+    return (attributes["start"], attributes["sampling_rate_hz"],
+            json.dumps(names) if isinstance(names, list) else names, int(array.shape[0]))
+
+
+def zarr_rows(path: Path, first: int, last: int) -> np.ndarray:
+    """Rows `first` to `last` (n, n_channel), from the chunks that have some of them."""
+    with parsing(str(path), f"samples {first} to {last} cannot be read",
+                 "the array is damaged: copy it again, or remove it"), np.errstate(invalid="ignore"):
+        return np.asarray(_opened(path)[first:last], float)
+
+
+def zarr_files(path: Path) -> list[str]:
+    """Names of an array's files below its folder, sorted. Raises InputError where one is no file, or a link."""
+    return sorted(_below(path, ""))
+
+
+def _below(path: Path, ahead: str) -> Iterator[str]:
+    try:
+        with os.scandir(path) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    yield from _below(path / entry.name, f"{ahead}{entry.name}/")
+                elif entry.is_file(follow_symlinks=False):
+                    yield ahead + entry.name
+                else:
+                    raise InputError(str(path / entry.name), "is no file of an array, but a link or a device",
+                                     "copy the file there")
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", AGAIN) from None
+
+
+def _checked(path: Path, head: dict[str, Any]) -> dict[str, Any]:
+    """The attributes of an array whose head asks for nothing but arrays and the usual codecs."""
+    if head.get("zarr_format") != 3 or head.get("node_type") != "array":
+        raise InputError(str(path), "is no Zarr array of format 3", AGAIN)
+    unknown = sorted(_codecs(head.get("codecs")) - CODECS)
+    if unknown or head.get("storage_transformers"):
+        raise InputError(str(path), f"is stored by {', '.join(unknown) or 'a storage transformer'}",
+                         f"use {', '.join(sorted(CODECS))}")
+    attributes = head.get("attributes", {})
+    if not isinstance(attributes, dict):
+        raise InputError(str(path), "its attributes are no table", AGAIN)
+    return attributes
+
+
+def _codecs(content: Any) -> set[str]:
+    """Names of all codecs, those inside of shards too."""
+    if isinstance(content, list):
+        return set().union(*(_codecs(part) for part in content))
+    if not isinstance(content, dict):
+        return {str(content)}
+    own = content.get("configuration")
+    inside = (_codecs(own[key]) for key in ("codecs", "index_codecs") if isinstance(own, dict) and key in own)
+    return {str(content.get("name"))}.union(*inside)
+
+
+def _opened(path: Path) -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise InputError(str(path), "Zarr needs the package zarr, which is not installed",
+                         "pip install probupdate[zarr], or write the record as HDF5") from None
+    with parsing(str(path), "cannot be read as Zarr", AGAIN):
+        return zarr.open_array(path, mode="r")
