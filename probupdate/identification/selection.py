@@ -229,8 +229,8 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     return np.sqrt(np.mean(np.concatenate(terms, axis=1) ** 2, axis=1))
 
 
-def _scale(deviation: np.ndarray) -> np.ndarray:
-    scale = 1.4826 * np.median(np.abs(deviation), axis=0)
+def _scale(distance: np.ndarray) -> np.ndarray:
+    scale = 1.4826 * np.median(np.abs(distance), axis=0)
     return np.where(scale > 0, scale, np.inf)
 
 
