@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from probupdate.diagnosis import wording
+from probupdate.diagnosis import results, wording
 from probupdate.errors import InputError
 from probupdate.reporting.diagnosis_section import chosen_sizes, diagnosis_section
 from probupdate.reporting.figures_diagnosis import size_text
@@ -195,3 +195,21 @@ def test_limits_have_their_unit():
     assert size_text({"size": -0.56, "unit": "-", "cause": "brace stiffness lost"}) == "56 %"
     assert size_text({"size": 42000.0, "unit": "kg", "cause": "nacelle mass"}) == "42\u202f000 kg"
     assert size_text({"size": 1.3, "unit": "-", "cause": "parameter"}) == "1.3"
+
+
+def test_a_file_with_former_keys_is_read(diagnosis_of, tmp_path):
+    """As before `format`: course, limits with limit, pushed."""
+    former = {new: old for old, new in results.FORMER_KEYS.items() if old != "limit"}
+
+    def with_former(value):
+        if isinstance(value, dict):
+            return {former.get(k, k): with_former(v) for k, v in value.items()}
+        return [with_former(v) for v in value] if isinstance(value, list) else value
+
+    content = json.loads(json.dumps(diagnosis_of("named"))) | {"format": results.FORMAT}
+    old = with_former({k: v for k, v in content.items() if k != "format"})
+    old["limits"] = [{"limit" if k == "size" else k: v for k, v in x.items()} for x in old["limits"]]
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    assert "course" in old["findings"][0] and "limit" in old["limits"][0]
+    (tmp_path / "new.json").write_text(json.dumps(content))
+    assert results.read_diagnosis(tmp_path / "old.json") | {"format": 2} == results.read_diagnosis(tmp_path / "new.json")
