@@ -207,7 +207,7 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
             "frequencies and shapes are known to (frequency_std_hz, shape_std)",
         )
     if few:
-        notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
+        notes.append(f"{len(sets)} {'set says' if len(sets) == 1 else 'sets say'} nothing of their own scatter: the "
                      "standard deviations stated are taken as they are, with no check")
     return sets, few, notes
 

@@ -21,7 +21,7 @@ from probupdate.diagnosis.search import gains
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 
-# of an effect's deviation: a gain of 20, half a turn
+# of an effect's prior scale: a gain of 20, half a turn
 DOUBLINGS = 7
 # of -2 ln posterior that another one explains beside the best, for both to be estimated together; turns taken at that
 ANOTHER, MOST_TURNS = 400.0, 6

@@ -117,8 +117,8 @@ def mend(
     blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int,
          time_profile: TimeProfile
 ) -> tuple[Blocks, float, float]:
-    """The blocks without the effect of series `row` that goes with the time profile, its size and deviation: the size
-    is right when nothing of it is left."""
+    """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
+    the size is right when nothing of it is left."""
     effect = followed.effects[row - followed.n_frequency]
     n = len(blocks)
     nuisance = np.column_stack([np.ones(n), followed.empirical.turning, known])

@@ -28,7 +28,7 @@ SURPRISING, LEAST_SHIFT = 1.645, 0.5
 
 
 def amount(value: float | None, std: float | None, unit: str, cause: str) -> str:
-    """A size with its deviation: "-36 +- 2 %", "1.2 +- 0.1 m"."""
+    """A size with its standard deviation: "-36 +- 2 %", "1.2 +- 0.1 m"."""
     if value is None:
         return "of unknown size"
     per = f" {unit.removeprefix('-').strip()}".rstrip()

@@ -76,7 +76,7 @@ class CertainPoles:
     """Of each mode the pole of one order: order, index (n_mode,) say which, -1 for a mode that is absent.
 
     frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode) scaled by `modes.unit_largest`; NaN where absent.
-    deviation: of all of them together, so that covariances between modes hold across orders.
+    covariance_factors: of all of them together, so that covariances between modes hold across orders.
     """
 
     order: np.ndarray

@@ -220,8 +220,8 @@ def scaled_to(
     """shape T with T (k, k) that brings shape[rows] T nearest to target (n_row, k), and the change of the
     product.
 
-    shape (n_channel, k), deviation (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with one.
-    dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
+    shape (n_channel, k), covariance_factors (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with
+    one. dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
     """
     rows = list(range(len(shape))) if rows is None else list(rows)
     part, d_part = shape[rows], covariance_factors[rows]

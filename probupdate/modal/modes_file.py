@@ -158,7 +158,7 @@ def _json_of_modes(path: Path) -> dict:
 
 
 def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
-    """One entry of `sets`; deviations: id of a set -> its arrays in the file beside."""
+    """One entry of `sets`; factors: id of a set -> its arrays in the file beside."""
     if not isinstance(raw, dict):
         raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
     where = f"{path}, set {raw.get('id', number)}"

@@ -145,8 +145,8 @@ class ModalSet:
 
     frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std (n_mode,); shape (n_channel, n_mode) complex;
     shape_std (n_channel, n_mode), the standard deviation of the real part in the shape's own scaling. NaN: not
-    measured. Where a `deviation` is given, standard deviations that are NaN are taken from it; given ones stay, as a
-    set may be weighted by another scatter than that within its record.
+    measured. Where `covariance_factors` are given, standard deviations that are NaN are taken from it; given ones stay,
+    as a set may be weighted by another scatter than that within its record.
     """
 
     id: str
