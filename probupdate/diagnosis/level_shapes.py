@@ -50,7 +50,7 @@ class LevelAnswer:
     nothing does."""
 
     found: tuple[tuple[Mended, ...], ...]
-    limits: dict[int, tuple[float, float, float]]
+    detectable_sizes: dict[int, tuple[float, float, float]]
     threshold: float
     p_value: float
     unexplained: float
@@ -266,7 +266,7 @@ def judge_levels(
     maxima = np.max(np.abs(drawn[:, usable]), axis=1) if usable.any() else np.full(N_DRAW, np.inf)
     threshold = float(np.quantile(maxima, 1 - false_alarm))
     share = np.sqrt(first.v / np.maximum(first.raw, 1e-300))
-    limits = {k: (float((threshold + POWER) * first.v[k] ** -0.5) if usable[k] else np.inf, float(share[k]),
+    detectable_sizes = {k: (float((threshold + POWER) * first.v[k] ** -0.5) if usable[k] else np.inf, float(share[k]),
                   float(z[k])) for k in range(len(effects))}
     p_value = float((1 + np.sum(maxima >= np.max(np.abs(z), initial=0.0))) / (N_DRAW + 1))
     found: list[tuple[Mended, ...]] = []
@@ -277,7 +277,8 @@ def judge_levels(
             break
         found.append(tuple(competing))
         now, left = best, competing[0].left
-    return LevelAnswer(found=() if left > 1 else tuple(found), limits=limits, threshold=threshold, p_value=p_value,
+    return LevelAnswer(found=() if left > 1 else tuple(found), detectable_sizes=detectable_sizes, threshold=threshold,
+                       p_value=p_value,
                        unexplained=left if left > 1 else 0.0)
 
 
