@@ -51,8 +51,8 @@ def test_one_channel_has_no_pairs_of_shapes(family, tmp_path):
 
 
 def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, validation):
-    """Storeys nearly alike in x and y of which the upper mode of a pair is missing: shapes turned by a tenth of a radian
-    in the plane of both, against the written-out inverse with the turn's variance."""
+    """Storeys nearly alike in x and y of which the upper mode of a pair is missing: shapes turned by a tenth of a
+    radian in the plane of both, against the written-out inverse with the turn's variance."""
     row = validation(what="noise of a mode that may turn towards one that was not measured",
                      reference="the inverse written out; shapes turned by 0.1 rad", why="rounding")
     record = draw_record("null", 8)
