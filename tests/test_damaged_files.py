@@ -15,7 +15,7 @@ from probupdate.identification.block_store import (
 )
 from probupdate.identification.ssi import Poles
 from probupdate.modal.covariance_file import read_factors, write_factors
-from probupdate.modal.modes import ModalDeviation
+from probupdate.modal.modes import CovarianceFactors
 from probupdate.structure.load import load_model
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 
@@ -39,8 +39,8 @@ def block_factors(folder):
 
 
 def deviations(folder):
-    one = ModalDeviation(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
-                         shape=np.ones((6, 3, 20), complex))
+    one = CovarianceFactors(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
+                            shape=np.ones((6, 3, 20), complex))
     name = write_factors({"one": one, "a/b": one}, folder / "modes.json")
     return folder / name, lambda path: read_factors(folder / "modes.json", name)
 

@@ -19,7 +19,7 @@ from probupdate.campaign.reading import CAMPAIGN_KEYS, SENSOR_KEYS, UNITS
 from probupdate.campaign.scada import COLUMNS
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
-from probupdate.diagnosis.results import DiagnosisTable, FindingTable, LimitTable
+from probupdate.diagnosis.results import DetectableSizeTable, DiagnosisTable, FindingTable
 from probupdate.lifetime.conditions import Conditions, _keys
 from probupdate.modal.modes import read_modes
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
@@ -340,7 +340,7 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
 
 
 @pytest.mark.parametrize(("title", "table"), [
-    ("diagnosis.json", DiagnosisTable), ("diagnosis.json", FindingTable), ("diagnosis.json", LimitTable),
+    ("diagnosis.json", DiagnosisTable), ("diagnosis.json", FindingTable), ("diagnosis.json", DetectableSizeTable),
     ("update.json", UpdateRecord), ("update.json", SchemeRecord), ("update.json", ScatterRecord),
     ("update.json", AlphaRecord), ("update.json", ComponentsRecord),
     ("compare.json", Comparison), ("compare.json", ComparisonRow), ("information.json", Information),
@@ -426,9 +426,7 @@ def user_strings(path: Path):
             yield node.lineno, said
 
 
-# where sentences for users are made; the other modules of the diagnosis follow when their names do
-WORDED = ("cli/*.py", "demonstration.py", "diagnosis/wording.py", "diagnosis/results.py", "farms/*.py",
-          "reporting/*.py", "updating/*.py", "identification/*.py", "campaign/*.py")
+WORDED = ("*.py", *sorted(f"{p.parent.name}/*.py" for p in (ROOT / "probupdate").glob("*/__init__.py")))
 
 
 @pytest.mark.parametrize("pattern", WORDED)
@@ -440,3 +438,18 @@ def test_sentences_for_users_use_the_field_s_words(pattern):
              if PRIVATE.search(said) and "median deviation" not in said and ".deviations.h5" not in said
              and not said.endswith(", deviations")]
     assert not found, found
+
+
+# left-hand words as names of code; hashes called fingerprint are others
+NAMES = re.compile(r"^_?(told|tells|slabs?|courses?|departures?|rivals?|likeness|outlines?|standings?|pushed|doubts?"
+                   r"|stretch(es)?|remainder|surroundings|left_over|\w*(deviation|course|departure|rival)s?(_\w+)?)$")
+
+
+def test_names_of_the_code_use_the_field_s_words():
+    found = set()
+    for path in (ROOT / "probupdate").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [getattr(node, "id", ""), getattr(node, "name", ""), getattr(node, "arg", "")]
+            found |= {f"{path.name}: {n}" for n in names if isinstance(n, str) and NAMES.match(n)}
+    assert not found, sorted(found)
+    assert NAMES.match("ln_deviation") and NAMES.match("told") and not NAMES.match("tolled")

@@ -15,7 +15,7 @@ from probupdate.errors import InputError
 from probupdate.io import files
 from probupdate.io.hdf5_file import open_hdf5
 from probupdate.modal.covariance_file import read_factors, write_factors
-from probupdate.modal.modes import ModalDeviation, read_modes
+from probupdate.modal.modes import CovarianceFactors, read_modes
 
 N = 3000
 
@@ -103,7 +103,7 @@ def test_links_out_of_a_campaign_are_refused(campaign, tmp_path, name):
 
 
 def test_deviations_behind_a_link_are_refused(tmp_path):
-    one = ModalDeviation(ln_frequency=np.ones((1, 4)), damping_ratio=np.ones((1, 4)), shape=np.ones((2, 1, 4)))
+    one = CovarianceFactors(ln_frequency=np.ones((1, 4)), damping_ratio=np.ones((1, 4)), shape=np.ones((2, 1, 4)))
     (tmp_path / "in").mkdir()
     name = write_factors({"a": one}, tmp_path / "modes.json")
     (tmp_path / "in" / name).symlink_to(tmp_path / name)

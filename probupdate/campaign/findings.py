@@ -28,7 +28,8 @@ UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mm and m", 1e2: "cm and m", 10.0: "
                 980.665: "g and cm/s2"}
 # lost samples that are mentioned, as a share
 MISSING = 0.02
-# slow wandering of a channel's mean within a block, in its own deviations: of anything; of one alone among its like
+# slow wandering of a channel's mean within a block, in its own standard deviations: of anything; of one alone among its
+# like
 WANDER, WANDER_ALONE = 5.0, 2.0
 # clocks that differ by less are not mentioned, whatever the statistics: no mode shape below 3 Hz is hurt by 2 degrees
 LEAST_DELAY_S, SIGMA = 0.002, 4.0

@@ -94,7 +94,7 @@ class Clock:
             return
         moment = self._nanoseconds(time)
         self._inspect(moment)
-        yield from self._stretches(moment, data)
+        yield from self._runs(moment, data)
         self.first_row += len(data)
 
     def notes(self) -> list[str]:
@@ -208,7 +208,7 @@ class Clock:
             raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
                              "correct the rate, or resample first")
 
-    def _stretches(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
+    def _runs(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         """Cut where time leaves the count of rows by more than OFF samples (or what the times are rounded to)."""
         sample = 1e9 / self.rate
         allowed = OFF + self.grain

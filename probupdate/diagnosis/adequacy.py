@@ -1,4 +1,4 @@
-"""The test of the remainder: is what the fit leaves more than noise, in directions that some effect could take or in
+"""The test of the rest: is what the fit leaves more than noise, in directions that some effect could take or in
 the frequencies as such?"""
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from scipy import stats
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem
-from probupdate.diagnosis.residual_state import remainder
+from probupdate.diagnosis.residual_state import residual_of
 from probupdate.diagnosis.search import Search
 from probupdate.diagnosis.time_profiles import TimeProfile
 
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does
 PATTERN = 1.05
-# contrasts of neighbouring blocks that tell it for a record
+# contrasts of neighbouring blocks that show it for a record
 N_CONTRAST = 8
-# directions of the catalogue's span that are tested for a remainder, by their share of the largest
+# directions of the catalogue's span that are tested for a residual, by their share of the largest
 SPAN = 1e-2
 # of frequencies their tolerances and the fit leave fewer directions, and each of them is tested
 FREE = 1e-6
 FREQUENCIES = "frequencies"
-# standard deviations from which a mode's mean frequency is said to be off, beside a remainder that is not explained
+# standard deviations from which a mode's mean frequency is said to be off, beside a residual that is not explained
 OFF = 3.0
 
 
@@ -47,13 +47,13 @@ def _spanned(problem: DiagnosisProblem, fitted: Fit, found: Search) -> tuple[flo
     own = found.heavier * np.sqrt(neighbours_dispersion(problem, design, fitted.centred))
     names, rare = [], []
     usable = _spanning(problem, design)
-    for c, course in enumerate(problem.courses):
+    for c, time_profile in enumerate(problem.time_profiles):
         rows = np.flatnonzero((problem.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
-        wider = PATTERN * found.heavier if course.kind == "constant" else own
+        wider = PATTERN * found.heavier if time_profile.kind == "constant" else own
         z = np.vstack([found.u[None, rows] / wider, found.drawn[:, rows]]) @ _whitening(design, rows)
-        names.append(f"{course.name} {course.at}".strip())
+        names.append(f"{time_profile.name} {time_profile.at}".strip())
         rare.append(stats.chi2.logsf(np.sum(z**2, axis=1), z.shape[1]))
     if not rare:
         return None
@@ -76,9 +76,9 @@ def _frequencies(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float
         unit[:, np.arange(own[q]), np.arange(first[q], first[q + 1])] = 1.0
         signatures.append(np.concatenate([made, unit], axis=2))
     measured = [k for q, n in enumerate(own) if design.noise.weight[q].any() for k in range(first[q], first[q] + n)]
-    constant = next(c for c in design.courses if c.kind == "constant")
+    constant = next(c for c in design.time_profiles if c.kind == "constant")
     which = np.array([(n_effect + k, 0) for k in measured])
-    moved = replace(design, effect=tuple(signatures), courses=(constant,), which=which)
+    moved = replace(design, effect=tuple(signatures), time_profiles=(constant,), which=which)
     rows = np.flatnonzero(moved.share_left > FREE)
     if not len(rows):
         return 1.0
@@ -88,7 +88,7 @@ def _frequencies(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float
 
 def frequencies_off(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What to say of the modes whose mean frequency the fit leaves off."""
-    left, off = remainder(fitted, len(problem.updated)), []
+    left, off = residual_of(fitted, len(problem.updated)), []
     for q, axes in enumerate(problem.predictor.axes):
         value, std = left.along(q, left.mean_share(q))
         # of a pair the third number turns its two axes
@@ -99,11 +99,11 @@ def frequencies_off(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     return [f"measured frequencies are off what the fit explains: {', '.join(off)}"] if off else []
 
 
-def span_left(problem: DiagnosisProblem, fitted: Fit, course: int) -> tuple[float, int]:
+def span_left(problem: DiagnosisProblem, fitted: Fit, time_profile: int) -> tuple[float, int]:
     """Sum of squares of what remains in the directions the catalogue spans with one time profile, and their number:
     zero and one where unknowns can follow all of them."""
     design = fitted.design
-    rows = np.flatnonzero((problem.which[:, 1] == course) & _spanning(problem, design))
+    rows = np.flatnonzero((problem.which[:, 1] == time_profile) & _spanning(problem, design))
     if not len(rows):
         return 0.0, 1
     z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
@@ -111,7 +111,7 @@ def span_left(problem: DiagnosisProblem, fitted: Fit, course: int) -> tuple[floa
 
 
 def _spanning(problem: DiagnosisProblem, design: Design) -> np.ndarray:
-    """(n_candidate,) bool: what spans the directions of the remainder; exchanged cables of any two sensors would span
+    """(n_candidate,) bool: what spans the directions of the rest; exchanged cables of any two sensors would span
     every shape."""
     return (design.share_left > 1e-3) & np.array([not problem.effects[j].discrete for j, _ in design.which])
 
@@ -137,7 +137,7 @@ def neighbours_dispersion(problem: DiagnosisProblem, design: Design, centred: Se
         contrasts.append(TimeProfile(kind="covariate", value=value, column="neighbours"))
     n_effect = len(problem.effects)
     which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
-    between = replace(design, courses=(problem.courses[0], *contrasts), which=which)
+    between = replace(design, time_profiles=(problem.time_profiles[0], *contrasts), which=which)
     u, usable, squares, count = between.scores(centred), _spanning(problem, between), 0.0, 0
     for c in range(N_CONTRAST):
         rows = np.flatnonzero((which[:, 1] == c + 1) & usable)

@@ -19,9 +19,9 @@ YAW_RANGE_DEG = 2.0
 # a mode found in a smaller share of the blocks is left out
 MODE_SHARE = 0.2
 # a mode this far off its median (in ln f) was taken for another one, unless it stays there: two levels, each held by
-# this share of the sets and three of many, that leave at most this share of the deviations from one level
+# this share of the sets and three of many, that leave at most this share of the standard deviations from one level
 STRAY, LEVEL_SHARE, LEVEL_LEAVES = 0.15, 0.2, 0.5
-# fewer blocks tell nothing of their own scatter: what the identification states of them is believed
+# fewer blocks say nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
 # a covariate known in a smaller share of the blocks is none
 KNOWN_SHARE = 0.9
@@ -30,8 +30,8 @@ SCATTER = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BlockDeviation:
-    """First-order deviations the identification states for a block, one column a sub-record: ln_frequency (n_mode,
+class SetFactors:
+    """Covariance factors the identification states for a block, one column a sub-record: ln_frequency (n_mode,
     n_column), shape (n_channel, n_mode, n_column) complex; sums over columns are joint covariances."""
 
     ln_frequency: np.ndarray
@@ -43,9 +43,9 @@ class Blocks:
     """ids and hours (n_block,) since the first; frequency_hz (n_block, n_mode) and shape (n_block, n_channel, n_mode)
     complex, NaN where a mode was not found; groups: modes compared together, one or a close cluster, ascending.
 
-    relative_std (n_block, n_group): the deviations the identification states over their median, 1 where it states none.
-    `few`: fewer than FEWEST, all with stated deviations, which are then taken as they are. `std_alone`: no set states
-    covariances. No channels: frequencies alone, each mode by itself.
+    relative_std (n_block, n_group): the standard deviations the identification states over their median, 1 where it
+    states none. `few`: fewer than FEWEST, all with stated standard deviations, which are then taken as they are.
+    `std_alone`: no set states covariances. No channels: frequencies alone, each mode by itself.
     """
 
     ids: tuple[str, ...]
@@ -58,7 +58,7 @@ class Blocks:
     angle_deg: np.ndarray
     environment: tuple[Mapping, ...]
     relative_std: np.ndarray
-    deviations: tuple[BlockDeviation | None, ...]
+    factors: tuple[SetFactors | None, ...]
     notes: tuple[str, ...]
     few: bool = False
     std_alone: bool = False
@@ -69,15 +69,15 @@ class Blocks:
     @cached_property
     def present(self) -> np.ndarray:
         """(n_block, n_group) bool: all modes of the group with every channel."""
-        return np.column_stack([self.tells(g) for g in self.groups])
+        return np.column_stack([self.have(g) for g in self.groups])
 
-    def tells(self, modes: Sequence[int]) -> np.ndarray:
+    def have(self, modes: Sequence[int]) -> np.ndarray:
         """(n_block,) bool: all these modes with every channel."""
         there = np.isfinite(self.frequency_hz) & np.all(np.isfinite(self.shape), axis=1)
         return there[:, list(modes)].all(axis=1)
 
     def covariate(self, name: str) -> np.ndarray | None:
-        """(n_block,) of a number in the environment; None unless nearly every block tells it and it varies."""
+        """(n_block,) of a number in the environment; None unless nearly every block shows it and it varies."""
         values = self.numbers(name)
         known = np.isfinite(values)
         if known.mean() < KNOWN_SHARE or np.std(values[known]) == 0:
@@ -85,22 +85,22 @@ class Blocks:
         return np.where(known, values, np.mean(values[known]))
 
     def little_known(self, columns: Sequence[str]) -> list[str]:
-        """What to say of those that only a part of the blocks tells."""
+        """What to say of those that only a part of the blocks shows."""
         shares = {name: np.mean(np.isfinite(self.numbers(name))) for name in columns}
-        return [f"{name} is told in {share:.0%} of the blocks: nothing that follows it is looked for"
+        return [f"{name} is stated in {share:.0%} of the blocks: nothing that follows it is looked for"
                 for name, share in shares.items() if 0 < share < KNOWN_SHARE]
 
     @property
-    def headings_told(self) -> bool:
-        """Whether any block tells where the nacelle looked."""
+    def headings_known(self) -> bool:
+        """Whether any block shows where the nacelle looked."""
         return bool(np.isfinite(self.numbers("nacelle_angle_deg")).any())
 
     def numbers(self, name: str) -> np.ndarray:
-        """(n_block,) of the environment, NaN where it tells none."""
+        """(n_block,) of the environment, NaN where it shows none."""
         return np.array([_number(e.get(name)) for e in self.environment])
 
     def states(self) -> np.ndarray:
-        """(n_block,) text, empty where none is told."""
+        """(n_block,) text, empty where none is stated."""
         return np.array([str(e.get("state", "")) for e in self.environment])
 
     def group_name(self, number: int) -> str:
@@ -115,7 +115,7 @@ class Blocks:
             shape=frozen_array(self.shape[chosen], complex), angle_deg=frozen_array(self.angle_deg[chosen]),
             environment=tuple(self.environment[k] for k in chosen),
             relative_std=frozen_array(self.relative_std[chosen]),
-            deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes, few=self.few,
+            factors=tuple(self.factors[k] for k in chosen), notes=self.notes, few=self.few,
             std_alone=self.std_alone,
         )
 
@@ -164,9 +164,9 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
                          "leave out channels that are mostly missing")
     frequency, shape = frequency[:, kept], shape[:, :, kept]
     raw, shape = shape, np.array([rotate_to_real(s) for s in shape])
-    # what turned a shape turns its deviations
+    # what turned a shape turns its standard deviations
     turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
-    deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
+    factors = tuple(_factors(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
     names = tuple(labels[j] for j in kept)
     places = [np.nanmedian(frequency, axis=0)]
     if expected_hz is not None:
@@ -176,20 +176,20 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):
-        notes.append(f"{unknown} sets do not tell where the nacelle looked: taken as in the model")
+        notes.append(f"{unknown} sets do not state where the nacelle looked: taken as in the model")
     return Blocks(
         ids=tuple(s.id for s in sets), hours=frozen_array(hours),
         channels=tuple(data.channels[k] for k in kept_channels), labels=names, groups=groups,
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex),
         angle_deg=frozen_array(np.nan_to_num(angle)), environment=tuple(s.environment for s in sets),
-        relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
-        notes=tuple(notes), few=few, std_alone=not any(s.deviation is not None for s in sets),
+        relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), factors=factors,
+        notes=tuple(notes), few=few, std_alone=not any(s.covariance_factors is not None for s in sets),
     )
 
 
 def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:
     """The sets with modes in which the nacelle hardly turned, whether they are few, and what to say of it; raises
-    InputError where they tell no noise."""
+    InputError where they show no noise."""
     notes = []
     sets = [s for s in data.sets if np.any(s.measured)]
     turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
@@ -197,7 +197,7 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
         notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
         sets = [s for s in sets if not any(s is t for t in turning)]
     few = len(sets) < FEWEST
-    if not sets or (few and not all(_states_deviations(s) for s in sets)):
+    if not sets or (few and not all(_states_std(s) for s in sets)):
         raise InputError(
             where,
             f"has {len(sets)} usable sets of {len(data.sets)}"
@@ -207,7 +207,7 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
             "frequencies and shapes are known to (frequency_std_hz, shape_std)",
         )
     if few:
-        notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
+        notes.append(f"{len(sets)} {'set says' if len(sets) == 1 else 'sets say'} nothing of their own scatter: the "
                      "standard deviations stated are taken as they are, with no check")
     return sets, few, notes
 
@@ -240,12 +240,12 @@ def _used_channels(
     """Numbers of the channels that are used, of shapes (n_block, n_channel, n_mode), and what to say of the others."""
     notes = []
     if not np.isfinite(shape).any():
-        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, tell few causes "
-                     "from one another, and nothing of the sensors")
+        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, distinguish few "
+                     "causes, and show nothing of the sensors")
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     there = np.isfinite(shape)[found.any(axis=1)]
     seen = np.any(there, axis=2)
-    kept = _most_told(seen) if len(seen) else np.zeros(0, int)
+    kept = _best_known(seen) if len(seen) else np.zeros(0, int)
     left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
             enumerate(zip(channels, seen.mean(axis=0), strict=True)) if k not in kept] if len(seen) else []
     if left:
@@ -274,7 +274,7 @@ def _used_modes(
     return kept, notes
 
 
-def _most_told(seen: np.ndarray) -> np.ndarray:
+def _best_known(seen: np.ndarray) -> np.ndarray:
     """Numbers of the channels with which most numbers are left, of `seen` (n_block, n_channel) bool: a block counts
     with all of them only. One after the other, as long as what is left grows."""
     kept = np.arange(seen.shape[1])[seen.any(axis=0)]
@@ -306,7 +306,7 @@ def _apart(places_hz: np.ndarray) -> np.ndarray:
 
 
 def pairs_of(cluster: tuple[int, ...], apart: np.ndarray, labels: tuple[str, ...]) -> list[tuple[int, ...]]:
-    """A run of close modes as pairs and single modes: torsion, where labels tell it, stands by itself, as it mixes with
+    """A run of close modes as pairs and single modes: torsion, where labels show it, stands by itself, as it mixes with
     bending only where it nearly meets it; a run that is still too long is cut where its modes are farthest apart, of
     `apart` (n_mode, n_mode) the longest link of the shortest chain through all."""
     if len(cluster) <= 2:
@@ -323,30 +323,30 @@ def pairs_of(cluster: tuple[int, ...], apart: np.ndarray, labels: tuple[str, ...
             pairs_of(tuple(j for j, own in zip(cluster, side, strict=True) if own == k), apart, labels)]
 
 
-def _states_deviations(modal_set) -> bool:
+def _states_std(modal_set) -> bool:
     """Whether every frequency and shape component that was measured has a standard deviation above zero."""
-    if modal_set.deviation is not None:
+    if modal_set.covariance_factors is not None:
         return True
     measured = np.isfinite(modal_set.frequency_hz)
     frequency, shape = modal_set.frequency_std_hz[measured], modal_set.shape_std[np.isfinite(modal_set.shape)]
     return bool(np.all(frequency > 0) and np.all(shape >= 0) and (shape.size == 0 or np.any(shape > 0)))
 
 
-def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:
-    d = modal_set.deviation
+def _factors(modal_set, kept, channels, turn) -> SetFactors | None:
+    d = modal_set.covariance_factors
     if d is None:
-        return _independent(modal_set, kept, channels) if _states_deviations(modal_set) else None
-    return BlockDeviation(ln_frequency=frozen_array(d.ln_frequency[kept]),
-                          shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))
+        return _independent(modal_set, kept, channels) if _states_std(modal_set) else None
+    return SetFactors(ln_frequency=frozen_array(d.ln_frequency[kept]),
+                      shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))
 
 
-def _independent(modal_set, kept, channels) -> BlockDeviation:
+def _independent(modal_set, kept, channels) -> SetFactors:
     """Of a set that states standard deviations alone: every frequency and every part of a component by itself."""
     ln_frequency = modal_set.frequency_std_hz[kept] / modal_set.frequency_hz[kept]
     shape = modal_set.shape_std[np.ix_(channels, kept)]
     n, m = len(kept), shape.size
     spread = (np.eye(m) * np.nan_to_num(shape).ravel()).reshape(*shape.shape, m)
-    return BlockDeviation(
+    return SetFactors(
         ln_frequency=frozen_array(np.hstack([np.diag(np.nan_to_num(ln_frequency)), np.zeros((n, 2 * m))])),
         shape=frozen_array(np.concatenate([np.zeros((*shape.shape, n)), spread, 1j * spread], axis=2), complex))
 

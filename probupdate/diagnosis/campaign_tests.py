@@ -1,7 +1,7 @@
 """What the raw records say against the measurement, for a diagnosis: mounting, clocks, scale, and the sampling rate.
 
 A wrong sampling rate shifts every frequency by one share and leaves shapes alone: in modes it looks like a stiffer
-tower. The rotor tells it, as its lines lie at multiples of the speed in SCADA.
+tower. The rotor shows it, as its lines lie at multiples of the speed in SCADA.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def rate_finding(tests: Sequence[dict]) -> Finding | None:
             if abs(row["size"]) > RATE_LIMIT and z > SIGMA:
                 return Finding(
                     kind="measurement", cause="sampling rate", location="all channels", size=row["size"],
-                    size_std=row["size_std"], unit="-", course="constant", course_start="", z=z,
+                    size_std=row["size_std"], unit="-", time_profile="constant", time_profile_start="", z=z,
                     posterior_probability=1.0, alternatives=(), check="the logger's clock against a reference; "
                     "the files' own start times",
                 )

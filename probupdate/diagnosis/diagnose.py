@@ -24,7 +24,7 @@ from probupdate.diagnosis.problem import (
     local_std,
     prior_shift,
 )
-from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
+from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
@@ -33,18 +33,18 @@ from probupdate.runtime.progress import Progress, silent
 
 # effects of one hypothesis
 MOST_EFFECTS = 3
-# a limit is the size found in so many of a hundred records: normal quantile of 0.9
+# the minimum detectable size is found found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
-# a cause is named from this probability among its competing hypotheses; a remainder as unlikely as this is not
+# a cause is named from this probability among its competing hypotheses; a residual as unlikely as this is not
 # explained
 SURE, ADEQUATE = 0.95, 0.01
 # of the standard deviations of what a model leaves out, where a few sets show nothing of them
 DISCREPANCY_SCALES = (1.0, 2.0, 4.0, 8.0)
 # share of a stiffness from which it is lost altogether
 GONE = 0.9
-# deviations from zero at which something within its tolerance is said; within which nothing is left of a size
-TOLD, LEFT = 3.0, 2.0
-# standard deviations of its prior by which a parameter may be pushed in a fit that explains the record; largest
+# standard deviations from zero at which something within its tolerance is said; within which nothing is left of a size
+NOTED_STD, LEFT = 3.0, 2.0
+# standard deviations of its prior by which a parameter may be shifted in a fit that explains the record; largest
 # threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
 FARTHEST, SENSIBLE = 6.0, 12.0
 CHANCE = "chance alone"
@@ -94,20 +94,20 @@ def examine(
     parameters = tuple(_parameters(problem, null, fitted))
     far, foreign = _far(parameters), _foreign(findings)
     beyond = _beyond_sense(found)
-    unexplained = (fits < ADEQUATE or explored.left_over or silent or _bent(problem, fitted) or far or beyond
+    unexplained = (fits < ADEQUATE or explored.one_more or silent or _bent(problem, fitted) or far or beyond
                    or foreign or not fitted.settled)
     verdict = "unexplained" if unexplained else verdict_of(findings)
     included = () if verdict == "unexplained" else tuple(findings)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
-    told = _told(problem, fitted)
+    noted = _tolerances_noted(problem, fitted)
     if verdict == "unexplained":
-        # what a fit tells that does not follow the record is nothing to say
-        details["nearest"], told = [f"{f.cause}, {f.location}" for f in findings], []
+        # what a fit shows that does not follow the record is nothing to say
+        details["nearest"], noted = [f"{f.cause}, {f.location}" for f in findings], []
     diagnosis = Diagnosis(
         verdict=verdict,
         findings=included,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
-        limits=_limits(problem, first, null),
+        detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
         adequacy_p=fits,
         notes=(
@@ -115,7 +115,7 @@ def examine(
             *_by_chance(explored),
             *([] if remaining.keys() - {FREQUENCIES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
-            *told,
+            *noted,
             *pinned,
             *far,
             *foreign,
@@ -193,7 +193,7 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         refuted = set()
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
-        explored = replace(explored, hypotheses=rows, last=found, left_over=False,
+        explored = replace(explored, hypotheses=rows, last=found, one_more=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
 
 
@@ -225,11 +225,11 @@ def findings_of(
             Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
             for other, p in sorted(zip(others[1:], probability[1:], strict=True), key=lambda pair: -pair[1]) if p > 1e-3
         )
-        effect, course = n.effect, n.course
-        start = problem.blocks.ids[course.at] if course.kind == "step" else ""
+        effect, time_profile = n.effect, n.time_profile
+        start = problem.blocks.ids[time_profile.at] if time_profile.kind == "step" else ""
         result.append(Finding(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=n.size, size_std=std,
-            unit=effect.unit + course.unit, course=course.name, course_start=start, z=z,
+            unit=effect.unit + time_profile.unit, time_profile=time_profile.name, time_profile_start=start, z=z,
             posterior_probability=float(probability[0]), prior_probability=float(special.softmax(prior)[0]),
             alternatives=alternatives, check=effect.check))
     return result
@@ -249,18 +249,18 @@ def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int)
 def _by_chance(explored: Explored) -> list[str]:
     """What to say of a score beyond the threshold that no effect makes probable."""
     last = explored.last
-    if explored.left_over or not last.statistic.max() > last.threshold:
+    if explored.one_more or not last.statistic.max() > last.threshold:
         return []
     j, c = last.which[int(np.argmax(last.statistic))]
     return [
-        f"{explored.problem.effects[j].name} ({explored.problem.courses[c].name}) scores |z| = "
+        f"{explored.problem.effects[j].name} ({explored.problem.time_profiles[c].name}) scores |z| = "
         f"{last.statistic.max():.1f}, beyond the threshold of {last.threshold:.1f}; by their evidence and prior odds "
         "no effect of the catalogue is more probable than chance"
     ]
 
 
 def _silent(fitted: Fit) -> list[int]:
-    """Groups of which no block tells anything at the fit."""
+    """Groups of which no block says anything at the fit."""
     return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
 
 
@@ -270,7 +270,7 @@ def _at_an_end(included: IncludedEffect) -> bool:
 
 def _gone(included: IncludedEffect) -> bool:
     """Whether a size at an end is all there can be: a stiffness or a joint that is lost, a member full of water."""
-    share = included.effect.unit in ("", "-") and included.course.kind != "covariate"
+    share = included.effect.unit in ("", "-") and included.time_profile.kind != "covariate"
     return share and abs(included.size) <= 1 and abs(included.size) >= GONE
 
 
@@ -287,7 +287,7 @@ def _pinned(fitted: Fit) -> list[str]:
     """What to say of sizes that stand at an end of what their row allows."""
     return [
         f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
-        f"{n.effect.unit}{n.course.unit}): its interval is not to be trusted"
+        f"{n.effect.unit}{n.time_profile.unit}): its interval is not to be trusted"
         + ("" if _gone(n) else ", a larger size may be meant")
         for n in fitted.included if _at_an_end(n)
     ]
@@ -296,10 +296,10 @@ def _pinned(fitted: Fit) -> list[str]:
 def _far(parameters: Sequence[dict]) -> list[str]:
     """What to say of parameters that only a fit bent into something else would need."""
     return [
-        f"{p['name']} would be {p['value_after']:.3g} {p['unit']}, {abs(p['pushed_after']):.1f} standard deviations "
-        "of its prior away: nothing that follows from it is explained"
+        f"{p['name']} would be {p['value_after']:.3g} {p['unit']}, {abs(p['prior_shift_after']):.1f} standard "
+        "deviations of its prior away: nothing that follows from it is explained"
         for p in parameters
-        if abs(p["pushed_after"]) > FARTHEST
+        if abs(p["prior_shift_after"]) > FARTHEST
     ]
 
 
@@ -320,13 +320,13 @@ def _beyond_sense(found: Search) -> list[str]:
     if found.threshold <= SENSIBLE:
         return []
     return [f"the threshold |z| = {found.threshold:.0f} is beyond what {len(found.z)} candidates can need: what is not "
-            "known of the model moves these modes by more than the linear equations hold for, so that the record tells "
+            "known of the model moves these modes by more than the linear equations hold for, so that the record shows "
             "nothing either way; give the parameters a narrower prior, or leave out modes that nearly meet"]
 
 
-def _told(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
+def _tolerances_noted(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What is within its tolerance, so no finding, and yet surely there: structural rows of more than half their
-    tolerance, TOLD of their own deviations from zero."""
+    tolerance, NOTED_STD of their own standard deviations from zero."""
     chosen = [k for k, j in enumerate(problem.tolerated) if problem.effects[j].kind == "structural"]
     rows = len(problem.updated) + np.array(chosen, int)
     size = fitted.design.unknowns(fitted.centred)[rows]
@@ -334,48 +334,50 @@ def _told(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     result = []
     for k, value, own in zip(chosen, size, std, strict=True):
         effect = problem.effects[problem.tolerated[k]]
-        if abs(value) > max(TOLD * own, 0.5 * effect.tolerance):
+        if abs(value) > max(NOTED_STD * own, 0.5 * effect.tolerance):
             result.append(f"{effect.name}: {value:.3g} +- {own:.2g} {effect.unit}, within what is normal (tolerance "
-                          f"{effect.tolerance:.2g}) and so no finding, but the record tells it; {effect.check}")
+                          f"{effect.tolerance:.2g}) and so no finding, but the record shows it; {effect.check}")
     return result
 
 
 def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
-    """Sizes that the fit left short of where its equations point, by a deviation that counts."""
+    """Sizes that the fit left short of where its equations point, by a standard deviation that counts."""
     return [f"{n.effect.name}: the fit of its size leads no farther down, though its equations would by {short:.2g} "
             f"{n.effect.unit}; the interval counts it"
             for n, short, std in zip(fitted.included, fitted.short, sizes_std, strict=True)
             if short > 0.5 * std > 0]
 
 
-def _limits(problem: DiagnosisProblem, found: Search, fitted: Fit) -> tuple[DetectionLimit, ...]:
+def _detectable_sizes(problem: DiagnosisProblem, found: Search, fitted: Fit) -> tuple[DetectableSize, ...]:
     best: dict[tuple[int, str], int] = {}
     for k, (j, c) in enumerate(found.which):
-        key = (int(j), problem.courses[c].name)
+        key = (int(j), problem.time_profiles[c].name)
         if key not in best or found.size_std[k] < found.size_std[best[key]]:
             best[key] = k
-    limits = []
+    detectable_sizes = []
     left = fitted.design.share_left
     for (j, name), k in best.items():
         effect = problem.effects[j]
         size = (found.threshold + POWER) * found.size_std[k]
-        here = IncludedEffect(effect=effect, course=problem.courses[problem.which[k, 1]], size=0.0)
+        here = IncludedEffect(effect=effect, time_profile=problem.time_profiles[problem.which[k, 1]], size=0.0)
         reachable = size <= max(-here.bounds[0], here.bounds[1])
-        limits.append(DetectionLimit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
-                            limit=float(size) if reachable else np.inf,
-                            unit=effect.unit + problem.courses[problem.which[k, 1]].unit, share_left=float(left[k]),
+        detectable_sizes.append(DetectableSize(kind=effect.kind, cause=effect.cause, location=effect.location,
+                                               time_profile=name,
+                            size=float(size) if reachable else np.inf,
+                            unit=effect.unit + problem.time_profiles[problem.which[k, 1]].unit,
+                                               share_left=float(left[k]),
                             z=float(found.z[k])))
-    return tuple(limits)
+    return tuple(detectable_sizes)
 
 
 def _parameters(problem: DiagnosisProblem, null: Fit, fitted: Fit):
-    """Every updated parameter before and after effects were taken in, and how far from its prior it was pushed."""
+    """Every updated parameter before and after effects were taken in, and its standardised shift from the prior."""
     rows = range(len(problem.updated))
     std = [np.sqrt(np.diag(f.design.unknowns_cov(rows))) for f in (null, fitted)]
     for i, k in enumerate(problem.updated):
         p = problem.prior.items[i]
-        pushed = [float(-prior_shift(problem, f.theta)[i] / local_std(problem.prior, i, f.theta[k]))
-                  for f in (null, fitted)]
+        shift = [float(-prior_shift(problem, f.theta)[i] / local_std(problem.prior, i, f.theta[k]))
+                 for f in (null, fitted)]
         yield {"name": p.name, "unit": p.unit, "prior": p.initial, "prior_std": p.std, "value": float(null.theta[k]),
-               "std": float(std[0][i]), "pushed": pushed[0], "value_after": float(fitted.theta[k]),
-               "std_after": float(std[1][i]), "pushed_after": pushed[1]}
+               "std": float(std[0][i]), "prior_shift": shift[0], "value_after": float(fitted.theta[k]),
+               "std_after": float(std[1][i]), "prior_shift_after": shift[1]}

@@ -150,8 +150,8 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
 
 def _part(cause: str, location: str, unit: str, std: float, attachment: Attachment) -> tuple[Effect, Attachment]:
     name = f"{cause}: {location}"
-    effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, slab=std,
-                    lower=0.0, upper=MOST * std, parameter=name, courses=("constant", "step"),
+    effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, prior_scale=std,
+                    lower=0.0, upper=MOST * std, parameter=name, time_profiles=("constant", "step"),
                     check="look there for what the model does not have")
     return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=MOST * std)
 
@@ -175,14 +175,14 @@ def with_parts(
     """Problem and fit with these parts as further effects along these time profiles, none of them there. The last rows
     of the problem's `which` are theirs, those of one part after the other."""
     small = problem.predictor.small.attached([attachment for _, attachment in parts])
-    first, courses = len(problem.effects), [*problem.courses]
+    first, time_profiles = len(problem.effects), [*problem.time_profiles]
     number = []
     for profile in profiles:
-        known = next((c for c, one in enumerate(courses) if one is profile), len(courses))
-        courses += [profile] if known == len(courses) else []
+        known = next((c for c, one in enumerate(time_profiles) if one is profile), len(time_profiles))
+        time_profiles += [profile] if known == len(time_profiles) else []
         number.append(known)
     which = np.array([(first + j, c) for j in range(len(parts)) for c in number])
-    wider = replace(problem, predictor=replace(problem.predictor, small=small), courses=tuple(courses),
+    wider = replace(problem, predictor=replace(problem.predictor, small=small), time_profiles=tuple(time_profiles),
                     effects=(*problem.effects, *(effect for effect, _ in parts)),
                     which=np.vstack([problem.which, which]))
     padded = replace(fitted, theta=np.concatenate([fitted.theta, np.zeros(len(parts))]))
@@ -203,7 +203,7 @@ def scores_of_parts(
         first, n = len(problem.effects), len(chunk) * len(profiles)
         rows = [(first + j, c) for j in range(len(chunk)) for c in range(len(profiles))]
         rows += [] if own is None else [(own[0], len(profiles))]
-        asked = {"courses": (*profiles, *(() if own is None else own[1:])), "which": np.array(rows)}
+        asked = {"time_profiles": (*profiles, *(() if own is None else own[1:])), "which": np.array(rows)}
         design = replace(there.design, **asked)
         u, v = design.scores(fitted.centred), np.where(design.share_left > LEAST_LEFT, design.information, 0.0)
         found = gains(replace(wider, **asked), u, v)
@@ -226,14 +226,15 @@ def in_place_of(
     """What of each kind of part may be meant instead of an effect of the most probable hypothesis: the part that
     explains most, its ln evidence and ln prior relative to the effect's. It stands for all of its kind: its prior odds
     are theirs, each weighed by what it promises to first order beside it. Parts that do what the effect does are not
-    told from it and are left out, and none competes with what a sensor does or what follows a column."""
+    estimated from it and are left out, and none competes with what a sensor does or what follows a column."""
     problem, best = explored.problem, explored.hypotheses[0]
     n = best.fitted.included[number]
     if not parts or n.effect.kind == "measurement" or not n.exact:
         return []
     rest, lost = without(problem, best.fitted, number)
     own = int(problem.which[best.candidates[number], 0])
-    gain, size, alike = (x[:, 0] for x in scores_of_parts(problem, rest, parts, (n.course,), (own, n.course)))
+    gain, size, alike = (x[:, 0]
+                         for x in scores_of_parts(problem, rest, parts, (n.time_profile,), (own, n.time_profile)))
     # the effect itself has what it lost where it was taken out
     dispersion = model_error_dispersion(best.z[number])
     odds = np.log([effect.odds for effect, _ in parts])
@@ -242,13 +243,13 @@ def in_place_of(
     for cause in PART_CAUSES:
         of_kind = [k for k, (effect, _) in enumerate(parts) if effect.cause == cause and np.isfinite(promise[k])]
         together = logsumexp(promise[of_kind]) if of_kind else -np.inf
-        if together - np.log(n.effect.prior_odds(n.course.name)) < -MARGIN:
+        if together - np.log(n.effect.prior_odds(n.time_profile.name)) < -MARGIN:
             continue
         k = max(of_kind, key=lambda k: promise[k])
-        standing_for = replace(parts[k][0], odds=float(np.exp(together - promise[k] + odds[k])))
-        there = _compared(explored, rest, number, (standing_for, parts[k][1]), float(size[k]))
+        meaning = replace(parts[k][0], odds=float(np.exp(together - promise[k] + odds[k])))
+        there = _compared(explored, rest, number, (meaning, parts[k][1]), float(size[k]))
         if there is not None:
-            result.append((standing_for, *there))
+            result.append((meaning, *there))
     return result
 
 
@@ -258,10 +259,10 @@ def _compared(
     """ln evidence and ln prior of the most probable hypothesis with a part in place of one effect, relative to it; None
     where the model has no modes there."""
     best = explored.hypotheses[0]
-    profile = best.fitted.included[number].course
+    profile = best.fitted.included[number].time_profile
     problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
     _, base = with_parts(explored.problem, rest, [part], (profile,))
-    n = IncludedEffect(effect=part[0], course=profile, size=0.0)
+    n = IncludedEffect(effect=part[0], time_profile=profile, size=0.0)
     begun = replace(n, size=float(np.clip(size, *np.multiply(0.6, n.bounds))))
     try:
         found = fit(problem, base.theta, (*rest.included, begun), base=base)

@@ -1,4 +1,4 @@
-"""Blocks described by themselves: their mean modes as reference, departures from it, what each sensor effect would do.
+"""Blocks described by themselves: their mean modes as reference, residuals from it, what each sensor effect would do.
 
 No model is asked. The axes of a close pair are the directions in which the levels move to +x and +y, so that they stay
 where the sensors are. What turns with the nacelle is taken up by low harmonics of its angle.
@@ -28,12 +28,12 @@ AGREEING = 0.97
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EmpiricalReference:
-    """axes per group (n_channel, k); departures per group (n_block, n_response), zero where not used; used per group
+    """axes per group (n_channel, k); residuals per group (n_block, n_response), zero where not used; used per group
     (n_block,) bool; turning (n_block, n_turning) harmonics of the nacelle's angle, of mean zero; sector_of (n_block,);
     expected per sector and group, mean per group over all angles, as Reference."""
 
     axes: tuple[np.ndarray, ...]
-    departures: tuple[np.ndarray, ...]
+    differences: tuple[np.ndarray, ...]
     used: tuple[np.ndarray, ...]
     turning: np.ndarray
     sector_of: np.ndarray
@@ -41,35 +41,35 @@ class EmpiricalReference:
     mean: tuple[Reference, ...]
 
 
-def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | None = None) -> EmpiricalReference:
-    """The blocks' own picture. Where something is known to change by `course` (n_block,), what is expected is what was
-    before: where the time profile is zero."""
-    before = blocks if course is None else blocks.taken(np.flatnonzero(course == 0))
+def look(blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None) -> EmpiricalReference:
+    """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
+    expected is what was before: where the time profile is zero."""
+    before = blocks if time_profile is None else blocks.taken(np.flatnonzero(time_profile == 0))
     axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
     sector = np.round(blocks.angle_deg / SECTOR_DEG).astype(int)
     names, sector_of = np.unique(sector, return_inverse=True)
-    departures, used, expected, mean = [], [], [], []
+    differences, used, expected, mean = [], [], [], []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])
         members = list(group)
         y, independent = numbers_of_modes(
             blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q])
-        # a pair that is not told apart has shapes, but no tensor
+        # a pair that is not distinguished has shapes, but no tensor
         there, y = there[independent], y[independent]
-        beside = np.zeros((len(there), 0)) if course is None else course[there, None]
+        beside = np.zeros((len(there), 0)) if time_profile is None else time_profile[there, None]
         columns = np.column_stack([np.ones(len(there)), turning[there], beside])
         slope = np.linalg.lstsq(columns, y, rcond=None)[0]
         full = np.zeros((len(blocks), y.shape[1]))
         full[there] = y - slope[0]
-        departures.append(frozen_array(full))
+        differences.append(frozen_array(full))
         ok = np.zeros(len(blocks), bool)
         ok[there] = True
         used.append(frozen_array(ok, bool))
         mean.append(modes_with(slope[0], axes[q]))
         at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
         expected.append([modes_with(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
-    return EmpiricalReference(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
+    return EmpiricalReference(axes=axes, differences=tuple(differences), used=tuple(used), turning=turning,
                    sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
                    mean=tuple(mean))
 
@@ -129,7 +129,7 @@ def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarr
 
 
 def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tuple[np.ndarray, ...]:
-    """Per group (n_sector, n_response, n_effect): departure per unit of each effect of sensors."""
+    """Per group (n_sector, n_response, n_effect): change per unit of each effect of sensors."""
     result = []
     for q, axes in enumerate(empirical.axes):
         k = axes.shape[1]
@@ -152,9 +152,9 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
     result: list[np.ndarray | None] = []
     for q, group in enumerate(blocks.groups):
         members, number = list(group), 0
-        total = np.zeros((empirical.departures[q].shape[1],) * 2)
+        total = np.zeros((empirical.differences[q].shape[1],) * 2)
         for b in np.flatnonzero(empirical.used[q]):
-            d = blocks.deviations[b]
+            d = blocks.factors[b]
             if d is None:
                 continue
             columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
@@ -166,13 +166,13 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
 
 
 def residuals(empirical: EmpiricalReference, known: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Departures per group without what the nacelle's angle and `known` (n_block, n_known) explain.
+    """Residuals per group without what the nacelle's angle and `known` (n_block, n_known) explain.
 
     Response by response: as a signature turns with the nacelle too, its product with them is no low harmonic.
     """
     columns = np.column_stack([np.ones(len(known)), empirical.turning, known])
     rest = []
-    for y, ok in zip(empirical.departures, empirical.used, strict=True):
+    for y, ok in zip(empirical.differences, empirical.used, strict=True):
         slope = np.linalg.lstsq(columns[ok], y[ok], rcond=None)[0]
         rest.append(np.where(ok[:, None], y - columns @ slope, 0.0))
     return tuple(rest)

@@ -68,11 +68,11 @@ class Followed:
 
 def watch(
     blocks: Blocks, effects: Sequence[Effect], sensors: Sequence[Sensor], known: np.ndarray,
-    stated: Sequence[np.ndarray | None] | None = None, course: np.ndarray | None = None,
+    stated: Sequence[np.ndarray | None] | None = None, time_profile: np.ndarray | None = None,
 ) -> Followed:
     """The series of these blocks. known (n_block, n_known): time profiles along which anything may change. `stated` of
-    an earlier look; `course`: see `own_picture.look`."""
-    empirical = look(blocks, sensors, course)
+    an earlier look; `time_profile`: see `own_picture.look`."""
+    empirical = look(blocks, sensors, time_profile)
     stated = stated_patterns(blocks, empirical) if stated is None else stated
     rest = residuals(empirical, known)
     noise = own_noise(blocks, empirical, rest, stated)
@@ -95,15 +95,15 @@ def watch(
     )
 
 
-def follow(departures, empirical: EmpiricalReference, noise: Noise, prints, sizes) -> tuple[np.ndarray, np.ndarray]:
-    """series (..., n_series, n_block), weight (n_series, n_block) of departures per group (..., n_block, n_response):
+def follow(differences, empirical: EmpiricalReference, noise: Noise, prints, sizes) -> tuple[np.ndarray, np.ndarray]:
+    """series (..., n_series, n_block), weight (n_series, n_block) of residuals per group (..., n_block, n_response):
     numbers of frequencies (of a pair also their mean, and the mean of all), then the size of each effect that fits each
     block best."""
-    lead = departures[0].shape[:-2]
+    lead = differences[0].shape[:-2]
     n_block, n_effect = len(empirical.sector_of), prints[0].shape[2]
     score_of, information = np.zeros((*lead, n_effect, n_block)), np.zeros((n_effect, n_block))
     frequencies, weights = [], []
-    for q, (y, P, w) in enumerate(zip(departures, noise.precision, noise.weight, strict=True)):
+    for q, (y, P, w) in enumerate(zip(differences, noise.precision, noise.weight, strict=True)):
         n_log = 1 if sizes[q] == 1 else 3
         covariance = noise.covariance[q][:n_log, :n_log]
         own = np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0)
@@ -119,7 +119,7 @@ def follow(departures, empirical: EmpiricalReference, noise: Noise, prints, size
             PF = P @ prints[q][s]
             score_of[..., rows] += np.swapaxes(y[..., rows, :] @ PF, -1, -2) * w[rows]
             information[:, rows] += np.sum(prints[q][s] * PF, axis=0)[:, None] * w[rows]
-    if len(departures) > 1:
+    if len(differences) > 1:
         # the last row of each group is its frequency, or the pair's mean
         share = np.array([w[-1] for w in weights])
         together = np.sum([f[..., -1, :] * w for f, w in zip(frequencies, share, strict=True)], axis=0)
@@ -130,11 +130,11 @@ def follow(departures, empirical: EmpiricalReference, noise: Noise, prints, size
     return np.concatenate([*frequencies, sizes_found], axis=-2), np.concatenate([*weights, information])
 
 
-def allowed_courses(followed: Followed, courses: Sequence[TimeProfile]) -> np.ndarray:
-    """(n_series, n_course) bool: frequencies may go with all, sensors with those of their row."""
-    result = np.ones((len(followed.series), len(courses)), bool)
+def allowed_profiles(followed: Followed, time_profiles: Sequence[TimeProfile]) -> np.ndarray:
+    """(n_series, n_profile) bool: frequencies may go with all, sensors with those of their row."""
+    result = np.ones((len(followed.series), len(time_profiles)), bool)
     for k, effect in enumerate(followed.effects):
-        result[followed.n_frequency + k] = [c.name in effect.courses for c in courses]
+        result[followed.n_frequency + k] = [c.name in effect.time_profiles for c in time_profiles]
     return result
 
 
@@ -151,13 +151,13 @@ class Found:
 
     @property
     def over(self) -> np.ndarray:
-        """(n_series, n_course) |z| over the threshold."""
+        """(n_series, n_profile) |z| over the threshold."""
         return np.abs(self.z) / self.threshold[:, None]
 
 
 def search(
     followed: Followed,
-    courses: Sequence[TimeProfile],
+    time_profiles: Sequence[TimeProfile],
     known: np.ndarray,
     seed: int,
     false_alarm: float = FALSE_ALARM / 2,
@@ -165,12 +165,12 @@ def search(
     """All candidates, and how large the largest is when nothing changes (drawn with the record's own scatter).
     `false_alarm` of each of the two classes."""
     nuisance = np.column_stack([np.ones(len(followed.blocks)), followed.empirical.turning, known])
-    contrasts = make_contrasts(followed.weight, nuisance, courses, followed.blocks.hours)
-    allowed = allowed_courses(followed, courses)
+    contrasts = make_contrasts(followed.weight, nuisance, time_profiles, followed.blocks.hours)
+    allowed = allowed_profiles(followed, time_profiles)
     pools = followed.pools
     scores = score(contrasts, followed.series, pools)
     z = np.where(allowed, scores.z, 0.0)
-    maxima = _maxima(followed, contrasts, allowed, scores, z, courses, nuisance, seed)
+    maxima = _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, seed)
     threshold, p = np.full(len(z), np.inf), []
     for rows, drawn in zip(followed.classes, maxima, strict=True):
         if len(rows):
@@ -180,7 +180,7 @@ def search(
                  p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))
 
 
-def _maxima(followed, contrasts, allowed, scores, z, courses, nuisance, seed) -> list[np.ndarray]:
+def _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, seed) -> list[np.ndarray]:
     """Per class the largest |z| of records in which nothing changes."""
     rng = np.random.default_rng([seed, 31])
     slow, lift = np.zeros(len(z)), np.ones(len(z))
@@ -218,7 +218,8 @@ def _maxima(followed, contrasts, allowed, scores, z, courses, nuisance, seed) ->
         own = untied(estimate_noise(tuple(y), followed.empirical.used, tuple(sizes), followed.blocks.relative_std,
                                     followed.blocks.states(), followed.stated), sizes)
         series, weight = follow(y, followed.empirical, own, followed.prints, sizes)
-        renewed = make_contrasts(np.where(followed.weight > 0, weight, 0.0), nuisance, courses, followed.blocks.hours)
+        renewed = make_contrasts(np.where(followed.weight > 0, weight, 0.0), nuisance, time_profiles,
+                                 followed.blocks.hours)
         again.append(largest(renewed, series))
     plain = [np.mean(m) for m in together]
     return [m * max(1.0, float(np.mean([a[k] for a in again]) / max(plain[k], 1e-300)))

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.expected import departures_at, signatures_at
+from probupdate.diagnosis.expected import residuals_at, signatures_at
 from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, linearised, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 
-# errors of signatures that are as probable before, in FINGERPRINT
+# errors of signatures that are as probable before
 ERROR_SCALES = (0.2, 0.5, 1.0, 2.0)
 
 
@@ -24,8 +24,8 @@ def only_promised(problem: DiagnosisProblem, fitted: Fit) -> float:
 
 
 def sizes_std(problem: DiagnosisProblem, fitted: Fit) -> list[float]:
-    """Deviation of the size of each included effect, zero where it has one size only; with what a fit stopped short
-    by."""
+    """Standard deviation of the size of each included effect, zero where it has one size only; with what a fit stopped
+    short by."""
     design, result = fitted.design, []
     free = iter(range(design.sizes.start, design.sizes.stop))
     for n, short in zip(fitted.included, fitted.short, strict=True):
@@ -40,9 +40,9 @@ def sizes_std(problem: DiagnosisProblem, fitted: Fit) -> list[float]:
 
 
 def length_std(problem: DiagnosisProblem, fitted: Fit, included: IncludedEffect) -> float:
-    """Relative deviation of the length of a signature that the parameters' own uncertainty makes, along itself: a
-    metre of water does as much as the added mass is large, and only the two together are measured. What enters the
-    reference as it is needs no such allowance, as the design is made with the effect in place."""
+    """Relative standard deviation of the length of a signature that the parameters' own uncertainty makes, along
+    itself: a metre of water does as much as the added mass is large, and only the two together are measured. What
+    enters the reference as it is needs no such allowance, as the design is made with the effect in place."""
     predictor, design = problem.predictor, fitted.design
     if included.effect.observe is not None:
         return 0.0
@@ -52,19 +52,19 @@ def length_std(problem: DiagnosisProblem, fitted: Fit, included: IncludedEffect)
     names = tuple(name for name, _ in included.effect.increments)
     angle = problem.bins[0][:1]
 
-    def fingerprint_at(theta) -> list[np.ndarray]:
+    def signature_at(theta) -> list[np.ndarray]:
         local = predictor.small.at(np.clip(theta, predictor.parameters.lower, predictor.parameters.upper))
         return [f[0, :, 0] for f in signatures_at(predictor, local, [included.effect], names, angle)]
 
     def product(a, b) -> float:
         return sum(float(x @ P @ y) for x, P, y in zip(a, design.noise.precision, b, strict=True))
 
-    here = fingerprint_at(fitted.theta)
+    here = signature_at(fitted.theta)
     change = []
     for row, k in zip(rows, problem.updated, strict=True):
         moved = fitted.theta.copy()
         moved[k] += 0.1 * std[row]
-        there = fingerprint_at(moved)
+        there = signature_at(moved)
         change.append(10 * (product(there, here) / product(here, here) - 1))
     change = np.array(change)
     return float(np.sqrt(change @ (covariance / np.outer(std, std)) @ change))
@@ -89,18 +89,18 @@ def marginal_evidence(
 ) -> float:
     """ln p(blocks | included effects near their sizes) with all parameters to first order about theta, but for a
     constant of record and noise."""
-    design, _, centred = linearised(problem, theta, included, noise, departures_at(problem, theta, included))
+    design, _, centred = linearised(problem, theta, included, noise, residuals_at(problem, theta, included))
     return log_size_prior(included) + over_error_scales(design, lambda d: linear_evidence(d, centred))
 
 
 def _evidence_at(problem: DiagnosisProblem, fitted: Fit, design: Design) -> float:
-    misfit = design.misfit(fitted.departures, design.held(len(problem.updated)))
+    misfit = design.misfit(fitted.residuals, design.held(len(problem.updated)))
     misfit += penalty(problem, fitted.theta, fitted.included, fitted.included)
     return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 
 def linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
-    """ln density of departures under a design, but for powers of 2 pi."""
+    """ln density of residuals under a design, but for powers of 2 pi."""
     return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise)
 
 

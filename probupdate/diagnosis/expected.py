@@ -1,4 +1,4 @@
-"""What the model with included effects expects of every block, and how measured blocks depart from it.
+"""What the model with included effects expects of every block, and how measured blocks differ from it.
 
 Steps and constants enter the reference as they are, so that strong effects are no matter of first order; ramps and
 covariates enter through their signature.
@@ -46,13 +46,13 @@ class ModelAnswers:
         return self._slopes[key]
 
 
-def departures_at(
+def residuals_at(
     problem: DiagnosisProblem,
     theta: np.ndarray,
     included: Sequence[IncludedEffect],
     answers: ModelAnswers | None = None,
 ) -> tuple[np.ndarray, ...]:
-    """Per group departures (n_block, n_response) of the measured numbers from the model's with all that is included,
+    """Per group residuals (n_block, n_response) of the measured numbers from the model's with all that is included,
     zero where nothing is measured. `answers`: what the model was asked for before, kept between calls."""
     expected = _expected(problem, theta, included, answers or ModelAnswers(problem.predictor))
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
@@ -64,7 +64,7 @@ def _expected(
 ) -> list[np.ndarray]:
     """Per group the numbers of the expected modes in every block (n_block, n_response), as the sensors see them."""
     exact, linear = [n for n in included if n.exact], [n for n in included if not n.exact]
-    levels = np.column_stack([*(n.course.value for n in exact), problem.angles])
+    levels = np.column_stack([*(n.time_profile.value for n in exact), problem.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
     place = place.ravel()
     # the levels of one state, which come one after the other, are seen alike
@@ -92,7 +92,7 @@ def _add_linear(
     channel they move the channel the other way."""
     centres, bin_of = problem.bins
     names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
-    values = np.column_stack([np.zeros(len(bin_of)), *(n.course.value for n in exact)])
+    values = np.column_stack([np.zeros(len(bin_of)), *(n.time_profile.value for n in exact)])
     states, state_of = np.unique(values, axis=0, return_inverse=True)
     place, nodes, share = _nodes(centres)
     for number, state in enumerate(states):
@@ -104,7 +104,7 @@ def _add_linear(
         )
         for made, y in zip(signature, expected, strict=True):
             for k, n in enumerate(linear):
-                y[rows] += n.size * n.course.value[rows, None] * made[bin_of[rows]][:, :, k]
+                y[rows] += n.size * n.time_profile.value[rows, None] * made[bin_of[rows]][:, :, k]
 
 
 def local_at(

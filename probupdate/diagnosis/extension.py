@@ -4,7 +4,7 @@ Structural and environmental findings become parameters of the model's file, neu
 prior; so does a group of the parameters of a model of matrices. Findings of the measurement are taken out of the modal
 sets: no sensor table can say "from the tenth on". The estimators (the Tikhonov update and the maximum of the posterior,
 and where it is asked for the sampler) are given the mean of the blocks in which all findings act and the nacelle looked
-one way, with the deviations of that mean and of model form.
+one way, with the standard deviations of that mean and of model form.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, write_modes
+from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, write_modes
 from probupdate.model.parameters import Parameter
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
@@ -39,11 +39,12 @@ from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.ensemble import SamplerSettings
 from probupdate.updating.runs import deterministic_update
 
-# a parameter is told by the data if its deviation falls below this share of its prior's, and if no other goes with it
+# a parameter is identified by the data if its standard deviation falls below this share of its prior's, and if no other
+# goes with it
 IDENTIFIED, TOO_ALIKE = 0.5, 0.95
-# a parameter's way to or from its prior that is worth a word, in prior deviations
+# a parameter's way to or from its prior that is worth a word, in prior standard deviations
 NOTABLE = 0.3
-# deviations between the size that was found and the one an update of the mean gives, beyond which it is said
+# standard deviations between the size that was found and the one an update of the mean gives, beyond which it is said
 APART = 2.0
 
 
@@ -65,7 +66,7 @@ def extend(
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
     <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`
-    (where the model's parameters came from, if from another file) and `seed` are for the command that is told."""
+    (where the model's parameters came from, if from another file) and `seed` are for the command that is given."""
     problem, fitted = outcome.problem, outcome.fitted
     added = _Added.of(prepared, fitted)
     mean, n_block = mean_set(problem, fitted)
@@ -95,7 +96,7 @@ def extend(
         files["posterior"] = place.name
     content = {
         "files": files,
-        "added": [_told_added(prepared, added, n) | {"size_std": std}
+        "added": [_added_table(prepared, added, n) | {"size_std": std}
                   for n, std in zip(fitted.included, sizes_std(problem, fitted), strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
@@ -173,9 +174,9 @@ class _Added:
                 name = group_parameter(e.location or e.cause, taken)
                 taken.append(name)
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
-                groups.append((n, Group(name=name, parts=dict(e.parts), std=e.slab, lower=e.lower, upper=e.upper,
+                groups.append((n, Group(name=name, parts=dict(e.parts), std=e.prior_scale, lower=e.lower, upper=e.upper,
                                         unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
-                                        f"diagnosed as {_course_words(n)}")))
+                                        f"diagnosed as {_profile_words(n)}")))
         return cls(groups=tuple(groups))
 
     def __bool__(self) -> bool:
@@ -207,31 +208,32 @@ class _Added:
 
 
 def described(added: EffectParameter, included: IncludedEffect) -> EffectParameter:
-    """The parameter that the model gets for a finding, its time profile told in its description."""
-    return replace(added, location=f"{added.location}; diagnosed as {_course_words(included)}")
+    """The parameter that the model gets for a finding, its time profile stated in its description."""
+    return replace(added, location=f"{added.location}; diagnosed as {_profile_words(included)}")
 
 
-def _course_words(included: IncludedEffect) -> str:
-    course, size = included.course, f"{included.size:.4g} {included.effect.unit.removeprefix('-')}".strip()
+def _profile_words(included: IncludedEffect) -> str:
+    time_profile, size = included.time_profile, f"{included.size:.4g} {included.effect.unit.removeprefix('-')}".strip()
     return {
         "constant": f"{size} all through the record it was found in",
-        "step": f"{size} from block {course.at + 1} of the record on",
+        "step": f"{size} from block {time_profile.at + 1} of the record on",
         "ramp": f"{size} at the end of the record, growing evenly",
-        "covariate": f"{size}{course.unit} of {course.column} about its mean {course.centre:.4g}",
-    }[course.kind]
+        "covariate": f"{size}{time_profile.unit} of {time_profile.column} about its mean {time_profile.centre:.4g}",
+    }[time_profile.kind]
 
 
-def _told_added(prepared: Prepared, added: _Added, included: IncludedEffect) -> dict:
+def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) -> dict:
     """What became of one finding."""
     effect = included.effect
-    told = {"cause": effect.cause, "location": effect.location, "size": included.size, "course": included.course.name}
+    described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
+                    "time_profile": included.time_profile.name}
     name = effect.adds.name if effect.adds is not None else added.name_of(included)
     if name is not None:
-        return told | {"as": "parameter", "parameter": name}
+        return described_by | {"as": "parameter", "parameter": name}
     if effect.observe is not None:
-        return told | {"as": "correction of the modal sets"}
+        return described_by | {"as": "correction of the modal sets"}
     names = [name for name, _ in effect.increments]
-    return told | {"as": "the model's own parameter, whose prior is in question", "parameter": ", ".join(names)}
+    return described_by | {"as": "the model's own parameter, whose prior is in question", "parameter": ", ".join(names)}
 
 
 # Modal sets --------------------------------------------------------------------------------------------------------
@@ -259,9 +261,10 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
         s = known[name]
         shape, std = np.array(s.shape), np.array(s.shape_std)
         frequency, frequency_std = np.array(s.frequency_hz), np.array(s.frequency_std_hz)
-        changes = None if s.deviation is None else np.array(s.deviation.shape)
+        changes = None if s.covariance_factors is None else np.array(s.covariance_factors.shape)
         for j in np.flatnonzero(np.isfinite(frequency)):
-            A, shift = corrections(len(rows), included, [n.course.value[b] for n in included], float(frequency[j]))
+            A, shift = corrections(len(rows), included, [n.time_profile.value[b] for n in included],
+                                   float(frequency[j]))
             undo = np.linalg.inv(A)
             # a channel that was not measured stays so, and takes along only those that were mixed with it
             shape[rows, j] = _applied(undo, shape[rows, j])
@@ -270,12 +273,13 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
                 changes[rows, j] = np.column_stack([_applied(undo, c) for c in changes[rows, j].T])
             frequency[j] *= np.exp(-shift)
             frequency_std[j] *= np.exp(-shift)
-        deviation = s.deviation
-        if deviation is not None and changes is not None:
-            deviation = ModalDeviation(ln_frequency=deviation.ln_frequency, damping_ratio=deviation.damping_ratio,
-                                       shape=changes)
+        covariance_factors = s.covariance_factors
+        if covariance_factors is not None and changes is not None:
+            covariance_factors = CovarianceFactors(ln_frequency=covariance_factors.ln_frequency,
+                                                   damping_ratio=covariance_factors.damping_ratio,
+                                                   shape=changes)
         sets.append(replace(s, shape=shape, shape_std=std, frequency_hz=frequency, frequency_std_hz=frequency_std,
-                            deviation=deviation))
+                            covariance_factors=covariance_factors))
     chosen = data.reference_set if data.reference_set in blocks.ids else None
     return replace(data, sets=tuple(sets), reference_set=chosen)
 
@@ -289,13 +293,13 @@ def _applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
     """Mean modes of the blocks after every step of `like` (default: of the fit itself) and where the nacelle mostly
-    looked then, without what sensors were found to do; and their number. Deviations are those of the mean and, beside
-    them, the model discrepancy of model form. Covariates are at their mean in the record."""
+    looked then, without what sensors were found to do; and their number. Standard deviations are those of the mean and,
+    beside them, the model discrepancy of model form. Covariates are at their mean in the record."""
     blocks, design = problem.blocks, fitted.design
     later = np.ones(len(blocks), bool)
     for n in (like or fitted).included:
-        if n.course.kind == "step":
-            later &= np.asarray(n.course.value) > 0.5
+        if n.time_profile.kind == "step":
+            later &= np.asarray(n.time_profile.value) > 0.5
     centres, bin_of = problem.bins
     usable = later & np.all([w > 0 for w in design.noise.weight], axis=0)
     usable = usable if usable.any() else later
@@ -303,7 +307,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     chosen = later & (bin_of == usual)
     exact = [n for n in fitted.included if n.exact]
     local, _ = local_at(problem.predictor, fitted.theta, exact, np.ones(len(exact)))
-    seen = [n for n in fitted.included if n.effect.observe is not None and n.course.kind != "covariate"]
+    seen = [n for n in fitted.included if n.effect.observe is not None and n.time_profile.kind != "covariate"]
     n_channel, n_mode = len(blocks.channels), len(blocks.labels)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
@@ -315,7 +319,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
             continue
         k, members = len(group), list(group)
         n_log = 1 if k == 1 else 3
-        mean = weight @ fitted.departures[q] / weight.sum()
+        mean = weight @ fitted.residuals[q] / weight.sum()
         variance = design.noise.covariance[q] / weight.sum() + np.diag(problem.discrepancy_std[q] ** 2)
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = seen_there[q]
@@ -323,13 +327,13 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
         axes = problem.predictor.axes[q]
         there = Reference(tensor=expected.tensor[None], shape=expected.shape[None])
         measured = modes_with(numbers_of(there, axes)[0] + mean, axes)
-        told = np.linalg.solve(A, measured.shape)
+        described_by = np.linalg.solve(A, measured.shape)
         value, V = np.linalg.eigh(measured.tensor - shift * np.eye(k))
         slope = V.T**2 if k == 1 else np.column_stack([V[0] ** 2, V[1] ** 2, np.sqrt(2) * V[0] * V[1]])
         frequency[members] = np.exp(value)
         frequency_std[members] = np.exp(value) * np.sqrt(
             np.einsum("ia,ab,ib->i", slope, variance[:n_log, :n_log], slope))
-        shape[:, members] = told @ V
+        shape[:, members] = described_by @ V
         own = np.diag(variance)[n_log : n_log + k * n_channel].reshape(k, n_channel).T
         std[:, members] = np.sqrt(own @ V**2)
     return ModalSet(
@@ -339,12 +343,12 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     ), int(chosen.sum())
 
 
-# What it tells -----------------------------------------------------------------------------------------------------
+# What it says -----------------------------------------------------------------------------------------------------
 
 
 def updated(model: AffineModel, data: ModalData) -> dict:
-    """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its deviations by
-    Laplace's method."""
+    """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its standard
+    deviations by Laplace's method."""
     record = deterministic_update(model, data, weights=default_likelihood(model, data))
     scheme = record.scheme("prior")
     std = np.sqrt(np.diag(record.map_covariance))
@@ -354,7 +358,8 @@ def updated(model: AffineModel, data: ModalData) -> dict:
         "misfit": record.map_misfit, "effective_responses": record.n_effective, "settled": bool(scheme.converged),
         "parameters": [
             {"name": p.name, "prior": p.initial, "prior_std": p.std, "deterministic": float(scheme.theta[-1][k]),
-             "map": float(record.map_theta[k]), "std": float(std[k]), "pushed": pushed(p, float(record.map_theta[k])),
+             "map": float(record.map_theta[k]), "std": float(std[k]),
+             "prior_shift": standardised_shift(p, float(record.map_theta[k])),
              "at_bound": bool(record.map_at_bound[k])}
             for k, p in enumerate(record.parameters)
         ],
@@ -362,8 +367,8 @@ def updated(model: AffineModel, data: ModalData) -> dict:
     }
 
 
-def pushed(p: Parameter, value: float) -> float:
-    """How many deviations of its prior a parameter stands from its prior's centre."""
+def standardised_shift(p: Parameter, value: float) -> float:
+    """How many standard deviations of its prior a parameter stands from its prior's centre."""
     if p.prior == "lognormal":
         return float(np.log(value / p.initial) / p.log_std)
     return float((value - p.initial) / p.std)
@@ -375,7 +380,8 @@ def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
 
 
 def identified(problem: DiagnosisProblem, fitted: Fit) -> dict:
-    """The same from the whole record: of each finding its deviation over its prior's, and pairs that go together."""
+    """The same from the whole record: of each finding its standard deviation over its prior's, and pairs that go
+    together."""
     design, n_own = fitted.design, len(problem.updated)
     free = [n for n in fitted.included if not n.effect.discrete]
     rows = design.held(n_own)
@@ -407,11 +413,11 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
         if "refused" in content[side]:
             refused = f"the model {words} was not updated: {content[side]['refused']}"
             return [*said, refused, *sampler_statements(content["sampler"], content["after"]["parameters"])]
-    told = {p["name"]: p["pushed"] for p in content["after"]["parameters"]}
-    before = {p["name"]: p["pushed"] for p in content["before"]["parameters"]}
-    size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, told)]
-    back = [n for n in before if abs(before[n]) - abs(told[n]) > NOTABLE]
-    away = [n for n in before if abs(told[n]) - abs(before[n]) > NOTABLE]
+    described_by = {p["name"]: p["prior_shift"] for p in content["after"]["parameters"]}
+    before = {p["name"]: p["prior_shift"] for p in content["before"]["parameters"]}
+    size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, described_by)]
+    back = [n for n in before if abs(before[n]) - abs(described_by[n]) > NOTABLE]
+    away = [n for n in before if abs(described_by[n]) - abs(before[n]) > NOTABLE]
     direction = "back towards" if size[1] < size[0] - 0.05 else "away from" if size[1] > size[0] + 0.05 else "neither"
     where = "the other parameters move neither towards nor from their prior" if direction == "neither" else (
         f"the other parameters move {direction} their prior")
@@ -427,12 +433,12 @@ def size_statements(added: Sequence[dict], parameters: Sequence[dict]) -> list[s
     rows, said = {p["name"]: p for p in parameters}, []
     for one in added:
         row = rows.get(one.get("parameter"))
-        if one["as"] != "parameter" or row is None or one["course"] not in ("constant", "step"):
+        if one["as"] != "parameter" or row is None or one["time_profile"] not in ("constant", "step"):
             continue
         size = row["map"] - row["prior"]
         if abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
-            why = ("the record tells it as a change, the mean after it only as one more share of an absolute value"
-                   if one["course"] == "step" else "the mean lacks the tolerances that the diagnosis allows for")
+            why = ("the record shows it as a change, the mean after it only as one more share of an absolute value"
+                   if one["time_profile"] == "step" else "the mean lacks the tolerances that the diagnosis allows for")
             said.append(f"{row['name']}: found as {one['size']:.4g} +- {one['size_std']:.2g}, but {size:.4g} +- "
                         f"{row['std']:.2g} by the update of the mean: {why}; take the found one")
     return said

@@ -19,19 +19,19 @@ from probupdate.updating.ensemble import SamplerSettings
 from probupdate.updating.posterior_file import Posterior, write_posterior
 from probupdate.updating.runs import sample_posterior
 
-# effective draws asked for (a mean is then known to 7 % of a deviation, a deviation to 5 %), and the steps after which
-# the chain stops and says how far it came. A turbine's takes many minutes to converge: after 200 steps (40 s) three of
-# the reference turbine had 49 to 80 effective draws of their worst parameter, after 400 (a quarter more time) 63 to 82.
-# A model of matrices has most often few parameters and rows
+# effective draws asked for (a mean is then known to 7 % of a standard deviation, a standard deviation to 5 %), and the
+# steps after which the chain stops and says how far it came. A turbine's takes many minutes to converge: after 200
+# steps (40 s) three of the reference turbine had 49 to 80 effective draws of their worst parameter, after 400 (a
+# quarter more time) 63 to 82. A model of matrices has most often few parameters and rows
 EFFECTIVE_DRAWS, STEPS_OF_TURBINE, STEPS_OF_MATRICES = 200, 200, 1000
-# differences that are said: of the mean from the maximum in deviations, and of a deviation by its ratio; beyond so many
-# standard errors of the chain in either case
+# differences that are said: of the mean from the maximum in standard deviations, and of a standard deviation by its
+# ratio; beyond so many standard errors of the chain in either case
 APART, WIDER, ERRORS = 0.5, 1.25, 3.0
 QUANTILES = (5, 50, 95)
 
 
 def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
-    """What a diagnosis asks of the sampler unless told otherwise."""
+    """What a diagnosis asks of the sampler unless stated otherwise."""
     return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS, ensembles=2,
                            max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)
 
@@ -57,10 +57,10 @@ def sampled(
     except (ValueError, ArithmeticError, OSError) as error:
         # the findings stand without it, whatever ails the chain
         return not_sampled(command, refused=f"{type(error).__name__}: {error}")
-    return _told(posterior, settings) | {"command": command}
+    return _chain_table(posterior, settings) | {"command": command}
 
 
-def _told(posterior: Posterior, settings: SamplerSettings) -> dict:
+def _chain_table(posterior: Posterior, settings: SamplerSettings) -> dict:
     draws, record = posterior.draws, posterior.record
     quantiles = np.percentile(draws, QUANTILES, axis=0)
     return {
@@ -86,25 +86,26 @@ def sampling_command(
     return f"probupdate sample {places} --seed {seed}"
 
 
-def sampler_statements(told: Mapping, laplace: list[dict]) -> list[str]:
+def sampler_statements(chain: Mapping, laplace: list[dict]) -> list[str]:
     """What the chain shows beside Laplace's approximation (`laplace`: its rows with name, map, std), in words."""
-    how = f": {told['command']}" if told["command"] else "; with a place for the files, `probupdate sample` reads them"
-    if "refused" in told:
-        return [f"the sampler gave no posterior with the findings ({told['refused']}); the findings stand without it"]
-    if not told["asked"]:
-        return [f"the posterior with the findings was not sampled, as {told['reason']}{how}"]
-    said = [f"emcee with the findings: {told['draws']} draws of {told['walkers']} walkers, acceptance "
-            f"{told['acceptance']:.2f}; asked for {told['effective_draws_asked']} effective draws in at most "
-            f"{told['steps_at_most']} steps. {told['verdict']}"]
-    if not told["converged"]:
+    how = (f": {chain['command']}" if chain["command"]
+           else "; with a place for the files, `probupdate sample` reads them")
+    if "refused" in chain:
+        return [f"the sampler gave no posterior with the findings ({chain['refused']}); the findings stand without it"]
+    if not chain["asked"]:
+        return [f"the posterior with the findings was not sampled, as {chain['reason']}{how}"]
+    said = [f"emcee with the findings: {chain['draws']} draws of {chain['walkers']} walkers, acceptance "
+            f"{chain['acceptance']:.2f}; asked for {chain['effective_draws_asked']} effective draws in at most "
+            f"{chain['steps_at_most']} steps. {chain['verdict']}"]
+    if not chain["converged"]:
         said.append(f"the chain has not converged: take its means and intervals as provisional, and go on until it "
                     f"has{how}")
-    said.append(told["laplace_check"])
+    said.append(chain["laplace_check"])
     rows = {p["name"]: p for p in laplace}
-    apart = [words for p in told["parameters"] if (words := _apart(p, rows[p["name"]]))]
+    apart = [words for p in chain["parameters"] if (words := _apart(p, rows[p["name"]]))]
     said += apart or ["sampler and Laplace's approximation agree: no mean differs by more than "
-                      f"{APART:g} deviations, none of these by more than a factor of {WIDER:g}, beyond the chain's own "
-                      "error"]
+                      f"{APART:g} standard deviations, none of these by more than a factor of {WIDER:g}, beyond the "
+                      "chain's own error"]
     return said
 
 
@@ -112,12 +113,13 @@ def _apart(p: Mapping, laplace: Mapping) -> str:
     """Where the chain parts from Laplace by more than its own error, by how much; else nothing."""
     effective = p["effective_draws"]
     if not (np.isfinite(effective) and effective > 1 and p["std"] > 0):
-        return f"{p['name']}: the chain tells nothing of it, as its walkers did not move"
+        return f"{p['name']}: the chain says nothing of it, as its walkers did not move"
     shift, ratio = (p["mean"] - laplace["map"]) / p["std"], p["std"] / laplace["std"]
     words = []
     if abs(shift) > max(APART, ERRORS / np.sqrt(effective)):
-        words.append(f"its mean {p['mean']:.4g} is {abs(shift):.1f} deviations {'above' if shift > 0 else 'below'} the "
+        side = "above" if shift > 0 else "below"
+        words.append(f"its mean {p['mean']:.4g} is {abs(shift):.1f} standard deviations {side} the "
                      f"maximum {laplace['map']:.4g}")
     if abs(np.log(ratio)) > max(np.log(WIDER), ERRORS / np.sqrt(2 * effective)):
-        words.append(f"its deviation {p['std']:.3g} is {ratio:.2f} times Laplace's {laplace['std']:.3g}")
+        words.append(f"its standard deviation {p['std']:.3g} is {ratio:.2f} times Laplace's {laplace['std']:.3g}")
     return f"{p['name']}: sampled, {' and '.join(words)}" if words else ""

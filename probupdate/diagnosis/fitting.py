@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg, optimize
 
-from probupdate.diagnosis.expected import departures_at, local_at, signatures_at
+from probupdate.diagnosis.expected import local_at, residuals_at, signatures_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
@@ -16,20 +16,20 @@ from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
 from probupdate.runtime.arrays import frozen_array
 
-# a fit has settled when no parameter moves by more, in posterior deviations
+# a fit has settled when no parameter moves by more, in posterior standard deviations
 SETTLED, MOST_STEPS = 0.1, 40
 # steps after which the noise is kept
 WARM = 3
 # a change of -2 ln posterior that does not matter, and the share of it that the linear equations may still promise at
-# the least value: signatures are derivatives of the expected modes alone, and where much is left over the departures
+# the least value: signatures are derivatives of the expected modes alone, and where much is left over the residuals
 # from them change a little otherwise
 FLAT, FLAT_SHARE = 0.1, 0.03
-# a step is no longer than so many prior deviations at once
+# a step is no longer than so many prior standard deviations at once
 LONGEST, HALVINGS = 1.0, 6
 # steps that may go uphill
 MOST_LEAPS = 8
 # signatures of tolerances and effects are computed anew every so many steps on the way, those of the updated
-# parameters after every step longer than this, in posterior deviations
+# parameters after every step longer than this, in posterior standard deviations
 REFRESH, FAR = 6, 1.0
 # angles of a nacelle at which it is asked how far modes may turn towards others that were not measured
 MOST_ANGLES = 8
@@ -41,14 +41,14 @@ MODEL_ERROR_SCALE = 0.1
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """theta (n_param of the extended model,), included effects with their sizes, departures per group (n_block,
+    """theta (n_param of the extended model,), included effects with their sizes, residuals per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
-    `last_step` in posterior deviations, infinite where it stopped without having settled. `short` (n_named,): how much
-    farther the linear equations would take each size where the fit itself led no farther down, else zero."""
+    `last_step` in posterior standard deviations, infinite where it stopped without having settled. `short` (n_named,):
+    how much farther the linear equations would take each size where the fit itself led no farther down, else zero."""
 
     theta: np.ndarray
     included: tuple[IncludedEffect, ...]
-    departures: tuple[np.ndarray, ...]
+    residuals: tuple[np.ndarray, ...]
     centred: tuple[np.ndarray, ...]
     design: Design
     steps: int
@@ -72,10 +72,10 @@ def design_at(
     With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
     names = problem.predictor.parameters.names
     exact = [n for n in included if n.exact]
-    levels = np.column_stack([*(n.course.value for n in exact), problem.bins[1]])
+    levels = np.column_stack([*(n.time_profile.value for n in exact), problem.bins[1]])
     bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
     bin_of = bin_of.ravel()
-    own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
+    own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, prior_scale=1.0,
                   parameter=names[k]) for k in problem.updated]
     n_own = len(own)
     if before is not None:
@@ -99,12 +99,13 @@ def design_at(
         nuisance_std=std,
         discrepancy_std=problem.discrepancy_std,
         effect=effect,
-        courses=problem.courses,
+        time_profiles=problem.time_profiles,
         which=problem.which,
         noise=noise,
-        included=(*((_number(problem, n), n.course, n.prior_std) for n in included if not n.effect.discrete), *scatter),
+        included=(*((_number(problem, n), n.time_profile, n.prior_std) for n in included if not n.effect.discrete),
+                  *scatter),
         n_scatter=len(scatter),
-        model_errors=tuple((n.course, _model_errors(problem, n, effect)) for n in included),
+        model_errors=tuple((n.time_profile, _model_errors(problem, n, effect)) for n in included),
     )
 
 
@@ -112,24 +113,24 @@ def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Desi
     """The design of a fit with the signatures of the problem's effects from number `first` on, which it does not have,
     and the problem's candidates."""
     exact, more = [n for n in fitted.included if n.exact], problem.effects[first:]
-    bins = np.unique(np.column_stack([*(n.course.value for n in exact), problem.bins[1]]), axis=0)
+    bins = np.unique(np.column_stack([*(n.time_profile.value for n in exact), problem.bins[1]]), axis=0)
     names = tuple(name for effect in more for name, _ in effect.increments)
     prints = _signatures_of_bins(problem, fitted.theta, exact, bins, more, names)
     effect = tuple(np.concatenate(both, axis=2) for both in zip(fitted.design.effect, prints, strict=True))
-    return replace(fitted.design, effect=effect, courses=problem.courses, which=problem.which)
+    return replace(fitted.design, effect=effect, time_profiles=problem.time_profiles, which=problem.which)
 
 
 def _members_scatter(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect]
 ) -> tuple[tuple[int, TimeProfile, float], ...]:
-    """What members of included groups depart from the group's change, as (number of the member's own row, time profile,
+    """What members of included groups differ from the group's change, as (number of the member's own row, time profile,
     standard deviation): where all are lost a member's own tolerance is lost with it, where a part is that part. The
     storey without braces shows three per cent of one pair. What is so throughout has the tolerance itself."""
     rows = {e.parameter: j for j, e in enumerate(problem.effects) if e.parameter}
     names = problem.predictor.parameters.names
     result = []
     for n in included:
-        if len(n.effect.parts) < 2 or n.course.kind == "constant":
+        if len(n.effect.parts) < 2 or n.time_profile.kind == "constant":
             continue
         for name, amount in n.effect.parts:
             i = next((i for i, k in enumerate(problem.updated) if names[k] == name), None)
@@ -138,7 +139,7 @@ def _members_scatter(
             p = problem.prior.items[i]
             share = n.size * amount / p.initial if p.initial else 0.0
             if share:
-                result.append((rows[name], n.course, abs(share) * local_std(problem.prior, i, p.initial)))
+                result.append((rows[name], n.time_profile, abs(share) * local_std(problem.prior, i, p.initial)))
     return tuple(result)
 
 
@@ -175,8 +176,9 @@ def _model_errors(
 
 
 def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
-    """Deviations (n_bin, n_response) of a signature whose error has the size `amount`: half of the variance where it
-    is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each shape)."""
+    """Standard deviations (n_bin, n_response) of a signature whose error has the size `amount`: half of the variance
+    where it is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each
+    shape)."""
     k, n_channel = len(problem.blocks.groups[group]), len(problem.blocks.channels)
     n_log = 1 if k == 1 else 3
     parts = [slice(0, n_log)]
@@ -188,19 +190,19 @@ def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) 
     return np.maximum(result, 1e-9)
 
 
-def centred_departures(
-    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], departures
+def centred_residuals(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
 ) -> tuple[np.ndarray, ...]:
-    """Departures less what the prior's centre would make: of mean zero when nothing is wrong."""
+    """Residuals less what the prior's centre would make: of mean zero when nothing is wrong."""
     made = design.expected(_prior_centre(problem, design, theta, included))
     return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(departures, made, design.noise.weight, strict=True))
+                 zip(residuals, made, design.noise.weight, strict=True))
 
 
 def _prior_centre(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect]
 ) -> np.ndarray:
-    """Where the unknowns' prior is centred, as departures from theta and the sizes."""
+    """Where the unknowns' prior is centred, as residuals from theta and the sizes."""
     unknowns = np.zeros(design.n_unknown)
     unknowns[: len(problem.updated)] = prior_shift(problem, theta)
     # sizes have their prior about zero: what they make is taken back to there
@@ -208,13 +210,13 @@ def _prior_centre(
     return unknowns
 
 
-def _left(problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], departures):
-    """Departures less what the unknowns make of them at their most probable. Tolerances of rotor and nacelle turn with
+def _left(problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals):
+    """Residuals less what the unknowns make of them at their most probable. Tolerances of rotor and nacelle turn with
     the heading: they differ from block to block, and in the torsion's small components at the tower many times more
     than the noise does, which differences of blocks would else be taken for."""
-    solved = design.unknowns(centred_departures(problem, design, theta, included, departures))
+    solved = design.unknowns(centred_residuals(problem, design, theta, included, residuals))
     made = design.expected(_prior_centre(problem, design, theta, included) + solved)
-    return tuple(y - m for y, m in zip(departures, made, strict=True))
+    return tuple(y - m for y, m in zip(residuals, made, strict=True))
 
 
 def fit(
@@ -227,7 +229,7 @@ def fit(
     ConvergenceError where the model has no modes.
     """
     theta, included, n_own = np.array(theta, float), tuple(included), len(problem.updated)
-    here = departures_at(problem, theta, included)
+    here = residuals_at(problem, theta, included)
     if base is None:
         noise = turning_freely(problem, noise_of(problem, here), theta, included)
         design = design_at(problem, theta, included, noise)
@@ -249,10 +251,10 @@ def fit(
                 design = design_at(problem, theta, included, noise, None if fresh else design)
             else:
                 design = replace(design, noise=noise)
-        departures = kept(here, noise)
-        centred = centred_departures(problem, design, theta, included, departures)
+        residuals = kept(here, noise)
+        centred = centred_residuals(problem, design, theta, included, residuals)
         newton = _newton(problem, design, theta, included, centred)
-        before = design.misfit(departures, design.held(n_own)) + penalty(problem, theta, included, included)
+        before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
         trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before)
@@ -271,7 +273,7 @@ def fit(
             step = _length(problem, design, theta, included, trial)
         if step < SETTLED and fresh and renewed:
             short = np.abs(newton.change) if trial is None and promised > 1.0 else np.zeros(len(included))
-            return Fit(theta=theta, included=included, departures=departures, centred=centred, design=design,
+            return Fit(theta=theta, included=included, residuals=residuals, centred=centred, design=design,
                        steps=number, last_step=step, short=short)
         if trial is not None:
             theta, included, here = trial.theta, trial.included, trial.there
@@ -280,9 +282,9 @@ def fit(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Newton:
-    """A Gauss-Newton step: `move` of the updated parameters in their prior's deviations `scale` (n_updated,), `change`
-    of the sizes (n_named,), the share of both that is no longer than LONGEST (`whole`), and by how much -2 ln posterior
-    would be lower beyond the bounds (`beyond`)."""
+    """A Gauss-Newton step: `move` of the updated parameters in their prior's standard deviations `scale` (n_updated,),
+    `change` of the sizes (n_named,), the share of both that is no longer than LONGEST (`whole`), and by how much -2 ln
+    posterior would be lower beyond the bounds (`beyond`)."""
 
     move: np.ndarray
     scale: np.ndarray
@@ -332,7 +334,7 @@ def _free(included: Sequence[IncludedEffect]) -> list[int]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Trial:
-    """Where a share of a step leads, departures there, and -2 ln posterior with the design it was made with."""
+    """Where a share of a step leads, residuals there, and -2 ln posterior with the design it was made with."""
 
     theta: np.ndarray
     included: tuple[IncludedEffect, ...]
@@ -358,7 +360,7 @@ def _trial(
     newton: _Newton, share: float,
 ) -> _Trial:
     moved_theta, moved = _moved(problem, theta, included, share * newton.move * newton.scale, share * newton.change)
-    there = departures_at(problem, moved_theta, moved)
+    there = residuals_at(problem, moved_theta, moved)
     held = design.held(len(problem.updated))
     misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, moved_theta, moved, included)
     return _Trial(theta=moved_theta, included=moved, there=there, misfit=misfit, share=share)
@@ -367,11 +369,11 @@ def _trial(
 def _length(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...], trial: _Trial
 ) -> float:
-    """By how many posterior deviations a trial moves what it moves most."""
+    """By how many posterior standard deviations a trial moves what it moves most."""
     updated = list(problem.updated)
-    told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(design.noise.weight, trial.there, strict=True))
+    count = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(design.noise.weight, trial.there, strict=True))
     # what is left beyond the noise makes the posterior wider
-    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * max(1.0, trial.misfit / told))
+    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * max(1.0, trial.misfit / count))
     moved = np.abs(trial.theta[updated] - theta[updated])
     grown = [abs(trial.included[k].size - included[k].size) for k in _free(included)]
     return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
@@ -386,8 +388,8 @@ def _ended(
     number: int,
 ) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures, centred = linearised(problem, theta, included, noise, here)
-    return Fit(theta=theta, included=included, departures=departures, design=design, steps=number, last_step=np.inf,
+    design, residuals, centred = linearised(problem, theta, included, noise, here)
+    return Fit(theta=theta, included=included, residuals=residuals, design=design, steps=number, last_step=np.inf,
                short=np.zeros(len(included)), centred=centred)
 
 
@@ -396,19 +398,19 @@ def linearised(
     theta: np.ndarray,
     included: Sequence[IncludedEffect],
     noise: Noise,
-    departures: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
 ) -> tuple[Design, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """The design at theta and the included effects, with departures from there as far as they count and less what the
+    """The design at theta and the included effects, with residuals from there as far as they count and less what the
     prior's centre makes."""
-    design, departures = design_at(problem, theta, included, noise), kept(departures, noise)
-    return design, departures, centred_departures(problem, design, theta, included, departures)
+    design, residuals = design_at(problem, theta, included, noise), kept(residuals, noise)
+    return design, residuals, centred_residuals(problem, design, theta, included, residuals)
 
 
-def noise_of(problem: DiagnosisProblem, departures: Sequence[np.ndarray]) -> Noise:
-    """From what departures leave, with the pattern that the identification states."""
+def noise_of(problem: DiagnosisProblem, residuals: Sequence[np.ndarray]) -> Noise:
+    """From what residuals leave, with the pattern that the identification states."""
     blocks = problem.blocks
     sizes = tuple(len(g) for g in blocks.groups)
-    return estimate_noise(tuple(departures), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
+    return estimate_noise(tuple(residuals), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
                           problem.stated, blocks.few)
 
 
@@ -419,7 +421,7 @@ def turning_freely(
     how far is not known from the model, whichever block it is, so that what lies along such a turn counts the less the
     nearer the mate is."""
     exact = [n for n in included if n.exact]
-    states = np.unique(np.column_stack([np.zeros(len(problem.blocks)), *(n.course.value for n in exact)]), axis=0)
+    states = np.unique(np.column_stack([np.zeros(len(problem.blocks)), *(n.time_profile.value for n in exact)]), axis=0)
     angles = problem.bins[0]
     angles = angles[:: max(1, len(angles) // MOST_ANGLES)]
     turns: list[list[np.ndarray]] = [[] for _ in noise.precision]
@@ -441,8 +443,8 @@ def turning_freely(
     return replace(noise, precision=tuple(precision))
 
 
-def kept(departures, noise: Noise):
-    return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
+def kept(residuals, noise: Noise):
+    return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(residuals, noise.weight, strict=True))
 
 
 def penalty(

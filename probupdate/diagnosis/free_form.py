@@ -14,7 +14,7 @@ import numpy as np
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.elementary import PART_CAUSES, Part, parts_of, scores_of_parts
 from probupdate.diagnosis.evidence import sizes_std
-from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem
@@ -42,7 +42,7 @@ class FreeForm:
 
 def most_promising(problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]) -> list[int]:
     """Numbers of the parts that promise most beside a fit, N_KEPT of each kind."""
-    profiles = [course for course in problem.courses if course.kind in ("constant", "step")]
+    profiles = [time_profile for time_profile in problem.time_profiles if time_profile.kind in ("constant", "step")]
     gain, _, _ = scores_of_parts(problem, fitted, parts, profiles)
     order = np.argsort(-gain.max(axis=1), kind="stable")
     return sorted(int(k) for cause in PART_CAUSES
@@ -78,11 +78,11 @@ def _content(outcome: Outcome) -> dict:
     std = sizes_std(problem, fitted)
     rows = []
     for number, (n, own) in enumerate(zip(fitted.included, std, strict=True)):
-        step = n.course.kind == "step"
+        step = n.time_profile.kind == "step"
         rows.append({
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
-            "unit": n.effect.unit + n.course.unit, "course": n.course.name,
-            "since": problem.blocks.ids[n.course.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
+            "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
+            "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
             "modes": modes_moved(outcome, number),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
@@ -97,8 +97,8 @@ def modes_moved(outcome: Outcome, number: int) -> list[dict]:
     if not n.exact:
         return []
     others = [x for k, x in enumerate(fitted.included) if k != number and x.exact]
-    with_it, without = (departures_at(problem, fitted.theta, included) for included in ([*others, n], others))
-    acting = np.flatnonzero(n.course.value > 0.5)
+    with_it, without = (residuals_at(problem, fitted.theta, included) for included in ([*others, n], others))
+    acting = np.flatnonzero(n.time_profile.value > 0.5)
     rows = []
     for q, (a, b) in enumerate(zip(with_it, without, strict=True)):
         k = len(problem.blocks.groups[q])

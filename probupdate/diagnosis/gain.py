@@ -1,6 +1,6 @@
 """What a finding is worth: blocks that took no part in the fit, predicted without it and with it.
 
-The record is cut into contiguous stretches; each is predicted from all others by the model as it is and by the model
+The record is cut into contiguous folds; each is predicted from all others by the model as it is and by the model
 with the effect. Reported are the gain in expected log predictive density (Gneiting & Raftery 2007; Vehtari, Gelman &
 Gabry 2017), the continuous ranked probability score, errors of frequencies and MAC before and after. The effect itself
 was chosen on the whole record, so that a gain is a check, not a second discovery.
@@ -40,7 +40,7 @@ from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.progress import Progress, silent
 
-# contiguous stretches of the record, each predicted from the others: so many, or more where one side of a step is short
+# contiguous folds of the record, each predicted from the others: so many, or more where one side of a step is short
 N_FOLD, MOST_FOLDS = 5, 24
 # a gain of fewer of its standard errors is none
 SIGNIFICANT = 2.0
@@ -49,7 +49,7 @@ SIGNIFICANT = 2.0
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contest:
     """Held-out blocks under two models with the same noise: elpd gained by the second, its standard error, the part of
-    every block (n_block,), `snr` of the two predictions' difference; predictions of each stretch."""
+    every block (n_block,), `snr` of the two predictions' difference; predictions of each fold."""
 
     elpd: float
     elpd_se: float
@@ -63,35 +63,35 @@ class Contest:
         return self.elpd > SIGNIFICANT * self.elpd_se
 
 
-def stretches(n_block: int, n_fold: int = N_FOLD) -> np.ndarray:
-    """(n_block,) number of the contiguous stretch each block belongs to; all of about one length."""
+def folds(n_block: int, n_fold: int = N_FOLD) -> np.ndarray:
+    """(n_block,) number of the contiguous fold each block belongs to; all of about one length."""
     return np.arange(n_block) * min(n_fold, n_block) // n_block
 
 
 def how_many(n_block: int, included: Sequence[IncludedEffect]) -> int:
-    """Stretches: none holds more than half of what lies on one side of a step, else nothing is left to tell its size
+    """Folds: none holds more than half of what lies on one side of a step, else nothing is left to show its size
     from."""
-    sides = [min(n.course.at, n_block - n.course.at) for n in included if n.course.kind == "step"]
+    sides = [min(n.time_profile.at, n_block - n.time_profile.at) for n in included if n.time_profile.kind == "step"]
     wanted = max([N_FOLD, *(-(-2 * n_block // max(side, 1)) for side in sides)])
     return min(wanted, MOST_FOLDS, n_block)
 
 
 def with_noise(design: Design, noise: Noise) -> Design:
     """The design for prediction: another noise, no candidates."""
-    return replace(design, noise=noise, courses=design.courses[:1], which=np.zeros((0, 2), int))
+    return replace(design, noise=noise, time_profiles=design.time_profiles[:1], which=np.zeros((0, 2), int))
 
 
 def contest(
     before: tuple[Design, Sequence[np.ndarray]], after: tuple[Design, Sequence[np.ndarray]], *,
     n_fold: int = N_FOLD,
 ) -> Contest:
-    """Two fits, each a design and its centred departures, on the same held-out blocks. Both are scored with the noise
+    """Two fits, each a design and its centred residuals, on the same held-out blocks. Both are scored with the noise
     of the first, so that a different estimate of the noise counts neither for nor against an effect.
 
     All held-out blocks are scored together, each by its residual from a prediction that did not see it: what is not
-    known of the model is common to all of them. Were it taken as new in every stretch, a constant departure would count
-    once for each stretch, and a step would pass for a new offset. By how much a prediction without a stretch differs
-    from one with it is that stretch's own.
+    known of the model is common to all of them. Were it taken as new in every fold, a constant residual would count
+    once for each fold, and a step would pass for a new offset. By how much a prediction without a fold differs
+    from one with it is that fold's own.
 
     The standard error is the larger of two: that of the predictive distribution, sqrt(D^T C^-1 D) for predictions that
     differ by D, and that of batch means over successive blocks, which shows what unrest and memory of the blocks
@@ -99,7 +99,7 @@ def contest(
     """
     noise = before[0].noise
     n_block = len(before[0].bin_of)
-    fold, every = stretches(n_block, n_fold), np.arange(n_block)
+    fold, every = folds(n_block, n_fold), np.arange(n_block)
     designs = [with_noise(d, noise) for d, _ in (before, after)]
     centred = [y for _, y in (before, after)]
     sides = [tuple(predict(d, y, fold == k) for k in range(fold.max() + 1))
@@ -110,31 +110,31 @@ def contest(
                        strict=True)
     densities = [log_density(d, every, Q, r, o)[0]
                  for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]
-    # by which predictions from the whole record differ: what varies between stretches is no difference of the models
+    # by which predictions from the whole record differ: what varies between folds is no difference of the models
     left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
              zip(y, predicted(d, every, mean), noise.weight, strict=True)]
             for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]
     difference = [a - b for a, b in zip(*left, strict=True)]
-    told = solve_covariance(designs[0], every, unknown[0], difference, own[0])
+    solution = solve_covariance(designs[0], every, unknown[0], difference, own[0])
     gained = densities[1] - densities[0]
-    common = cross(designs[1], every, told.solved, weighted=False)
+    common = cross(designs[1], every, solution.solved, weighted=False)
     variance = float(common @ unknown[1] @ common)
     for places, covariance in own[1]:
-        there = cross(designs[1], places, [w[places] for w in told.solved], weighted=False)
+        there = cross(designs[1], places, [w[places] for w in solution.solved], weighted=False)
         variance += float(there @ covariance @ there)
-    for a, covariance, weight in zip(told.solved, noise.covariance, noise.weight, strict=True):
+    for a, covariance, weight in zip(solution.solved, noise.covariance, noise.weight, strict=True):
         measured = weight > 0
         squares = np.einsum("ni,ij,nj->n", a, covariance, a, optimize=True)
         variance += float(np.sum(squares[measured] / weight[measured]))
-    se = max(np.sqrt(variance), batch_error(gained - 0.5 * told.shares))
+    se = max(np.sqrt(variance), batch_error(gained - 0.5 * solution.shares))
     return Contest(elpd=float(gained.sum()), elpd_se=float(se), by_block=gained, before=sides[0], after=sides[1],
-                   snr=float(np.sqrt(max(float(told.shares.sum()), 0.0))))
+                   snr=float(np.sqrt(max(float(solution.shares.sum()), 0.0))))
 
 
 def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
-    """Covariance of how all predictions depart and of how each does besides, such that a stretch departs as its own
-    prediction says and the mean over stretches as the whole record does, by Q: estimates from a part differ from that
-    of the whole by what the part knows less, and these differences nearly cancel. Remainders, which no prediction
+    """Covariance of how all predictions differ and of how each does besides, such that a fold differs as its own
+    prediction says and the mean over folds as the whole record does, by Q: estimates from a part differ from that
+    of the whole by what the part knows less, and these differences nearly cancel. Residuals, which no prediction
     carries, have no part in them."""
     left = transient(design)
     more = []
@@ -143,7 +143,7 @@ def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) ->
         own[left], own[:, left] = 0.0, 0.0
         more.append(own)
     mean = np.sum(more, axis=0) / len(more) ** 2
-    # what one stretch alone tells differs by more than the whole record leaves unknown
+    # what one fold alone shows differs by more than the whole record leaves unknown
     root = covariance_root(Q - mean, design.prior_std)
     return root @ root.T, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
 
@@ -179,7 +179,7 @@ def measures(
     problem: DiagnosisProblem, old: Fit, new: Fit, *, noise: Noise | None = None, n_fold: int | None = None
 ) -> dict:
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
-    the larger eigenvalue of its tensor's error), largest over modes and stretches of the mean over a stretch, and root
+    the larger eigenvalue of its tensor's error), largest over modes and folds of the mean over a fold, and root
     mean square over single blocks; MAC likewise."""
     n_fold = n_fold or how_many(len(problem.blocks), new.included)
     first = replace(old.design, noise=noise or old.design.noise)
@@ -204,7 +204,7 @@ def measures(
 
 def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) -> tuple[dict, ...]:
     """Of every finding, added after those before it, what it gains: `measures`, sensors that took no part, how the
-    parameters move (in prior deviations) and what it changes of fatigue."""
+    parameters move (in prior standard deviations) and what it changes of fatigue."""
     problem = outcome.problem
     fits = stages(problem, outcome.null, outcome.fitted)
     noise = outcome.null.design.noise
@@ -218,22 +218,22 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
                            "settle"})
             continue
         (old, before), (new, after) = without, with_it
-        told = measures(problem, old, new, noise=noise)
-        told["heldout_sensors"] = [
+        solution = measures(problem, old, new, noise=noise)
+        solution["heldout_sensors"] = [
             {"level": level, "channels": list(own), "rms_error_before": before[level][0],
              "rms_error_after": after[level][0], "max_error_before": before[level][1],
              "max_error_after": after[level][1]}
             for level, own in levels.items()
         ]
-        told["parameter_shifts"] = _shifts(problem, old, new)
-        told["fatigue"] = fatigue_change(prepared, problem, old, new)
-        result.append(told)
+        solution["parameter_shifts"] = _shifts(problem, old, new)
+        solution["fatigue"] = fatigue_change(prepared, problem, old, new)
+        result.append(solution)
         progress("held-out blocks", number, len(fits))
     return tuple(result)
 
 
 def _shifts(problem: DiagnosisProblem, old: Fit, new: Fit) -> dict[str, float]:
-    """By how many deviations of its prior each parameter moves."""
+    """By how many standard deviations of its prior each parameter moves."""
     return {p.name: float((new.theta[k] - old.theta[k]) / local_std(problem.prior, i, old.theta[k]))
             for i, (p, k) in enumerate(zip(problem.prior, problem.updated, strict=True))}
 
@@ -249,7 +249,7 @@ def statement(gain: dict) -> str:
 def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dict:
     """Errors of all held-out blocks under one model."""
     n_channel = len(problem.blocks.channels)
-    stretch_f, block_f, stretch_mac, block_mac = [], [], [], []
+    fold_f, block_f, fold_mac, block_mac = [], [], [], []
     scores_f, scores_s = [], []
     for p in predictions:
         own_f, own_s = np.zeros((2, len(p.rows))), np.zeros((2, len(p.rows)))
@@ -263,9 +263,9 @@ def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dic
             own_f[:, rows] += [score[:, :n_log].sum(axis=1), np.full(len(rows), n_log)]
             own_s[:, rows] += [score[:, n_log:].sum(axis=1), np.full(len(rows), score.shape[1] - n_log)]
             mean = np.average(r[rows], axis=0, weights=w[rows])[None]
-            stretch_f.append(_frequency_errors(mean[:, :n_log]))
+            fold_f.append(_frequency_errors(mean[:, :n_log]))
             block_f.append(_frequency_errors(r[rows, :n_log]))
-            stretch_mac.append(_mac(mean[:, n_log:], problem.predictor.axes[q], n_channel))
+            fold_mac.append(_mac(mean[:, n_log:], problem.predictor.axes[q], n_channel))
             block_mac.append(_mac(r[rows, n_log:], problem.predictor.axes[q], n_channel))
         scores_f.append(own_f)
         scores_s.append(own_s)
@@ -273,9 +273,9 @@ def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dic
     by_block = {key: v[0] / np.maximum(v[1], 1) for key, v in by_block.items()}
     single = np.concatenate([b.ravel() for b in block_f])
     return {
-        "max_frequency_error": float(max(np.max(e) for e in stretch_f)),
+        "max_frequency_error": float(max(np.max(e) for e in fold_f)),
         "rms_frequency_error": float(np.sqrt(np.mean(single**2))),
-        "min_mac": float(min(np.min(m) for m in stretch_mac)),
+        "min_mac": float(min(np.min(m) for m in fold_mac)),
         "mean_mac": float(np.mean(np.concatenate([m.ravel() for m in block_mac]))),
         "crps_frequency": float(np.mean(by_block["_crps_frequency"])),
         "crps_shape": float(np.mean(by_block["_crps_shape"])),
@@ -291,9 +291,9 @@ def held_out_sensors(
 ) -> dict[str, tuple[float, float]]:
     """Motion predicted at each level (name -> its channels) from all other channels, effects' times and kinds known:
     name -> (root mean square error over modes, channels and single blocks, the largest error of the mean over a
-    stretch), in shares of each shape's largest component."""
+    fold), in shares of each shape's largest component."""
     channels = problem.blocks.channels
-    fold = stretches(len(problem.blocks), n_fold)
+    fold = folds(len(problem.blocks), n_fold)
     result = {}
     for name, own in levels.items():
         hidden = np.array([channels.index(c) for c in own])
@@ -303,11 +303,11 @@ def held_out_sensors(
         reduced = _mapped(design, [seen for seen, _ in maps])
         blocks = np.arange(len(problem.blocks))
         mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
-        told = np.zeros(design.n_unknown)
+        solution = np.zeros(design.n_unknown)
         carried = np.flatnonzero(~transient(design))
-        told[carried] = mean[carried]
+        solution[carried] = mean[carried]
         single, means = [], []
-        for y, m, (_, out), w in zip(fitted.centred, design.expected(told), maps, noise.weight, strict=True):
+        for y, m, (_, out), w in zip(fitted.centred, design.expected(solution), maps, noise.weight, strict=True):
             error = (y - m) @ out.T
             single.append(error[w > 0].ravel())
             for k in range(fold.max() + 1):
@@ -325,7 +325,7 @@ def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[n
     (n_hidden 2 k, n_response)."""
     n_channel, k = target.shape
     n_log = 1 if k == 1 else 3
-    # of the kept channels only what lies across the group's shapes tells anything: size and turn are free
+    # of the kept channels only what lies across the group's shapes says anything: size and turn are free
     across = np.linalg.svd(target[kept])[0][:, k:].T @ np.eye(n_channel)[kept]
     aligned = np.eye(n_channel)[hidden] - target[hidden] @ np.linalg.pinv(target[kept]) @ np.eye(n_channel)[kept]
     parts = 2 * k
@@ -341,8 +341,8 @@ def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
         design, noise=noise, nuisance=tuple(B @ G for B, G in zip(maps, design.nuisance, strict=True)),
         effect=tuple(B @ E for B, E in zip(maps, design.effect, strict=True)),
         discrepancy_std=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.discrepancy_std, strict=True)),
-        model_errors=tuple((course, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
-                      for course, spread in design.model_errors),
+        model_errors=tuple((time_profile, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
+                      for time_profile, spread in design.model_errors),
     )
 
 

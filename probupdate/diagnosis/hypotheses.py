@@ -22,7 +22,7 @@ from probupdate.diagnosis.evidence import (
     only_promised,
     over_error_scales,
 )
-from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import Fit, design_at, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
 from probupdate.diagnosis.noise import Noise
@@ -96,7 +96,7 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explored:
     """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
-    (the model as it is) and that at the most probable one. `left_over`: whether one more effect would make the record
+    (the model as it is) and that at the most probable one. `one_more`: whether one more effect would make the record
     more probable there, to first order. `problem` with the crosstalks that were taken up."""
 
     problem: DiagnosisProblem
@@ -104,7 +104,7 @@ class Explored:
     log_posterior: np.ndarray
     first: Search
     last: Search
-    left_over: bool
+    one_more: bool
 
 
 def log_prior(problem: DiagnosisProblem, candidates: Sequence[int]) -> float:
@@ -116,9 +116,9 @@ def log_prior(problem: DiagnosisProblem, candidates: Sequence[int]) -> float:
 
 def _shares(problem: DiagnosisProblem) -> np.ndarray:
     """(n_candidate,) that sum to one, but for crosstalks, which were not in the catalogue."""
-    names = [problem.courses[c].name for _, c in problem.which]
+    names = [problem.time_profiles[c].name for _, c in problem.which]
     odds = np.array([problem.effects[j].prior_odds(name) for (j, _), name in zip(problem.which, names, strict=True)])
-    steps = max(sum(c.kind == "step" for c in problem.courses), 1)
+    steps = max(sum(c.kind == "step" for c in problem.time_profiles), 1)
     odds = odds / np.where([name == "step" for name in names], steps, 1)
     return odds / odds.sum()
 
@@ -140,9 +140,9 @@ def without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, f
     parameters to first order about there."""
     included = tuple(n for i, n in enumerate(fitted.included) if i != number)
     noise = fitted.design.noise
-    there = departures_at(problem, fitted.theta, included)
-    design, departures, centred = linearised(problem, fitted.theta, included, noise, there)
-    rest = replace(fitted, included=included, design=design, departures=departures, centred=centred)
+    there = residuals_at(problem, fitted.theta, included)
+    design, residuals, centred = linearised(problem, fitted.theta, included, noise, there)
+    rest = replace(fitted, included=included, design=design, residuals=residuals, centred=centred)
     return rest, _about_itself(rest) - _about_itself(fitted)
 
 
@@ -154,14 +154,14 @@ def _about_itself(fitted: Fit) -> float:
 
 def moves_from(
     problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: float,
-    rivals: Mapping[tuple[int, str], Set[tuple[int, str]]] = MappingProxyType({}),
+    competing: Mapping[tuple[int, str], Set[tuple[int, str]]] = MappingProxyType({}),
 ) -> list[Move]:
     """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
-    exchanged for any of its `rivals` (each an effect with the name of its time profile), whatever first order
+    exchanged for any of its `competing` (each an effect with the name of its time profile), whatever first order
     promises."""
     priors = np.log(_shares(problem))
-    effect_of, names = problem.which[:, 0], [problem.courses[c].name for _, c in problem.which]
+    effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
     states = [(None, here.fitted, 0.0)] if add else []
     states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
@@ -186,8 +186,8 @@ def moves_from(
             promised = gain[own] if usable[own] else 0.0
             promise, enough = (gain - promised) / scale + priors - priors[own], least
             if abs(here.z[out]) > LARGE:
-                its = rivals.get((int(effect_of[own]), names[own]), frozenset())
-                promise = _likeness(problem, base, own, its, usable)
+                its = competing.get((int(effect_of[own]), names[own]), frozenset())
+                promise = _score_correlation(problem, base, own, its, usable)
             # the hypothesis itself, but for the time of a step
             promise[(effect_of == effect_of[own]) & np.array([name == names[own] for name in names])] = -np.inf
         for k in _most_promising(problem, promise, enough):
@@ -196,14 +196,14 @@ def moves_from(
     return sorted(result, key=lambda m: -m.promise)
 
 
-def _likeness(
+def _score_correlation(
     problem: DiagnosisProblem, base: Fit, own: int, its: Set[tuple[int, str]], usable: np.ndarray
 ) -> np.ndarray:
     """(n_candidate,) what is promised by an exchange of the large effect of candidate `own`, by its score correlation
     alone: what a large effect leaves is beyond first order. -inf but for what looks like it, and for `its` competing
     hypotheses, which were as probable when it was added."""
     information = base.design.information
-    among = np.array([(int(j), problem.courses[c].name) in its for j, c in problem.which])
+    among = np.array([(int(j), problem.time_profiles[c].name) in its for j, c in problem.which])
     size_of = np.sqrt(np.maximum(information, 1e-300))
     alike = np.abs(base.design.overlap([own], range(len(information)))[0]) / (size_of * size_of[own])
     return np.where(usable & (among | (alike > ALIKE)), alike, -np.inf)
@@ -219,10 +219,10 @@ def _most_promising(problem: DiagnosisProblem, promise: np.ndarray, enough: floa
 def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) -> IncludedEffect:
     """A candidate to begin a fit with beside `base`: well within its bounds, a step at its best time."""
     j, c = problem.which[candidate]
-    effect, course = problem.effects[j], problem.courses[c]
-    if course.kind == "step":
-        course = sharpened(problem, base, int(j), course)
-    n = IncludedEffect(effect=effect, course=course, size=0.0)
+    effect, time_profile = problem.effects[j], problem.time_profiles[c]
+    if time_profile.kind == "step":
+        time_profile = sharpened(problem, base, int(j), time_profile)
+    n = IncludedEffect(effect=effect, time_profile=time_profile, size=0.0)
     return replace(n, size=float(size if effect.discrete else np.clip(size, *np.multiply(0.6, n.bounds))))
 
 
@@ -253,7 +253,7 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
 
 def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
     j, c = problem.which[tried.candidate]
-    return IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=tried.size)
+    return IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=tried.size)
 
 
 def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
@@ -262,7 +262,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
     start = hypothesis_of(problem, (), (), null)
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
-    left_over: dict[frozenset, bool] = {}
+    one_more: dict[frozenset, bool] = {}
     compared, renewed = Ranking(), set()
     first = search(problem, null, seed=seed)
     while len(searches) < MOST_LOOKED:
@@ -280,7 +280,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         found = first if not key else search(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
         searches[key] = found
-        over = left_over[key] = bool(found.statistic.max() > found.threshold)
+        over = one_more[key] = bool(found.statistic.max() > found.threshold)
         add = len(here.candidates) < most and over
         if not key and not add:
             break
@@ -291,20 +291,20 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         large = bool(found.statistic.max() > LARGE)
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
-        moves += moves_from(problem, here, add=add and not together, rivals=_rivals(known, key),
+        moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
         if add:
             # a score that nothing known makes probable is chance
-            left_over[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
+            one_more[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
         _fit_moves(problem, here, moves, known, noise_anew=large)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
     if keys[0] not in searches:
         found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
         searches[keys[0]] = found
-        left_over[keys[0]] = bool(found.statistic.max() > found.threshold)
+        one_more[keys[0]] = bool(found.statistic.max() > found.threshold)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=searches[keys[0]], left_over=left_over[keys[0]])
+                    first=first, last=searches[keys[0]], one_more=one_more[keys[0]])
 
 
 def _next_looked_at(
@@ -342,7 +342,7 @@ def _fit_moves(
             known[there] = fitted
 
 
-def _rivals(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
+def _competing(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
     """For each effect (with the name of its time profile) of a hypothesis those that were about as probable in its
     place, there or with fewer others beside it."""
     result: dict[tuple[int, str], set[tuple[int, str]]] = {one: set() for one in key}
@@ -356,7 +356,7 @@ def _rivals(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple
 
 def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
     """Effects with the kinds of their time profiles: steps of other times are one hypothesis."""
-    return frozenset((int(j), problem.courses[c].name) for j, c in problem.which[list(candidates)])
+    return frozenset((int(j), problem.time_profiles[c].name) for j, c in problem.which[list(candidates)])
 
 
 def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew: bool) -> Hypothesis | None:
@@ -367,7 +367,7 @@ def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew:
         fitted = fit(problem, theta, move.included, base=None if noise_anew else here.fitted)
     except ConvergenceError:
         return None
-    if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
+    if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.prior_scale for n in fitted.included):
         # it cannot be on the side that the score asked for
         return None
     return hypothesis_of(problem, move.candidates, move.z, fitted).without_design()
@@ -388,7 +388,8 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
         fitted = fit(problem, here.fitted.theta, here.fitted.included)
         included = sharpened_again(problem, fitted)
         same = all(
-            np.array_equal(a.course.value, b.course.value) for a, b in zip(included, fitted.included, strict=True)
+            np.array_equal(a.time_profile.value, b.time_profile.value) for a,
+                   b in zip(included, fitted.included, strict=True)
         )
         fitted = fitted if same else fit(problem, fitted.theta, included)
     except ConvergenceError:
@@ -399,12 +400,12 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
 def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
     """A competing hypothesis with the noise and the times of steps that were found anew for another one: it is not less
     probable for what it was not offered."""
-    found = [n.course for n in after.fitted.included if n.course.kind == "step"]
+    found = [n.time_profile for n in after.fitted.included if n.time_profile.kind == "step"]
     included = []
     for n in one.fitted.included:
-        near = [c for c in found if n.course.kind == "step" and abs(c.at - n.course.at) <= SAME_TIME
+        near = [c for c in found if n.time_profile.kind == "step" and abs(c.at - n.time_profile.at) <= SAME_TIME
                 and (not n.effect.discrete or np.isin(c.value, (0.0, 1.0)).all())]
-        included.append(replace(n, course=near[0]) if near else n)
+        included.append(replace(n, time_profile=near[0]) if near else n)
     return replace(one, fitted=replace(one.fitted, included=tuple(included)),
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 

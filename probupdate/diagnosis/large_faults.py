@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.expected import ModelAnswers, departures_at
+from probupdate.diagnosis.expected import ModelAnswers, residuals_at
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -21,9 +21,9 @@ from probupdate.diagnosis.search import gains
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 
-# of an effect's deviation: a gain of 20, half a turn
+# of an effect's prior scale: a gain of 20, half a turn
 DOUBLINGS = 7
-# of -2 ln posterior that another one explains beside the best, for both to be told together; turns taken at that
+# of -2 ln posterior that another one explains beside the best, for both to be estimated together; turns taken at that
 ANOTHER, MOST_TURNS = 400.0, 6
 # effects of the structure that are solved at their own size, the best to first order
 MOST_SOLVED = 6
@@ -41,10 +41,11 @@ class Tried:
 
 
 def sizes_of(effect: Effect) -> list[float]:
-    """What is tried: the only size, or one, two, four ... of the effect's deviations either way within its bounds."""
+    """What is tried: the only size, or one, two, four ... of the effect's standard deviations either way within its
+    bounds."""
     if effect.discrete:
         return list(effect.discrete)
-    steps = effect.slab * 2.0 ** np.arange(DOUBLINGS + 1)
+    steps = effect.prior_scale * 2.0 ** np.arange(DOUBLINGS + 1)
     return [float(s) for s in (*-steps[::-1], *steps) if effect.lower <= s <= effect.upper]
 
 
@@ -53,34 +54,35 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
     telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
     answers = ModelAnswers(problem.predictor)
-    here = departures_at(problem, theta, included, answers)
+    here = residuals_at(problem, theta, included, answers)
     noise = noise_of(problem, here)
-    design, departures, centred = linearised(problem, theta, included, noise, here)
-    centre = [y - c for y, c in zip(departures, centred, strict=True)]
-    told = sum(
+    design, residuals, centred = linearised(problem, theta, included, noise, here)
+    centre = [y - c for y, c in zip(residuals, centred, strict=True)]
+    count = sum(
         int(np.count_nonzero(w > 0)) * f.size for w, f in zip(noise.weight, problem.discrepancy_std, strict=True)
     )
 
     def surprise(tried: Sequence[IncludedEffect]) -> float:
         """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
-        left = kept(departures_at(problem, theta, tried, answers), noise)
-        return told * np.log(design.misfit(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
+        left = kept(residuals_at(problem, theta, tried, answers), noise)
+        return count * np.log(design.misfit(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
 
     misfit, before = design.misfit(centred, []), surprise(included)
     size, lower = _linear(problem, design, centred)
-    linear = told * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
+    linear = count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
 
     def at_its_size(k: int, sizes: Sequence[float]) -> Tried:
-        effect, course = problem.effects[problem.which[k, 0]], problem.courses[problem.which[k, 1]]
-        gains = {s: before - surprise((*included, IncludedEffect(effect=effect, course=course, size=s))) for s in sizes}
+        effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
+        gains = {s: before - surprise((*included, IncludedEffect(effect=effect, time_profile=time_profile, size=s)))
+                 for s in sizes}
         best = max(gains, key=lambda s: gains[s])
         return Tried(candidate=k, size=best, gain=float(gains[best]), whole=True)
 
     result, structural = [], []
     for rows in _by_effect_and_kind(problem, candidates):
         k = rows[np.argmax(lower[rows])]
-        effect, course = problem.effects[problem.which[k, 0]], problem.courses[problem.which[k, 1]]
-        if course.kind not in ("constant", "step"):
+        effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
+        if time_profile.kind not in ("constant", "step"):
             result.append(Tried(candidate=k, size=float(size[k]), gain=float(linear[k]), whole=False))
         elif effect.observe is None:
             structural.append(Tried(candidate=k, size=float(size[k]), gain=float(linear[k]), whole=False))
@@ -95,10 +97,10 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
 
 
 def _about(effect: Effect, size: float) -> list[float]:
-    """Sizes on the side that a linear estimate points to, from half of the effect's deviation to as large as is
-    allowed: a storey of eight times its stiffness changes the modes by no more than one of twice it promises."""
+    """Sizes on the side that a linear estimate points to, from half of the effect's standard deviation to as large as
+    is allowed: a storey of eight times its stiffness changes the modes by no more than one of twice it promises."""
     end = effect.upper if size > 0 else effect.lower
-    steps = np.sign(size) * np.minimum(effect.slab * 2.0 ** np.arange(-1, DOUBLINGS), abs(end))
+    steps = np.sign(size) * np.minimum(effect.prior_scale * 2.0 ** np.arange(-1, DOUBLINGS), abs(end))
     return [float(s) for s in dict.fromkeys(steps) if s]
 
 
@@ -129,7 +131,7 @@ def _beside(
 ) -> list[Tried]:
     """`tried_whole` with one of them included at its size."""
     j, c = problem.which[one.candidate]
-    known = IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=one.size)
+    known = IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=one.size)
     return tried_whole(problem, (*included, known), candidates & (problem.which[:, 0] != j))
 
 
@@ -138,7 +140,7 @@ def _by_effect_and_kind(problem: DiagnosisProblem, candidates: np.ndarray) -> li
     groups: dict[tuple[int, str], list[int]] = {}
     for k in np.flatnonzero(candidates):
         j, c = problem.which[k]
-        groups.setdefault((int(j), problem.courses[c].kind), []).append(int(k))
+        groups.setdefault((int(j), problem.time_profiles[c].kind), []).append(int(k))
     return list(groups.values())
 
 

@@ -32,8 +32,8 @@ N_DRAW, ROUNDS, MOST = 4000, 6, 3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mended:
-    """An effect of sensors that explains what is beyond the normal: size with deviation, z, by how much the fit betters
-    (half a chi-square), what is left (largest z over the threshold)."""
+    """An effect of sensors that explains what is beyond the normal: size with standard deviation, z, by how much the
+    fit betters (half a chi-square), what is left (largest z over the threshold)."""
 
     effect: Effect
     size: float
@@ -45,8 +45,8 @@ class Mended:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LevelAnswer:
-    """found: per effect taken in, its competing hypotheses, best first; `limits` per effect (size, share of its
-    signature left, z); threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where
+    """found: per effect taken in, its competing hypotheses, best first; `detectable_sizes` per effect (size, share of
+    its signature left, z); threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where
     nothing does."""
 
     found: tuple[tuple[Mended, ...], ...]
@@ -134,12 +134,12 @@ def rigid_motions(sensors: Sequence[Sensor | None]) -> np.ndarray:
 
 
 def _unknowns(s: Shapes, tolerated: Sequence[tuple[Effect, float]]) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (m, n) by which the numbers may depart, and their deviations (n,)."""
+    """Columns (m, n) by which the numbers may differ, and their standard deviations (n,)."""
     columns, std = [], []
 
-    def add(q, change, deviation):
+    def add(q, change, allowed):
         columns.append(_numbers([change if r == q else np.zeros_like(x) for r, x in enumerate(s.shape)]))
-        std.append(deviation)
+        std.append(allowed)
 
     own, rigid = patterns(s.sensors), rigid_motions(s.sensors)
     unplaced = np.flatnonzero([x is None for x in s.sensors])
@@ -171,9 +171,9 @@ def _unknowns(s: Shapes, tolerated: Sequence[tuple[Effect, float]]) -> tuple[np.
                 for part in (to_x, to_y):
                     for j in range(k):
                         add(q, np.outer(part, np.eye(k)[j]) + 0j, SPLAY)
-    for effect, deviation in tolerated:
+    for effect, allowed in tolerated:
         columns.append(_change(s, effect))
-        std.append(deviation)
+        std.append(allowed)
     return np.array(columns).T, np.array(std)
 
 
@@ -232,7 +232,7 @@ def _usable(t: _Test) -> np.ndarray:
 
 
 def _best_size(s: Shapes, tolerated, effect: Effect) -> tuple[Shapes, float, float, float]:
-    """The shapes without the effect of the size that fits best, that size, its deviation, chi2."""
+    """The shapes without the effect of the size that fits best, that size, its standard deviation, chi2."""
     if effect.discrete:
         now = _without(s, effect, effect.discrete[0])
         return now, effect.discrete[0], 0.0, _test(now, tolerated, ()).chi2
@@ -272,16 +272,16 @@ def judge_levels(
     found: list[tuple[Mended, ...]] = []
     now, left = s, float(np.max(np.abs(z), initial=0.0)) / threshold
     while left > 1 and len(found) < MOST:
-        rivals, best = _rivals(now, tolerated, effects, whole, threshold)
-        if not rivals or rivals[0].left >= left:
+        competing, best = _competing(now, tolerated, effects, whole, threshold)
+        if not competing or competing[0].left >= left:
             break
-        found.append(tuple(rivals))
-        now, left = best, rivals[0].left
+        found.append(tuple(competing))
+        now, left = best, competing[0].left
     return LevelAnswer(found=() if left > 1 else tuple(found), limits=limits, threshold=threshold, p_value=p_value,
                        unexplained=left if left > 1 else 0.0)
 
 
-def _rivals(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Mended], Shapes]:
+def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Mended], Shapes]:
     """Every effect that mends much of what is beyond, best first, and the shapes without the best."""
     t = _test(now, tolerated, effects)
     usable = _usable(t)

@@ -1,11 +1,12 @@
 """The test of every effect at once, with all that is normal marginalised.
 
-A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + sum_k h_kb D_kb d_k + e_b :  c what is normally
+A block's residuals are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + sum_k h_kb D_kb d_k + e_b :  c what is normally
 uncertain (parameters with their prior, tolerances), eps what no model form explains (an offset of each response), s_jb
 the signature of effect j where the nacelle looked, h_jb its time profile, D_kb the model error of the signature of an
 effect k that was taken in, e_b noise. Under "nothing is wrong" all a are zero and y is Gaussian, so that for each
 candidate u = X^T V^-1 y has variance v = X^T V^-1 X and z = u / sqrt(v) is standard normal; a = u / v is its size and 1
-/ sqrt(v) that one's deviation. V is never formed: it is the noise plus what a few hundred unknowns add (Woodbury). """
+/ sqrt(v) that one's standard deviation. V is never formed: it is the noise plus what a few hundred unknowns add
+(Woodbury). """
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from probupdate.errors import ConvergenceError
 
 # draws are made in chunks of so many numbers, and summed up over blocks in chunks of so many
 CHUNK, SUMMED = 4_000_000, 2_000_000
-# blocks that a group must have on either side of a step to tell it
+# blocks that a group must have on either side of a step to show it
 FEWEST_BEYOND = 3
 
 # numbers of unknowns or of candidates
@@ -34,19 +35,19 @@ class Design:
     """What does not depend on the data.
 
     bin_of (n_block,): number of the nacelle angle each block is counted to. nuisance per group (n_bin, n_response,
-    n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) deviations of the offsets;
-    effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which (n_candidate, 2).
-    `included`: effects already found, as (effect, its time profile, deviation of its size); their sizes are unknowns
-    like c; the last `n_scatter` of them are no effects found but what the members of such an effect depart from it.
-    `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin, n_response) of
-    their signature times size, all of which are multiplied by `error_scale`. """
+    n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) standard deviations of the
+    offsets; effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which
+    (n_candidate, 2). `included`: effects already found, as (effect, its time profile, standard deviation of its size);
+    their sizes are unknowns like c; the last `n_scatter` of them are no effects found but what the members of such an
+    effect differ from it. `model_errors`: time profiles of effects already found, each with the standard deviations per
+    group (n_bin, n_response) of their signature times size, all of which are multiplied by `error_scale`. """
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]
     nuisance_std: np.ndarray
     discrepancy_std: tuple[np.ndarray, ...]
     effect: tuple[np.ndarray, ...]
-    courses: tuple[TimeProfile, ...]
+    time_profiles: tuple[TimeProfile, ...]
     which: np.ndarray
     noise: Noise
     included: tuple[tuple[int, TimeProfile, float], ...] = ()
@@ -64,39 +65,39 @@ class Design:
         return self.nuisance[0].shape[0]
 
     @cached_property
-    def _course_values(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + 1 + n_named + n_doubted, n_block): candidates' time profiles centred over the group's
-        blocks, so that no offset of the model is taken for a change; then one, included effects and their model errors
-        as they are."""
-        values = np.array([c.value for c in self.courses])
-        known = np.array([np.ones(len(self.bin_of)), *(course.value for _, course, _ in self.included),
-                          *(course.value for course, _ in self.model_errors)])
+    def _profile_values(self) -> tuple[np.ndarray, ...]:
+        """Per group (n_profile + 1 + n_named + n_model_error, n_block): candidates' time profiles centred over the
+        group's blocks, so that no offset of the model is taken for a change; then one, included effects and their model
+        errors as they are."""
+        values = np.array([c.value for c in self.time_profiles])
+        known = np.array([np.ones(len(self.bin_of)), *(time_profile.value for _, time_profile, _ in self.included),
+                          *(time_profile.value for time_profile, _ in self.model_errors)])
         result = []
         for weight in self.noise.weight:
             centred = values - (values @ weight / max(weight.sum(), 1e-300))[:, None]
-            centred = np.where([[c.kind == "constant"] for c in self.courses], values, centred)
+            centred = np.where([[c.kind == "constant"] for c in self.time_profiles], values, centred)
             # one or two blocks of a group beyond a step, one of them gone wrong, are no step of that group
             beyond = (values * (weight > 0)).sum(axis=1)
             least = 1 if self.noise.stated else FEWEST_BEYOND
             few = np.minimum(beyond, np.count_nonzero(weight) - beyond) < least
-            centred[few & [c.kind == "step" for c in self.courses]] = 0.0
+            centred[few & [c.kind == "step" for c in self.time_profiles]] = 0.0
             result.append(np.concatenate([centred, known]))
         return tuple(result)
 
     @cached_property
     def _aggregators(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + ..., n_bin, n_block): weights that sum blocks up."""
+        """Per group (n_profile + ..., n_bin, n_block): weights that sum blocks up."""
         onehot = (self.bin_of[None, :] == np.arange(self.n_bin)[:, None]).astype(float)
         return tuple(
             h[:, None, :] * onehot[None] * w
-            for h, w in zip(self._course_values, self.noise.weight, strict=True)
+            for h, w in zip(self._profile_values, self.noise.weight, strict=True)
         )
 
     @cached_property
     def _times(self) -> tuple[np.ndarray, ...]:
         """Per group (n_bin, n_row, n_row): weighted products of time profiles, summed over a bin's blocks."""
         return tuple(np.einsum("cgb,db->gcd", A, h, optimize=True)
-                     for A, h in zip(self._aggregators, self._course_values, strict=True))
+                     for A, h in zip(self._aggregators, self._profile_values, strict=True))
 
     @cached_property
     def _offsets(self) -> list[slice]:
@@ -122,23 +123,24 @@ class Design:
 
     @cached_property
     def prior_std(self) -> np.ndarray:
-        doubts = [np.full(f.size, self.error_scale) for _ in self.model_errors for f in self.discrepancy_std]
-        return np.concatenate([self.nuisance_std, [std for _, _, std in self.included], *self.discrepancy_std, *doubts])
+        error_scales = [np.full(f.size, self.error_scale) for _ in self.model_errors for f in self.discrepancy_std]
+        return np.concatenate([self.nuisance_std, [std for _, _, std in self.included], *self.discrepancy_std,
+                               *error_scales])
 
     @cached_property
-    def _by_course(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
+    def _by_profile(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
         """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, their
         numbers (n,) and what one of each makes (n_bin, n_response, n)."""
-        n_c, n_course = self.nuisance_std.size, len(self.courses)
+        n_c, n_profile = self.nuisance_std.size, len(self.time_profiles)
         total = sum(f.size for f in self.discrepancy_std)
         result = []
         for q, rows in enumerate(self._offsets):
             offsets, unit = np.arange(rows.start, rows.stop), np.eye(rows.stop - rows.start)
-            own = [(n_course, np.arange(n_c), self.nuisance[q])]
-            own += [(n_course + 1 + k, np.array([n_c + k]), self.effect[q][:, :, [effect]])
+            own = [(n_profile, np.arange(n_c), self.nuisance[q])]
+            own += [(n_profile + 1 + k, np.array([n_c + k]), self.effect[q][:, :, [effect]])
                     for k, (effect, _, _) in enumerate(self.included)]
-            own.append((n_course, offsets, np.broadcast_to(unit, (self.n_bin, *unit.shape))))
-            own += [(n_course + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q][:, :, None] * unit)
+            own.append((n_profile, offsets, np.broadcast_to(unit, (self.n_bin, *unit.shape))))
+            own += [(n_profile + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q][:, :, None] * unit)
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
@@ -147,7 +149,7 @@ class Design:
     def _information(self) -> np.ndarray:
         """(n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_course):
+        for q, sorted_unknowns in enumerate(self._by_profile):
             seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
             parts = [(row, number, made[seen]) for row, number, made in sorted_unknowns]
             for k, (row, number, made) in enumerate(parts):
@@ -163,7 +165,7 @@ class Design:
     def with_error_scale(self, error_scale: float) -> Design:
         """The design with another `error_scale`; what does not depend on it is not worked out again."""
         other = replace(self, error_scale=error_scale)
-        for name in ("_aggregators", "_times", "_by_course", "_information"):
+        for name in ("_aggregators", "_times", "_by_profile", "_information"):
             vars(other)[name] = getattr(self, name)
         return other
 
@@ -173,8 +175,8 @@ class Design:
 
     @cached_property
     def _factor(self):
-        """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's deviations, as
-        these are many powers of ten apart."""
+        """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's standard
+        deviations, as these are many powers of ten apart."""
         return self._scaled_factor(np.arange(self.n_unknown))
 
     @cached_property
@@ -193,7 +195,8 @@ class Design:
     def _scaled_factor(self, chosen: np.ndarray):
         std = self.prior_std[chosen]
         information = self._information[np.ix_(chosen, chosen)] * np.outer(std, std)
-        # where two modes nearly meet, what tells them has no bound: sums are then rounded by more than a prior's one
+        # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
+        # prior's one
         rounding = len(chosen) * np.finfo(float).eps
         information[np.diag_indices_from(information)] *= 1.0 + rounding
         information[np.diag_indices_from(information)] += 1.0
@@ -215,21 +218,21 @@ class Design:
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Per candidate its cross terms B with the unknowns (n_candidate, n_unknown), the same solved, its information
         before and after the unknowns have taken their part (n_candidate,)."""
-        n_effect, n_course = self.effect[0].shape[2], len(self.courses)
-        cross = np.zeros((n_course, n_effect, self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_course):
+        n_effect, n_profile = self.effect[0].shape[2], len(self.time_profiles)
+        cross = np.zeros((n_profile, n_effect, self.n_unknown))
+        for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = self.noise.precision[q] @ self.effect[q]
             for row, number, made in sorted_unknowns:
                 shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
-                cross[:, :, number] += np.tensordot(self._times[q][:, :n_course, row], shared, (0, 0))
-        effect, course = self.which.T
-        B, raw = cross[course, effect], self._along_time[effect, course, course]
+                cross[:, :, number] += np.tensordot(self._times[q][:, :n_profile, row], shared, (0, 0))
+        effect, time_profile = self.which.T
+        B, raw = cross[time_profile, effect], self._along_time[effect, time_profile, time_profile]
         solved = self._solve(B.T).T
         return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
 
     @property
     def information(self) -> np.ndarray:
-        """v (n_candidate,): one over the square of each candidate's deviation."""
+        """v (n_candidate,): one over the square of each candidate's standard deviation."""
         return self._system[3]
 
     @property
@@ -243,54 +246,54 @@ class Design:
         raw = self._system[2]
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
-    def _sums(self, departures: Sequence[np.ndarray], first: int = 0) -> list[np.ndarray]:
-        """Per group (..., n_row, n_bin, n_response) of departures (..., n_block, n_response), rows from `first` on."""
+    def _sums(self, residuals: Sequence[np.ndarray], first: int = 0) -> list[np.ndarray]:
+        """Per group (..., n_row, n_bin, n_response) of residuals (..., n_block, n_response), rows from `first` on."""
         return [np.tensordot(A[first:], y, axes=(2, -2)) if y.ndim == 2
                 else np.moveaxis(np.tensordot(A[first:], y, axes=(2, 1)), 2, 0)
-                for A, y in zip(self._aggregators, departures, strict=True)]
+                for A, y in zip(self._aggregators, residuals, strict=True)]
 
     def _known(self, sums: list[np.ndarray]) -> list[np.ndarray]:
         """Of `_sums` the rows that unknowns follow, behind the candidates' time profiles."""
-        return [total[..., len(self.courses):, :, :] for total in sums]
+        return [total[..., len(self.time_profiles):, :, :] for total in sums]
 
-    def scores(self, departures: Sequence[np.ndarray]) -> np.ndarray:
-        """u (..., n_candidate) of departures per group (..., n_block, n_response), zero where not measured."""
-        sums = self._sums(departures)
+    def scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
+        """u (..., n_candidate) of residuals per group (..., n_block, n_response), zero where not measured."""
+        sums = self._sums(residuals)
         return self._raw(sums) - self._right(self._known(sums)) @ self._system[1].T
 
     def _raw(self, sums: list[np.ndarray]) -> np.ndarray:
         """X^T R^-1 y (..., n_candidate), R the noise alone."""
-        n_course = len(self.courses)
-        raw = np.zeros((*sums[0].shape[:-3], n_course, self.effect[0].shape[2]))
+        n_profile = len(self.time_profiles)
+        raw = np.zeros((*sums[0].shape[:-3], n_profile, self.effect[0].shape[2]))
         for q, total in enumerate(sums):
-            weighted = total[..., :n_course, :, :] @ self.noise.precision[q]
+            weighted = total[..., :n_profile, :, :] @ self.noise.precision[q]
             raw += np.einsum("...cgm,gme->...ce", weighted, self.effect[q], optimize=True)
-        effect, course = self.which.T
-        return raw[..., course, effect]
+        effect, time_profile = self.which.T
+        return raw[..., time_profile, effect]
 
     def _right(self, known: list[np.ndarray]) -> np.ndarray:
         """U^T R^-1 y (..., n_unknown), U what the unknowns make; `known` from `_known`."""
         right = np.zeros((*known[0].shape[:-3], self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_course):
+        for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = known[q] @ self.noise.precision[q]
             for row, number, made in sorted_unknowns:
-                own = weighted[..., row - len(self.courses), :, :]
+                own = weighted[..., row - len(self.time_profiles), :, :]
                 right[..., number] += own.reshape(*own.shape[:-2], -1) @ made.reshape(-1, made.shape[-1])
         return right
 
-    def unknowns(self, departures: Sequence[np.ndarray]) -> np.ndarray:
+    def unknowns(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """Most probable c, sizes, offsets and model-error scales (n_unknown,) when nothing else is wrong."""
-        return self._solve(self._right(self._sums(departures, len(self.courses))))
+        return self._solve(self._right(self._sums(residuals, len(self.time_profiles))))
 
-    def misfit(self, departures: Sequence[np.ndarray], held: Sequence[int]) -> float:
+    def misfit(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
-        right = self._right(self._sums(departures, len(self.courses)))
+        right = self._right(self._sums(residuals, len(self.time_profiles)))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
         right = self.prior_std[free] * right[free]
         solved = linalg.cho_solve(self._factor_without(tuple(held)), right)
         # searching for the order of so small products costs more than they do
         total = sum(float(w @ np.sum((y @ P) * y, axis=1)) for w, y, P in
-                    zip(self.noise.weight, departures, self.noise.precision, strict=True))
+                    zip(self.noise.weight, residuals, self.noise.precision, strict=True))
         return total - float(right @ solved)
 
     @cached_property
@@ -313,10 +316,10 @@ class Design:
         return self._solve(np.eye(self.n_unknown)[:, rows])[rows]
 
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
-        """Departures per group (n_block, n_response) that unknowns (n_unknown,) make."""
+        """Residuals per group (n_block, n_response) that unknowns (n_unknown,) make."""
         result = []
         for h, discrepancy_std, sorted_unknowns in zip(
-            self._course_values, self.discrepancy_std, self._by_course, strict=True
+            self._profile_values, self.discrepancy_std, self._by_profile, strict=True
         ):
             y = np.zeros((len(self.bin_of), discrepancy_std.size))
             for row, number, made in sorted_unknowns:
@@ -328,22 +331,22 @@ class Design:
         """X^T V^-1 X (n_row, n_other) between candidates, V with all that is normal."""
         rows, others = np.asarray(rows, int), np.asarray(others, int)
         B, solved, _, _ = self._system
-        (effect, course), (effect2, course2) = self.which[rows].T, self.which[others].T
+        (effect, time_profile), (effect2, time_profile2) = self.which[rows].T, self.which[others].T
         if len(np.unique([*effect, *effect2])) == 1:
-            return self._along_time[effect[0]][np.ix_(course, course2)] - B[rows] @ solved[others].T
+            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - B[rows] @ solved[others].T
         total = np.zeros((len(rows), len(others)))
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
             for own, time in zip(E, times, strict=True):
-                total += time[np.ix_(course, course2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
+                total += time[np.ix_(time_profile, time_profile2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
         return total - B[rows] @ solved[others].T
 
     @cached_property
     def _along_time(self) -> np.ndarray:
-        """(n_effect, n_course, n_course) X^T R^-1 X of each effect between its time profiles, R the noise alone."""
-        n_course, total = len(self.courses), 0.0
+        """(n_effect, n_profile, n_profile) X^T R^-1 X of each effect between its time profiles, R the noise alone."""
+        n_profile, total = len(self.time_profiles), 0.0
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
             alone = np.einsum("gme,gme->eg", precision @ E, E)
-            total = total + np.tensordot(alone, times[:, :n_course, :n_course], 1)
+            total = total + np.tensordot(alone, times[:, :n_profile, :n_profile], 1)
         return total
 
     def score_correlation(self, rows: Rows) -> np.ndarray:
@@ -353,7 +356,7 @@ class Design:
         return np.clip(self.overlap(rows, rows) / np.outer(size, size), -1.0, 1.0)
 
     def simulate(self, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-        """Departures per group (n_block, n_response) of one record with nothing wrong, zero where not measured."""
+        """Residuals per group (n_block, n_response) of one record with nothing wrong, zero where not measured."""
         expected = self.expected(rng.standard_normal(self.n_unknown) * self.prior_std)
         result = []
         for y, covariance, weight in zip(expected, self.noise.covariance, self.noise.weight, strict=True):
@@ -378,7 +381,7 @@ class Design:
         result = np.empty((n, len(self.which)))
         for start in range(0, n, chunk):
             size = min(chunk, n - start)
-            departures = []
+            residuals = []
             for q, root in enumerate(roots):
                 white = rng.standard_normal((size, n_block, root.shape[0]))
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
@@ -386,11 +389,11 @@ class Design:
                 white *= scale[None, :, None]
                 if scales:
                     white *= scales[q][start : start + size, None, :]
-                departures.append(white)
+                residuals.append(white)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
             for first in range(0, size, at_once):
                 part = slice(first, first + at_once)
-                sums = self._sums([y[part] for y in departures])
+                sums = self._sums([y[part] for y in residuals])
                 right = self._right(self._known(sums)) + unknown[part] @ self._information
                 result[start + first : start + min(first + at_once, size)] = (
                     self._raw(sums) + unknown[part] @ B.T - right @ solved.T)

@@ -2,9 +2,9 @@
 
 A single mode gives ln f and its shape, scaled by one complex number. A close pair gives the tensor R diag(ln f) R^T in
 fixed axes (it is smooth where the two frequencies meet, the single modes are not) and its two shapes combined linearly.
-Shapes are told from fixed shapes of the group's own, its axes (n_channel, k), real and with largest components of one:
-S (A^+ S)^-1 - A is what lies outside their plane, real parts first, then imaginary parts. A departure is the difference
-of measured and expected numbers, so that neither rescales the other's scatter.
+Shapes are estimated from fixed shapes of the group's own, its axes (n_channel, k), real and with largest components of
+one: S (A^+ S)^-1 - A is what lies outside their plane, real parts first, then imaginary parts. A residual is the
+difference of measured and expected numbers, so that neither rescales the other's scatter.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from probupdate.errors import ConvergenceError
 from probupdate.runtime.arrays import frozen_array
 
 # a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
-# does not tell its tensor: what the noise does to it grows with the square of one over this
+# does not give its tensor: what the noise does to it grows with the square of one over this
 INDEPENDENCE = 0.5
 
 
@@ -68,7 +68,7 @@ def _inverse(shape: np.ndarray) -> np.ndarray:
 
 def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) with the group's axes (n_channel, k) -> (n,
-    n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, or a single one
+    n_response) and independent (n,) bool: False where the pair's shapes are too alike to say anything, or a single one
     lies across its axis; zero there."""
     k = frequency_hz.shape[1]
     log = np.log(frequency_hz)
@@ -90,7 +90,7 @@ def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarr
         independent = singular[:, -1] > INDEPENDENCE
         turn = left @ right
         tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)
-    # what is not told is not looked at; it may have no inverse
+    # what is not stated is not looked at; it may have no inverse
     in_plane = np.where(independent[:, None, None], in_plane, np.eye(k))
     aligned = np.swapaxes(np.linalg.solve(np.swapaxes(in_plane, 1, 2), np.swapaxes(shape, 1, 2)), 1, 2)
     result = _stack(tensor, aligned - axes)
@@ -113,7 +113,7 @@ def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
     return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T)
 
 
-def fingerprint(
+def signature(
     reference: Reference, tensor_change: np.ndarray, shape_change: np.ndarray, axes: np.ndarray
 ) -> np.ndarray:
     """First-order change of the numbers (n_response, n) with changes of the tensor (k, k, n) in the reference's own
@@ -146,8 +146,8 @@ def fingerprint(
 def stated_columns(
     frequency_hz: np.ndarray, shape: np.ndarray, d_log: np.ndarray, d_shape: np.ndarray, axes: np.ndarray
 ) -> np.ndarray | None:
-    """What the identification's deviations of one block, d_log (k, n) of ln f and d_shape (n_channel, k, n), make of
-    its numbers (n, n_response); None where they are not known or the pair tells nothing."""
+    """What the identification's standard deviations of one block, d_log (k, n) of ln f and d_shape (n_channel, k, n),
+    make of its numbers (n, n_response); None where they are not known or the pair says nothing."""
     largest = max(np.max(np.abs(d_log), initial=0.0), np.max(np.abs(d_shape), initial=0.0))
     if not (np.isfinite(largest) and largest > 0):
         return None

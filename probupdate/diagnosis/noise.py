@@ -10,13 +10,13 @@ from scipy import stats
 
 from probupdate.runtime.arrays import frozen_array
 
-# blocks that must tell a group of modes for its scatter to be told
+# blocks that must show a group of modes for its scatter to be estimated
 FEWEST = 2
-# blocks of a turbine state from which its own scatter is told
+# blocks of a turbine state from which its own scatter is stated
 FEWEST_OF_STATE = 10
 # share of a response's variance that is its own at least, and steps in which factors settle
 LEAST_OWN, MOST_FACTORINGS = 1e-3, 200
-# deviations of chi-square beyond which a block that is far from both its neighbours counts less
+# standard deviations of chi-square beyond which a block that is far from both its neighbours counts less
 WRONG = 4.0
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
@@ -26,7 +26,7 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
     zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was
-    told, empty where it is known. `stated`: taken from the identification of few blocks, unchecked by these."""
+    stated, empty where it is known. `stated`: taken from the identification of few blocks, unchecked by these."""
 
     covariance: tuple[np.ndarray, ...]
     precision: tuple[np.ndarray, ...]
@@ -35,36 +35,36 @@ class Noise:
     stated: bool = False
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
-        """Per group (n, n_response) by how much deviations may truly be larger: one factor for all responses whose
-        scale was told together."""
+        """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses
+        whose scale was estimated together."""
         result = []
         for own in self.degrees:
             factor = np.ones((n, len(own)))
-            for told in np.unique(own):
-                factor[:, own == told] = np.sqrt(told / rng.chisquare(told, n))[:, None]
+            for estimated in np.unique(own):
+                factor[:, own == estimated] = np.sqrt(estimated / rng.chisquare(estimated, n))[:, None]
             result.append(factor)
         return result
 
 
 def estimate_noise(
-    departures: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
+    residuals: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
     relative_std: np.ndarray, states: np.ndarray, stated: Sequence[np.ndarray | None] | None = None,
     few: bool = False,
 ) -> Noise:
     """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
 
-    departures per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
+    residuals per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
     relative_std (n_block, n_group), states (n_block,).
     The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
     the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
     and the differences give its scale only, one for ln f and one for shapes. With `few` blocks it is taken as stated.
     """
     if few:
-        return _as_stated(departures, used, sizes, relative_std, stated)
+        return _as_stated(residuals, used, sizes, relative_std, stated)
     covariances, precisions, weights, degrees = [], [], [], []
-    for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
+    for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
         if np.count_nonzero(ok) < FEWEST:
-            # a group that tells nothing
+            # a group that says nothing
             covariances.append(frozen_array(np.eye(y.shape[1])))
             precisions.append(covariances[-1])
             weights.append(frozen_array(np.zeros(len(y))))
@@ -94,15 +94,15 @@ def estimate_noise(
                  degrees=tuple(degrees))
 
 
-def _as_stated(departures, used, sizes, relative_std, stated) -> Noise:
+def _as_stated(residuals, used, sizes, relative_std, stated) -> Noise:
     covariances, precisions, weights = [], [], []
-    for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
-        told = stated[q] is not None
-        covariance = np.array(stated[q]) if told else np.eye(y.shape[1])
+    for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
+        estimated = stated[q] is not None
+        covariance = np.array(stated[q]) if estimated else np.eye(y.shape[1])
         covariance[np.diag_indices_from(covariance)] += _least(y.shape[1], 1 if sizes[q] == 1 else 3) ** 2
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
-        weights.append(frozen_array(np.where(ok & told, relative_std[:, q] ** -2.0, 0.0)))
+        weights.append(frozen_array(np.where(ok & estimated, relative_std[:, q] ** -2.0, 0.0)))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights), stated=True)
 
 
@@ -140,7 +140,7 @@ def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndar
 
 def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarray:
     """(n_response,) degrees of freedom of the scales of ln f and of shapes. Neighbouring differences share a block, so
-    that three tell what two independent ones would; responses tell as much as their correlations leave."""
+    that three show what two independent ones would; responses show as much as their correlations leave."""
     result = np.empty(len(covariance))
     std = np.sqrt(np.diag(covariance))
     for part in _kinds(len(covariance), n_log):
@@ -150,11 +150,11 @@ def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarra
 
 
 def _trust(y: np.ndarray, ok: np.ndarray, relative_std: np.ndarray) -> float:
-    """How far stated deviations foretell the scatter of blocks: slope of its logarithm on theirs, less its standard
-    error, between 0 and 1.
+    """How far stated standard deviations predict the scatter of blocks: slope of its logarithm on theirs, less its
+    standard error, between 0 and 1.
 
-    A deviation estimated from few parts of one block is itself off by a fifth; weights made of it would call the noise
-    of what they favour too small.
+    A standard deviation estimated from few parts of one block is itself off by a fifth; weights made of it would call
+    the noise of what they favour too small.
     """
     rows = np.flatnonzero(ok)
     difference = y[rows[1:]] - y[rows[:-1]]
@@ -187,7 +187,8 @@ def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndar
 
 
 def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
-    """The stated covariance with its deviations times what the sample's are over them, in ln f and in shapes."""
+    """The stated covariance with its standard deviations times what the sample's are over them, in ln f and in
+    shapes."""
     scale = np.ones(len(pattern))
     for part in _kinds(len(pattern), n_log):
         variance = np.diag(pattern)[part]

@@ -1,9 +1,9 @@
 """What a fitted model says of blocks that took no part in its fit.
 
-The unknowns of a design (parameters, tolerances, sizes of effects: c) are told by the training blocks alone. What no
-model explains, the offset of each response and the model error of signatures, is not carried over: a report uses the
-model, not its remainders. So the prediction is X E[c | training] with the offsets at zero, and what is measured departs
-from it by N(0, X Q X^T + R): Q is the covariance of (c - E[c | training], offset), exact under the design's own
+The unknowns of a design (parameters, tolerances, sizes of effects: c) are estimated from the training blocks alone.
+What no model explains, the offset of each response and the model error of signatures, is not carried over: a report
+uses the model, not its residuals. So the prediction is X E[c | training] with the offsets at zero, and what is measured
+differs from it by N(0, X Q X^T + R): Q is the covariance of (c - E[c | training], offset), exact under the design's own
 assumptions, R the noise. Everything is linear about a fit to all blocks, whose choice is of second order.
 """
 
@@ -41,7 +41,7 @@ class Prediction:
 
 def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
     """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,);
-    `course_factors` tells what the columns are multiplied with in a block."""
+    `profile_factors` shows what the columns are multiplied with in a block."""
     m, n_all = design.discrepancy_std[q].size, design.n_common
     start, total = n_all + sum(f.size for f in design.discrepancy_std[:q]), sum(f.size for f in design.discrepancy_std)
     known = design.effect[q][g][:, [effect for effect, _, _ in design.included]]
@@ -52,15 +52,15 @@ def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(parts, axis=1), np.concatenate(numbers)
 
 
-def course_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
+def profile_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
     """(n_block, n) what the columns of group q are multiplied with in each of `blocks`: the time profile of effects."""
     m = design.discrepancy_std[q].size
     factors = np.ones((len(blocks), design.n_common + (1 + len(design.model_errors)) * m))
-    for k, (_, course, _) in enumerate(design.included):
-        factors[:, design.nuisance_std.size + k] = course.value[blocks]
-    for k, (course, _) in enumerate(design.model_errors):
+    for k, (_, time_profile, _) in enumerate(design.included):
+        factors[:, design.nuisance_std.size + k] = time_profile.value[blocks]
+    for k, (time_profile, _) in enumerate(design.model_errors):
         start = design.n_common + (k + 1) * m
-        factors[:, start : start + m] = course.value[blocks, None]
+        factors[:, start : start + m] = time_profile.value[blocks, None]
     return factors
 
 
@@ -73,7 +73,7 @@ def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
             there = blocks[(design.bin_of[blocks] == g) & (weight > 0)]
             if len(there):
                 X, numbers = columns(design, q, g)
-                t = course_factors(design, q, there)
+                t = profile_factors(design, q, there)
                 total[np.ix_(numbers, numbers)] += (X.T @ design.noise.precision[q] @ X) * (
                     t.T @ (t * design.noise.weight[q][there, None]))
     return total
@@ -90,7 +90,7 @@ def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weight
             there = np.flatnonzero((design.bin_of[blocks] == g) & (weight > 0))
             if len(there):
                 X, numbers = columns(design, q, g)
-                t = course_factors(design, q, blocks[there])
+                t = profile_factors(design, q, blocks[there])
                 part = (y[q][there] * scale[there, None]) @ (P @ X)
                 total[numbers] += np.sum(part * t, axis=0)
     return total
@@ -109,9 +109,9 @@ def transient(design: Design) -> np.ndarray:
 def posterior(
     design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` tell them."""
+    """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` show them."""
     prior = design.prior_std
-    # in units of the prior's deviations, as these are many powers of ten apart
+    # in units of the prior's standard deviations, as these are many powers of ten apart
     information = gram(design, blocks) * np.outer(prior, prior) + np.eye(design.n_unknown)
     factor = linalg.cho_factor(information, lower=True)
     mean = prior * linalg.cho_solve(factor, prior * cross(design, blocks, [y[blocks] for y in centred]))
@@ -121,8 +121,8 @@ def posterior(
 def carried(
     design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What `blocks` tell other blocks of the unknowns: mean, zero of what is `transient`, and covariance Q of how the
-    unknowns depart from it."""
+    """What `blocks` show other blocks of the unknowns: mean, zero of what is `transient`, and covariance Q of how the
+    unknowns differ from it."""
     mean, Q = posterior(design, centred, blocks)
     left = transient(design)
     mean[left] = 0.0
@@ -131,7 +131,7 @@ def carried(
 
 
 def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> Prediction:
-    """Predict the blocks where `held` (n_block,) bool from all others; `centred` departures per group (n_block,
+    """Predict the blocks where `held` (n_block,) bool from all others; `centred` residuals per group (n_block,
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
     mean, Q = carried(design, centred, np.flatnonzero(~held))
@@ -144,7 +144,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
     return Prediction(
         rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
-        std=tuple(map(frozen_array, _deviations(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
+        std=tuple(map(frozen_array, _std_of(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
         log_density=float(shares.sum()), squared=squares, n_number=numbers, uncertain=frozen_array(Q),
         mean=frozen_array(mean),
     )
@@ -166,7 +166,7 @@ def log_density(
     return density - 0.5 * found.log_determinant * numbers / max(numbers.sum(), 1), float(found.shares.sum())
 
 
-# what departs in a stretch alone: places of its blocks among the rows, covariance (n_unknown, n_unknown) there
+# what differs in a fold alone: places of its blocks among the rows, covariance (n_unknown, n_unknown) there
 Own = tuple[np.ndarray, np.ndarray]
 
 
@@ -184,7 +184,7 @@ class Solved:
 def solve_covariance(
     design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray], own: Sequence[Own] = ()
 ) -> Solved:
-    """With C = X Q X^T + R, and in the blocks of every stretch of `own` its X Q_own X^T besides."""
+    """With C = X Q X^T + R, and in the blocks of every fold of `own` its X Q_own X^T besides."""
     everywhere = (np.arange(len(rows)), covariance_root(Q, design.prior_std))
     parts = [everywhere, *((places, covariance_root(covariance, design.prior_std)) for places, covariance in own)]
     grams = [gram(design, rows[places]) for places, _ in parts]
@@ -223,8 +223,9 @@ def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
     return size[:, None] * turn[:, kept] * np.sqrt(value[kept])
 
 
-def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
-    """Deviation (n_held, n_response) of every predicted number by itself, per group; infinite where not measured."""
+def _std_of(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
+    """Standard deviation (n_held, n_response) of every predicted number by itself, per group; infinite where not
+    measured."""
     result = []
     for q, covariance in enumerate(design.noise.covariance):
         w = design.noise.weight[q][rows]
@@ -232,7 +233,7 @@ def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndar
         for g in np.unique(design.bin_of[rows]):
             there = np.flatnonzero(design.bin_of[rows] == g)
             X, numbers = columns(design, q, g)
-            t = course_factors(design, q, rows[there])
+            t = profile_factors(design, q, rows[there])
             own = Q[np.ix_(numbers, numbers)]
             # few different time profiles: constants and steps have one or two
             found, place = np.unique(t, axis=0, return_inverse=True)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.mode_numbers import Reference, fingerprint, n_response
+from probupdate.diagnosis.mode_numbers import Reference, n_response, signature
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
@@ -36,7 +36,7 @@ CLOSENESS = 0.2
 class ModalPredictor:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
     axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
-    ones are told."""
+    ones are known."""
 
     small: SmallModel
     rows: np.ndarray
@@ -130,8 +130,8 @@ class ModalPredictor:
             change = np.zeros((n_channel, k, k * len(std)))
             for j in range(k):
                 change[:, j, j * len(std) : (j + 1) * len(std)] = others
-            made = fingerprint(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
-                               _seen_change(reference, change, seen).astype(complex), axes)
+            made = signature(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
+                             _seen_change(reference, change, seen).astype(complex), axes)
             result.append((made, np.tile(std, k)))
         return result
 
@@ -206,8 +206,8 @@ def effect_signatures(
     effects: Sequence[Effect], names: tuple[str, ...], places: Sequence[tuple[Sloped, np.ndarray]],
     seen: Sequence[tuple[Effect, float]] = (),
 ) -> list[np.ndarray]:
-    """At each place - a group at one angle, with the axes (n_channel, k) it is told from - the departure per unit size
-    of every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of
+    """At each place - a group at one angle, with the axes (n_channel, k) it is estimated from - the change per unit
+    size of every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of
     these the size changes, any other is one more. `names`: the parameters of the slopes."""
     amounts = _increments(tuple(effects), names)
     plain = [reference for (reference, _, _), _ in places]
@@ -220,7 +220,7 @@ def effect_signatures(
         if of_sensors:
             s_change[:, :, of_sensors] = d_shape[:, own]
             t_change[:, :, of_sensors] = np.eye(len(tensor))[:, :, None] * d_log[own][:, None]
-        result.append(fingerprint(there, t_change, s_change, axes))
+        result.append(signature(there, t_change, s_change, axes))
     return result
 
 
@@ -312,7 +312,7 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     planes, logs = [], []
     for group in groups:
         members = list(group)
-        there = np.flatnonzero(blocks.tells(members))
+        there = np.flatnonzero(blocks.have(members))
         logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
         if not blocks.channels:
             planes.append(np.zeros((0, len(members))))

@@ -94,7 +94,7 @@ def prepare(
     for e, its in zip(catalogue, parameters_of, strict=True):
         k = first.parameters.names.index(its.name)
         moved.append(k)
-        reach[k] = its.neutral + np.clip([-1.5 * e.slab, 1.5 * e.slab], e.lower, e.upper)
+        reach[k] = its.neutral + np.clip([-1.5 * e.prior_scale, 1.5 * e.prior_scale], e.lower, e.upper)
     small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
     progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
     effects = (*parameter_effects(model.parameters), *catalogue)
@@ -126,7 +126,7 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
     for name, parts in groups.items():
         for parameter in parts:
             parameters.index(parameter)
-        # a size of one moves every member by its amount; a deviation of the prior is what is normal
+        # a size of one moves every member by its amount; a standard deviation of the prior is what is normal
         allowed = min((parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a), default=0.0)
         if not allowed:
             raise InputError(f"group {name}", "moves no parameter", "give a change for at least one")
@@ -134,9 +134,9 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
         ends = np.array([sorted(np.array([p.lower - p.initial, p.upper - p.initial]) / a) for n, a in parts.items() if a
                          for p in [parameters.items[parameters.index(n)]]])
         result.append(Effect(kind="structural", cause="group of parameters", location=name, unit="-", tolerance=0.0,
-                             slab=3 * allowed, lower=float(ends[:, 0].max()), upper=float(ends[:, 1].min()),
-                             parts=tuple(parts.items()), courses=("constant", "step", "ramp"),
-                             fingerprint="that of its parameters together"))
+                             prior_scale=3 * allowed, lower=float(ends[:, 0].max()), upper=float(ends[:, 1].min()),
+                             parts=tuple(parts.items()), time_profiles=("constant", "step", "ramp"),
+                             signature="that of its parameters together"))
     return tuple(result)
 
 

@@ -27,7 +27,7 @@ ANGLE_DEG, BIN_DEG = 1.0, 2.0
 BEYOND_EDGE = 2.0
 # columns in whose own unit an effect's prior scale is given
 NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
-# departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
+# residuals of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
 # largest component, phase in rad
 DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
 
@@ -37,7 +37,7 @@ class IncludedEffect:
     """An effect taken into the reference with its time profile and size."""
 
     effect: Effect
-    course: TimeProfile
+    time_profile: TimeProfile
     size: float
 
     @property
@@ -45,44 +45,45 @@ class IncludedEffect:
         """What the effect's prior scale is divided by along this time profile: a prior scale is per unit of a column
         that means something by itself (metres of water, degrees, share of the thrust), else over the column's whole
         range."""
-        return per_range(self.course)
+        return per_range(self.time_profile)
 
     @property
-    def slab(self) -> float:
-        return self.effect.slab / self.scale
+    def prior_scale(self) -> float:
+        return self.effect.prior_scale / self.scale
 
     @property
     def prior_std(self) -> float:
         """Of the normal density about zero whose logarithm has the slope of the size's prior where the size is: a
-        Cauchy density of scale `slab`, as gains of ten happen and a normal prior would draw them back by a fifth."""
-        return float(np.sqrt(0.5 * (self.slab**2 + self.size**2)))
+        Cauchy density of scale `prior_scale`, as gains of ten happen and a normal prior would draw them back by a
+        fifth."""
+        return float(np.sqrt(0.5 * (self.prior_scale**2 + self.size**2)))
 
     @property
     def log_prior_ratio(self) -> float:
         """ln of the size's prior density over that of the normal one that stands for it in the linear equations."""
-        ratio, variance = self.size / self.slab, self.prior_std**2
-        cauchy = -np.log(np.pi * self.slab) - np.log1p(ratio**2)
+        ratio, variance = self.size / self.prior_scale, self.prior_std**2
+        cauchy = -np.log(np.pi * self.prior_scale) - np.log1p(ratio**2)
         return float(cauchy + 0.5 * np.log(2 * np.pi * variance) + 0.5 * self.size**2 / variance)
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Sizes with which the effect stays within its bounds wherever the time profile goes, on either side of a
         covariate's mean."""
-        if self.course.kind != "covariate":
+        if self.time_profile.kind != "covariate":
             return self.effect.lower, self.effect.upper
-        reach = float(np.max(np.abs(self.course.value)))
+        reach = float(np.max(np.abs(self.time_profile.value)))
         return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
 
     @property
     def exact(self) -> bool:
         """Whether the reference holds it as it is; else through its signature."""
-        return self.course.kind in ("constant", "step")
+        return self.time_profile.kind in ("constant", "step")
 
 
-def per_range(course: TimeProfile) -> float:
-    if course.kind != "covariate" or course.column in NATURAL:
+def per_range(time_profile: TimeProfile) -> float:
+    if time_profile.kind != "covariate" or time_profile.column in NATURAL:
         return 1.0
-    return float(np.ptp(course.value))
+    return float(np.ptp(time_profile.value))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,7 +96,7 @@ class DiagnosisProblem:
     effects: tuple[Effect, ...]
     updated: tuple[int, ...]
     prior: Parameters
-    courses: tuple[TimeProfile, ...]
+    time_profiles: tuple[TimeProfile, ...]
     which: np.ndarray
     discrepancy_std: tuple[np.ndarray, ...]
 
@@ -112,26 +113,26 @@ class DiagnosisProblem:
 
     @cached_property
     def measured(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """Per group the measured modes' numbers (n_block, n_response), zero where nothing is told, and which blocks
-        tell (n_block,)."""
+        """Per group the measured modes' numbers (n_block, n_response), zero where nothing is stated, and which blocks
+        show (n_block,)."""
         numbers, used = [], []
         for q, group in enumerate(self.blocks.groups):
             rows, members = np.flatnonzero(self.blocks.present[:, q]), list(group)
             y = np.zeros((len(self.blocks), self.discrepancy_std[q].size))
-            tells = np.array(self.blocks.present[:, q])
+            seen = np.array(self.blocks.present[:, q])
             if len(rows):
-                y[rows], tells[rows] = numbers_of_modes(
+                y[rows], seen[rows] = numbers_of_modes(
                     self.blocks.frequency_hz[rows][:, members], self.blocks.shape[rows][:, :, members],
                     self.predictor.axes[q])
             numbers.append(frozen_array(y))
-            used.append(frozen_array(tells, bool))
+            used.append(frozen_array(seen, bool))
         return tuple(numbers), tuple(used)
 
     @cached_property
     def stated(self) -> tuple[np.ndarray | None, ...]:
         """Per group the mean over blocks of what the identification says its numbers' covariance is, None without."""
         blocks = self.blocks
-        known = [(k, d) for k, d in enumerate(blocks.deviations) if d is not None]
+        known = [(k, d) for k, d in enumerate(blocks.factors) if d is not None]
         if len(known) < len(blocks) / 2:
             return tuple(None for _ in blocks.groups)
         result = []
@@ -152,7 +153,7 @@ class DiagnosisProblem:
             if len(rows) < len(blocks) / 3:
                 result.append(None)
                 continue
-            # each block's deviations come from few parts of it
+            # each block's standard deviations come from few parts of it
             covariance = factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
             numbers = self.measured[0][q][self.measured[1][q]]
             result.append(covariance if not blocks.std_alone or _agrees(covariance, numbers) else None)
@@ -192,14 +193,14 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
     blocks = gather(data, expected_hz=expected_frequencies(prepared.small, gather(data), theta))
     predictor = build_predictor(prepared.small, blocks, theta)
     effects = prepared.effects_on(blocks.channels)
-    told, columns = with_derived(blocks), _columns(effects)
-    courses = make_time_profiles(told, columns)
-    notes = [*blocks.notes, *told.little_known(columns)]
-    if prepared.small.turns and not blocks.headings_told:
-        notes.append("no set tells where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
+    with_columns, columns = with_derived(blocks), _columns(effects)
+    time_profiles = make_time_profiles(with_columns, columns)
+    notes = [*blocks.notes, *with_columns.little_known(columns)]
+    if prepared.small.turns and not blocks.headings_known:
+        notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
     blocks = replace(blocks, notes=tuple(notes))
-    which = _candidates(effects, courses)
+    which = _candidates(effects, time_profiles)
     n_channel = len(blocks.channels)
     discrepancy_std = tuple(_discrepancy_std(len(g), n_channel) for g in blocks.groups)
     return DiagnosisProblem(
@@ -208,7 +209,7 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
         effects=effects,
         updated=prepared.updated,
         prior=prepared.prior,
-        courses=courses,
+        time_profiles=time_profiles,
         which=which,
         discrepancy_std=discrepancy_std,
     ), theta
@@ -216,12 +217,12 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
 
 def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:
     known = ("constant", "step", "ramp")
-    return tuple(dict.fromkeys(c for e in effects for c in e.courses if c not in known))
+    return tuple(dict.fromkeys(c for e in effects for c in e.time_profiles if c not in known))
 
 
-def _candidates(effects: Sequence[Effect], courses: Sequence[TimeProfile]) -> np.ndarray:
-    return np.array([(j, c) for j, e in enumerate(effects) for c, course in enumerate(courses)
-                     if course.name in e.courses])
+def _candidates(effects: Sequence[Effect], time_profiles: Sequence[TimeProfile]) -> np.ndarray:
+    return np.array([(j, c) for j, e in enumerate(effects) for c, time_profile in enumerate(time_profiles)
+                     if time_profile.name in e.time_profiles])
 
 
 def _discrepancy_std(k: int, n_channel: int) -> np.ndarray:
@@ -230,7 +231,7 @@ def _discrepancy_std(k: int, n_channel: int) -> np.ndarray:
 
 
 def local_std(prior: Parameters, number: int, value: float) -> float:
-    """The prior's deviation at `value`: of a lognormal in proportion to it."""
+    """The prior's standard deviation at `value`: of a lognormal in proportion to it."""
     p = prior.items[number]
     return p.std if p.prior == "normal" else p.log_std * value
 

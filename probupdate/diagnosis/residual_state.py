@@ -1,10 +1,10 @@
 """What remains after the best fit, before and after effects were taken in, against what chance and tolerances leave.
 
-At the most probable parameters (and sizes of effects) departures are r = y - G_h c_h. When nothing more is wrong
+At the most probable parameters (and sizes of effects) residuals are r = y - G_h c_h. When nothing more is wrong
 cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances, the model discrepancy of model form and the model error of
 signatures that were taken in, C_h the posterior covariance of what was fitted. All that is shown is a sum over blocks
-of r (a mean, a slope, a bin's mean) over its own deviation, so that it is standard normal when the model is right; the
-fit's own appetite is counted. """
+of r (a mean, a slope, a bin's mean) over its own standard deviation, so that it is standard normal when the model is
+right; the fit's own appetite is counted. """
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Residual:
         design = self.design
         share = np.where(design.noise.weight[q] > 0, share, 0.0)
         variance = (design.discrepancy_std[q] * share.sum()) ** 2
-        for course, spread in design.model_errors:
-            by_bin = np.bincount(design.bin_of, share * course.value, design.n_bin)
+        for time_profile, spread in design.model_errors:
+            by_bin = np.bincount(design.bin_of, share * time_profile.value, design.n_bin)
             variance = variance + (by_bin @ spread[q]) ** 2
         return variance
 
@@ -60,7 +60,7 @@ class Residual:
 
     @cached_property
     def _tolerated(self) -> np.ndarray:
-        """(n_common,) deviations of what was not fitted, zero for what was."""
+        """(n_common,) standard deviations of what was not fitted, zero for what was."""
         std = np.array(self.design.prior_std[: self.design.n_common])
         std[self.held] = 0.0
         return std
@@ -71,13 +71,13 @@ class Residual:
         share = np.where(design.noise.weight[q] > 0, share, 0.0)
         by_bin = np.bincount(design.bin_of, share, design.n_bin)
         columns = [np.einsum("g,gmk->mk", by_bin, design.nuisance[q])]
-        for effect, course, _ in design.included:
-            there = np.bincount(design.bin_of, share * course.value, design.n_bin)
+        for effect, time_profile, _ in design.included:
+            there = np.bincount(design.bin_of, share * time_profile.value, design.n_bin)
             columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
         return np.concatenate(columns, axis=1)
 
     def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """sum_b share_b r_b (m,) of group q and its deviation (m,)."""
+        """sum_b share_b r_b (m,) of group q and its standard deviation (m,)."""
         weight = self.design.noise.weight[q]
         there = weight > 0
         value = np.where(there, share, 0.0) @ self.left[q]
@@ -110,11 +110,11 @@ class Residual:
         return np.concatenate([s @ y for s, y in zip(shares, self.left, strict=True)]), covariance
 
 
-def remainder(fitted: Fit, n_own: int) -> Residual:
+def residual_of(fitted: Fit, n_own: int) -> Residual:
     """Of a fit with n_own updated parameters."""
     design = fitted.design
     held = np.array(design.held(n_own))
-    return Residual(design=design, left=fitted.departures, held=held, held_cov=design.unknowns_cov(held))
+    return Residual(design=design, left=fitted.residuals, held=held, held_cov=design.unknowns_cov(held))
 
 
 def slope_share(r: Residual, q: int, value: np.ndarray) -> np.ndarray:
@@ -151,8 +151,8 @@ def free_directions(shape: np.ndarray, n_log: int) -> np.ndarray:
 
 
 def block_sizes(r: Residual, effect: int) -> tuple[np.ndarray, np.ndarray]:
-    """The size of an effect that fits each block best, by its signature (n_block,), and its deviation by the block's
-    noise; infinite where nothing was measured."""
+    """The size of an effect that fits each block best, by its signature (n_block,), and its standard deviation by the
+    block's noise; infinite where nothing was measured."""
     design = r.design
     top, bottom = np.zeros(len(design.bin_of)), np.zeros(len(design.bin_of))
     for q, y in enumerate(r.left):
@@ -166,8 +166,9 @@ def block_sizes(r: Residual, effect: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def push(problem: DiagnosisProblem, fitted: Fit) -> tuple[np.ndarray, np.ndarray, float]:
-    """Shift of each updated parameter over its prior's deviation (n,), the deviation expected of that, and p of all
-    shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior covariance."""
+    """Shift of each updated parameter over its prior's standard deviation (n,), the standard deviation expected of
+    that, and p of all shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior
+    covariance."""
     n = len(problem.updated)
     std = np.array([local_std(problem.prior, i, fitted.theta[k]) for i, k in enumerate(problem.updated)])
     shift = -prior_shift(problem, fitted.theta) / std

@@ -1,5 +1,5 @@
 """What remains before and after the findings, as plain numbers for diagnosis.json: per mode, per channel, along the
-record and against its environmental and operational conditions; what was pushed; what the sensors say."""
+record and against its environmental and operational conditions; shifts from the prior; what the sensors say."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from probupdate.diagnosis.residual_state import (
     chunk_share,
     free_directions,
     push,
-    remainder,
+    residual_of,
     slope_share,
 )
 from probupdate.diagnosis.search import Search
@@ -40,11 +40,11 @@ COVARIATES = {
 
 
 def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
-    """All of it as plain numbers for diagnosis.json. `sensors` tell which way the axes of a close pair point."""
+    """All of it as plain numbers for diagnosis.json. `sensors` show which way the axes of a close pair point."""
     problem = outcome.problem
     n_own = len(problem.updated)
-    before = remainder(outcome.null, n_own)
-    after = remainder(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
+    before = residual_of(outcome.null, n_own)
+    after = residual_of(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
     both = [before] if after is None else [before, after]
     words = _words(problem, sensors)
     return {
@@ -55,7 +55,7 @@ def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
         "bands": [_bands(r, problem) for r in both],
         "time": _time(both, problem, words) | {"sizes": [] if after is None else _sizes(outcome, after)},
         "covariates": _covariates(both, problem, words),
-        "pushed": _pushed(problem, [outcome.null, outcome.fitted][: len(both)]),
+        "prior_shift": _prior_shifts(problem, [outcome.null, outcome.fitted][: len(both)]),
         "sensors": _sensors(problem, sensors),
         "measurement": _measurement(problem, outcome.first),
     }
@@ -112,33 +112,33 @@ def _sensors(problem: DiagnosisProblem, sensors: Sequence[Sensor]) -> list[dict]
 
 
 def _modes(both: Sequence[Residual], words: Sequence[Words]) -> list[dict]:
-    """ln f, or the tensor of a pair, of every group: residual in per cent, deviation expected of it, z."""
+    """ln f, or the tensor of a pair, of every group: residual in per cent, standard deviation expected of it, z."""
     rows = []
     for q, word in enumerate(words):
-        told = [r.along(q, r.mean_share(q)) for r in both]
+        states_of = [r.along(q, r.mean_share(q)) for r in both]
         for i, name in enumerate(word.names):
-            rows.append({"mode": name, "percent": [_three(100 * v[i]) for v, _ in told],
-                         "expected_percent": [_three(100 * s[i]) for _, s in told],
-                         "z": [_two(v[i] / s[i]) for v, s in told]})
+            rows.append({"mode": name, "percent": [_three(100 * v[i]) for v, _ in states_of],
+                         "expected_percent": [_three(100 * s[i]) for _, s in states_of],
+                         "z": [_two(v[i] / s[i]) for v, s in states_of]})
     return rows
 
 
 def _channels(both: Sequence[Residual], problem: DiagnosisProblem) -> list[dict]:
     """Per mode, channel and part ("in phase", "out of phase"): residual in per cent of the shape's largest component,
-    deviation expected of it, z."""
+    standard deviation expected of it, z."""
     blocks = problem.blocks
     n_channel = len(blocks.channels)
     rows = []
     for q, group in enumerate(blocks.groups):
-        told = [r.along(q, r.mean_share(q)) for r in both]
-        n_log = told[0][0].size - 2 * n_channel * len(group)
+        states_of = [r.along(q, r.mean_share(q)) for r in both]
+        n_log = states_of[0][0].size - 2 * n_channel * len(group)
         for half, part in enumerate(("in phase", "out of phase")):
             for k, mode in enumerate(group):
                 at = n_log + (half * len(group) + k) * n_channel
                 rows.append({
                     "mode": blocks.labels[mode], "part": part, "channels": list(blocks.channels),
-                    "percent": [[_three(100 * x) for x in v[at : at + n_channel]] for v, _ in told],
-                    "z": [[_two(x) for x in (v / s)[at : at + n_channel]] for v, s in told],
+                    "percent": [[_three(100 * x) for x in v[at : at + n_channel]] for v, _ in states_of],
+                    "z": [[_two(x) for x in (v / s)[at : at + n_channel]] for v, s in states_of],
                 })
     return rows
 
@@ -147,7 +147,7 @@ def _bands(r: Residual, problem: DiagnosisProblem) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
     free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in problem.predictor.axes]
-    # a group of which no block tells has no directions
+    # a group of which no block shows has no directions
     free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means
     keep = linalg.block_diag(*free)
@@ -172,8 +172,9 @@ def _bands(r: Residual, problem: DiagnosisProblem) -> dict:
 
 
 def whitened(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (n, ...) along the covariance's own directions, over their deviations; directions that rounding alone
-    fills are left out. Each is scaled by its own deviation first, as frequencies and shapes are powers of ten apart."""
+    """Values (n, ...) along the covariance's own directions, over their standard deviations; directions that rounding
+    alone fills are left out. Each is scaled by its own standard deviation first, as frequencies and shapes are powers
+    of ten apart."""
     std = np.sqrt(np.diag(covariance))
     scaled = values / std.reshape(-1, *[1] * (values.ndim - 1))
     value, turn = np.linalg.eigh(covariance / np.outer(std, std))
@@ -206,9 +207,9 @@ def _shown(
         shown += [(q, i, name, np.nan) for i, name in enumerate(word.names)]
         labels = labels_of(blocks.group_name(q), len(blocks.groups[q]), blocks.channels)
         largest = np.zeros(len(labels))
-        for course in problem.courses:
-            if course.kind != "constant":
-                value, std = both[0].along(q, slope_share(both[0], q, course.value))
+        for time_profile in problem.time_profiles:
+            if time_profile.kind != "constant":
+                value, std = both[0].along(q, slope_share(both[0], q, time_profile.value))
                 largest = np.maximum(largest, np.abs(value / std))
         moved += [(q, i, _shape_name(problem, q, i, len(word.names)), float(largest[i]))
                   for i in range(len(word.names), len(labels))]
@@ -225,14 +226,14 @@ def _shape_name(problem: DiagnosisProblem, q: int, response: int, n_log: int) ->
 
 
 def _time(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]) -> dict:
-    """Series of what is shown, in per cent about their mean, with the deviation expected of each point."""
+    """Series of what is shown, in per cent about their mean, with the standard deviation expected of each point."""
     blocks = problem.blocks
     shown = _shown(both, problem, words)
     most = max(20, min(MOST_POINTS, MOST_NUMBERS // max(1, (len(both) + 1) * len(shown))))
     chunks = np.array_split(np.arange(len(blocks)), min(len(blocks), most))
     masks = [np.isin(np.arange(len(blocks)), p) for p in chunks]
     tables = _tables(both, masks)
-    n_tried = sum(y.shape[1] for y in both[0].left) * sum(c.kind != "constant" for c in problem.courses)
+    n_tried = sum(y.shape[1] for y in both[0].left) * sum(c.kind != "constant" for c in problem.time_profiles)
     return {
         "start": blocks.ids[0], "hours": [_four(blocks.hours[p].mean()) for p in chunks],
         "blocks_a_point": _three(len(blocks) / len(chunks)),
@@ -242,8 +243,8 @@ def _time(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[W
 
 
 def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
-    """Of every effect taken in: the size that each block by itself tells, one Newton step from the fit and about its
-    level; `course` as it was found. `against`: the covariate that the time profile follows, if it follows one."""
+    """Of every effect taken in: the size that each block by itself shows, one Newton step from the fit and about its
+    level; `time_profile` as it was found. `against`: the covariate that the time profile follows, if it follows one."""
     problem = outcome.problem
     blocks = problem.blocks
     rows = []
@@ -251,18 +252,19 @@ def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
         number = next(j for j, e in enumerate(problem.effects) if e is included.effect)
         more, std = block_sizes(after, number)
         weight = np.where(np.isfinite(std), std**-2.0, 0.0)
-        # an offset of the model is no size: blocks tell the time profile about the level of the fit
+        # an offset of the model is no size: blocks show the time profile about the level of the fit
         more = more - (weight @ more) / weight.sum()
-        course, covariate = included.size * included.course.value, included.course.kind == "covariate"
-        order = np.argsort(included.course.value, kind="stable") if covariate else np.arange(len(blocks))
-        told = []
+        time_profile, covariate = included.size * included.time_profile.value, included.time_profile.kind == "covariate"
+        order = np.argsort(included.time_profile.value, kind="stable") if covariate else np.arange(len(blocks))
+        states_of = []
         for p in np.array_split(order, min(len(blocks), MOST_POINTS // 2)):
             total = float(weight[p].sum())
             if total > 0:
                 share = weight[p] / total
-                told.append((blocks.hours[p].mean(), share @ (course + more)[p], total**-0.5, share @ course[p],
-                             share @ included.course.value[p] + included.course.centre))
-        hours, size, size_std, line, against = (list(map(_four, column)) for column in zip(*told, strict=True))
+                states_of.append((blocks.hours[p].mean(), share @ (time_profile + more)[p], total**-0.5,
+                                  share @ time_profile[p],
+                                  share @ included.time_profile.value[p] + included.time_profile.centre))
+        hours, size, size_std, line, against = (list(map(_four, column)) for column in zip(*states_of, strict=True))
         rows.append(
             {
                 "cause": included.effect.cause,
@@ -271,10 +273,10 @@ def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
                 "hours": hours,
                 "size": size,
                 "size_std": size_std,
-                "course": line,
-                "course_name": included.course.name,
+                "time_profile": line,
+                "time_profile_name": included.time_profile.name,
                 "against": against if covariate else None,
-                "against_unit": COVARIATES.get(included.course.column, "") if covariate else None,
+                "against_unit": COVARIATES.get(included.time_profile.column, "") if covariate else None,
             }
         )
     return rows
@@ -318,20 +320,22 @@ def _covariates(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequ
     return found
 
 
-# What was pushed, and what the sensors say --------------------------------------------------------------------------
+# Shifts from the prior, and what the sensors say
+# --------------------------------------------------------------------------
 
 
-def _pushed(problem: DiagnosisProblem, fits: Sequence[Fit]) -> dict:
-    """How far each parameter was pushed, in prior deviations, the deviation that the data would push it by if the prior
-    were right, and p of all parameters together."""
+def _prior_shifts(problem: DiagnosisProblem, fits: Sequence[Fit]) -> dict:
+    """How far each parameter is shifted, in prior standard deviations, the standard deviation that the data would shift
+    it by if the prior were right, and p of all parameters together."""
     names = [problem.predictor.parameters.names[k] for k in problem.updated]
-    told = [push(problem, f) for f in fits]
+    states_of = [push(problem, f) for f in fits]
     return {
         "parameters": [
-            {"name": n, "pushed": [_three(p[i]) for p, _, _ in told], "expected": [_three(e[i]) for _, e, _ in told]}
+            {"name": n, "prior_shift": [_three(p[i]) for p, _, _ in states_of],
+             "expected": [_three(e[i]) for _, e, _ in states_of]}
             for i, n in enumerate(names)
         ],
-        "p_together": [_two(p) for _, _, p in told],
+        "p_together": [_two(p) for _, _, p in states_of],
     }
 
 
@@ -342,15 +346,15 @@ def _measurement(problem: DiagnosisProblem, first: Search) -> list[dict]:
     for k, (j, c) in enumerate(first.which):
         effect = problem.effects[j]
         if effect.kind == "measurement" and first.usable[k]:
-            groups.setdefault((effect.cause, problem.courses[c].name), []).append(k)
+            groups.setdefault((effect.cause, problem.time_profiles[c].name), []).append(k)
     rows = []
-    for (cause, course), members in groups.items():
+    for (cause, time_profile), members in groups.items():
         best = max(members, key=lambda k: first.statistic[k])
         effect = problem.effects[problem.which[best, 0]]
         rows.append({
-            "cause": cause, "course": course, "location": effect.location, "z": _three(first.z[best]),
+            "cause": cause, "time_profile": time_profile, "location": effect.location, "z": _three(first.z[best]),
             "size": _three(first.size[best]), "size_std": _three(first.size_std[best]),
-            "unit": effect.unit + problem.courses[problem.which[best, 1]].unit, "tolerance": effect.tolerance,
+            "unit": effect.unit + problem.time_profiles[problem.which[best, 1]].unit, "tolerance": effect.tolerance,
             "tried": len({int(problem.which[k, 0]) for k in members}),
         })
     return rows

@@ -1,4 +1,4 @@
-"""What a diagnosis says: verdict, findings, detection limits; and diagnosis.json."""
+"""What a diagnosis says: verdict, findings, minimum detectable sizes; and diagnosis.json."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ from probupdate.io.schema import checked_table
 if TYPE_CHECKING:
     import pandas as pd
 
+# of diagnosis.json; files without one have the keys of FORMER_KEYS
+FORMAT = 2
+FORMER_KEYS = {"course": "time_profile", "course_name": "time_profile_name", "limits": "detectable_sizes",
+               "limit": "size", "pushed": "prior_shift", "pushed_after": "prior_shift_after"}
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
 
@@ -32,9 +36,9 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One effect: cause, place, size with deviation in `unit`, time profile along the record, score z against what is
-    normal, probability among its competing hypotheses with the data and by their prior odds alone, what would split it
-    from them."""
+    """One effect: cause, place, size with standard deviation in `unit`, time profile along the record, score z against
+    what is normal, probability among its competing hypotheses with the data and by their prior odds alone, what would
+    split it from them."""
 
     kind: str
     cause: str
@@ -42,8 +46,8 @@ class Finding:
     size: float
     size_std: float
     unit: str
-    course: str
-    course_start: str
+    time_profile: str
+    time_profile_start: str
     z: float
     posterior_probability: float
     alternatives: tuple[Alternative, ...]
@@ -53,15 +57,15 @@ class Finding:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectionLimit:
+class DetectableSize:
     """The least size of a candidate that would be found in nine of ten records like this one; `share_left` of its
     signature that what is normal leaves; z as found."""
 
     kind: str
     cause: str
     location: str
-    course: str
-    limit: float
+    time_profile: str
+    size: float
     unit: str
     share_left: float
     z: float
@@ -74,7 +78,7 @@ class Diagnosis:
     verdict: str
     p_value: float
     findings: tuple[Finding, ...]
-    limits: tuple[DetectionLimit, ...] = field(repr=False)
+    detectable_sizes: tuple[DetectableSize, ...] = field(repr=False)
     threshold: float
     adequacy_p: float
     notes: tuple[str, ...]
@@ -86,7 +90,7 @@ class Diagnosis:
 
     def to_frame(self) -> pd.DataFrame:
         """A row a finding; size in its `unit`."""
-        names = ("kind", "cause", "location", "size", "size_std", "unit", "course", "course_start", "z",
+        names = ("kind", "cause", "location", "size", "size_std", "unit", "time_profile", "time_profile_start", "z",
                  "posterior_probability", "prior_probability", "check")
         return table_of([{n: getattr(f, n) for n in names} for f in self.findings], names,
                         units={"size": OWN_UNIT, "size_std": OWN_UNIT})
@@ -101,8 +105,9 @@ class Diagnosis:
             score = [f"z = {f['z']:.1f}"] if f["z"] is not None else []
             said = ", ".join([*score, wording.cause_probability_words(f)])
             lines.append(f"  {wording.finding_words(f)}; {said}")
-            told = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]), ("gain", wording.gain_words(f)))
-            lines += [f"    {word}: {text}" for word, text in told if text]
+            lines_of = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]),
+                        ("gain", wording.gain_words(f)))
+            lines += [f"    {word}: {text}" for word, text in lines_of if text]
         lines += [f"  to split them: {s}" for s in self.splits]
         nearest = self.details.get("nearest")
         if nearest:
@@ -111,11 +116,11 @@ class Diagnosis:
         lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
                      f"{wording.adequacy_words(content) or 'the residuals were not tested'}")
         lines += [f"shifted: {s}" for s in wording.prior_shift_words(content)]
-        limits = wording.best_limits(content, 5)
-        if limits:
-            count = sum(x["limit"] is not None for x in content["limits"])
+        detectable_sizes = wording.best_detectable(content, 5)
+        if detectable_sizes:
+            count = sum(x["size"] is not None for x in content["detectable_sizes"])
             lines.append(f"seen best, each cause at its best place ({count} limits in the file and the report):")
-            lines += [f"  {wording.limit_words(x)}" for x in limits]
+            lines += [f"  {wording.detectable_words(x)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
             lines.append(f"the model with what was found: {self.extended_model}")
@@ -125,6 +130,7 @@ class Diagnosis:
     def content(self) -> dict:
         """As in diagnosis.json."""
         return {
+            "format": FORMAT,
             "verdict": self.verdict,
             "p_value": _plain(self.p_value),
             "findings": [
@@ -136,7 +142,7 @@ class Diagnosis:
                     "alternatives": [{"cause": a.cause, "location": a.location,
                                       "posterior_probability": _plain(a.posterior_probability)}
                                      for a in f.alternatives],
-                    "gain": _plain_tree(f.gain), "course": f.course, "since": f.course_start,
+                    "gain": _plain_tree(f.gain), "time_profile": f.time_profile, "since": f.time_profile_start,
                     "z": _plain(f.z), "check": f.check,
                 }
                 for f in self.findings
@@ -146,10 +152,11 @@ class Diagnosis:
             "threshold": _plain(self.threshold),
             "adequacy_p": _plain(self.adequacy_p),
             "splits": list(self.splits),
-            "limits": [
-                {"kind": x.kind, "cause": x.cause, "location": x.location, "course": x.course, "limit": _plain(x.limit),
+            "detectable_sizes": [
+                {"kind": x.kind, "cause": x.cause, "location": x.location, "time_profile": x.time_profile,
+                 "size": _plain(x.size),
                  "unit": x.unit, "share_left": _plain(x.share_left), "z": _plain(x.z)}
-                for x in self.limits
+                for x in self.detectable_sizes
             ],
             "parameters": [{k: _plain(v) for k, v in p.items()} for p in self.parameters],
             "notes": list(self.notes),
@@ -184,19 +191,19 @@ class FindingTable:
     alternatives: tuple[AlternativeTable, ...]
     prior_probability: float | None = None
     gain: Mapping[str, object] | None = None
-    course: str | None = None
+    time_profile: str | None = None
     since: str | None = None
     z: float | None = None
     check: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitTable:
+class DetectableSizeTable:
     kind: str
     cause: str
     location: str
-    course: str
-    limit: float | None
+    time_profile: str
+    size: float | None
     unit: str
     share_left: float | None = None
     z: float | None = None
@@ -207,7 +214,7 @@ class DiagnosisTable:
     verdict: str
     p_value: float | None
     findings: tuple[FindingTable, ...]
-    limits: tuple[LimitTable, ...]
+    detectable_sizes: tuple[DetectableSizeTable, ...]
     parameters: tuple[Mapping[str, str | float | None], ...]
     notes: tuple[str, ...]
     details: Mapping[str, object]
@@ -216,6 +223,14 @@ class DiagnosisTable:
     splits: tuple[str, ...] = ()
     extended_model: str | None = None
     extension: Mapping[str, object] | None = None
+    format: int = FORMAT
+
+
+def _with_present_keys(value):
+    """Tables of a file without a format, as the format of today has them."""
+    if isinstance(value, Mapping):
+        return {FORMER_KEYS.get(k, k): _with_present_keys(v) for k, v in value.items()}
+    return [_with_present_keys(v) for v in value] if isinstance(value, list) else value
 
 
 def read_diagnosis(path: str | Path) -> dict:
@@ -223,6 +238,8 @@ def read_diagnosis(path: str | Path) -> dict:
     path = Path(path)
     again = "write it with `probupdate diagnose`"
     content = read_json_table(path, again, absent=again)
+    if "format" not in content:
+        content = _with_present_keys(content)
     checked_table(DiagnosisTable, content, path, "write it again with `probupdate diagnose`")
     if content["verdict"] not in VERDICTS:
         raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",

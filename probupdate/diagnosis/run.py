@@ -121,8 +121,8 @@ def _whole(
     return replace(found, splits=found.splits or splits(outcome), details=details)
 
 
-def _with_gains(found: Diagnosis, told: Sequence[dict]) -> Diagnosis:
-    findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, told, strict=True))
+def _with_gains(found: Diagnosis, gains_of: Sequence[dict]) -> Diagnosis:
+    findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, gains_of, strict=True))
     notes = tuple(f"{f.cause}, {f.location}: {f.gain['statement']}; the verdict stands on the whole record alone"
                   for f in findings if not f.gain.get("significant", False))
     return replace(found, findings=findings, notes=(*found.notes, *notes))

@@ -13,7 +13,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 
-# false alarms of the whole first search, and of each one after a finding. With the test of the remainder, and what a
+# false alarms of the whole first search, and of each one after a finding. With the test of the rest, and what a
 # noise that was itself estimated leaves, a diagnosis stays below 5 %
 FALSE_ALARM, FALSE_NEXT = 0.02, 0.01
 N_BOOTSTRAP = 400
@@ -33,8 +33,8 @@ MEANT = (0.1, 5.0)
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
     """Scores of all candidates, `which` (n_candidate, 2) effect and time profile, at a fit: z signed, the size that
-    fits best and its deviation; `allowed` bool where that size lies on a side the effect can be on; threshold and p of
-    the largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was
+    fits best and its standard deviation; `allowed` bool where that size lies on a side the effect can be on; threshold
+    and p of the largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was
     estimated; u of the record and of the drawn ones (n_draw, n_candidate)."""
 
     which: np.ndarray
@@ -93,7 +93,7 @@ def _possible(problem: DiagnosisProblem, scale: np.ndarray):
     effects = [problem.effects[j] for j, _ in problem.which]
     lower, upper = np.array([e.lower for e in effects]), np.array([e.upper for e in effects])
     # what begins in the record begins from neutral; a covariate's sense is not known beforehand
-    both = np.array([problem.courses[c].kind == "covariate" for _, c in problem.which])
+    both = np.array([problem.time_profiles[c].kind == "covariate" for _, c in problem.which])
     only = np.array([e.discrete[0] if e.discrete else np.nan for e in effects])
     single = np.isfinite(only)
 
@@ -159,15 +159,15 @@ def scores_beside(
     which the candidate's may be one. So each candidate's own signature along that profile is one more unknown, of the
     variance that makes v so much less there as `model_error_dispersion` says; what the candidate does at other times
     counts in full. What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
-    uncertain = [(n.course, 1 - 1 / model_error_dispersion(z)) for n, z in zip(included, z_included, strict=False)
-                 if n.effect.kind != "measurement" and n.course.kind != "constant"]
+    uncertain = [(n.time_profile, 1 - 1 / model_error_dispersion(z)) for n, z in zip(included, z_included, strict=False)
+                 if n.effect.kind != "measurement" and n.time_profile.kind != "constant"]
     u, v = design.scores(centred), design.information
     if not uncertain:
         return u, v
     n, m, n_effect = len(design.which), len(uncertain), len(problem.effects)
     along = np.column_stack([np.repeat(np.arange(n_effect), m),
-                             np.tile(len(design.courses) + np.arange(m), n_effect)])
-    wide = replace(design, courses=(*design.courses, *(course for course, _ in uncertain)),
+                             np.tile(len(design.time_profiles) + np.arange(m), n_effect)])
+    wide = replace(design, time_profiles=(*design.time_profiles, *(time_profile for time_profile, _ in uncertain)),
                    which=np.vstack([design.which, along]))
     there, share = wide.scores(centred)[n:].reshape(n_effect, m), np.array([part for _, part in uncertain])
     u, v = u.copy(), v.copy()
@@ -189,19 +189,20 @@ def scores_beside(
 def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of every candidate beside a linear model with scores u and information v (n_candidate,): ln Bayes factor, size
     that explains most on a side that it can be on. The prior of a size is the Cauchy density of `IncludedEffect`."""
-    empty = [IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=0.0) for j, c in problem.which]
+    empty = [IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=0.0) for j,
+             c in problem.which]
     only = np.array([n.effect.discrete[0] if n.effect.discrete else np.nan for n in empty])
-    slab, (lower, upper) = np.array([n.slab for n in empty]), np.array([n.bounds for n in empty]).T
+    prior_scale, (lower, upper) = np.array([n.prior_scale for n in empty]), np.array([n.bounds for n in empty]).T
     # an effect that is not linear explains more at its bound than its slope promises there: its side alone counts
     lower, upper = np.where(lower < 0, -np.inf, 0.0), np.where(upper > 0, np.inf, 0.0)
     usable = v > 0
     known = np.where(usable, v, 1.0)
     free = np.clip(np.where(usable, u / known, 0.0), lower, upper)
-    variance = 0.5 * (slab**2 + free**2)
+    variance = 0.5 * (prior_scale**2 + free**2)
     size = np.clip(u / (known + 1 / variance), lower, upper)
     # the normal density that stands for the prior, and what the prior has over it
     explained = size * u - 0.5 * size**2 * (known + 1 / variance)
-    prior = (-np.log(np.pi * slab) - np.log1p((size / slab) ** 2)
+    prior = (-np.log(np.pi * prior_scale) - np.log1p((size / prior_scale) ** 2)
              + 0.5 * np.log(2 * np.pi * variance) + 0.5 * size**2 / variance)
     one_sided = np.log(2.0) * ((lower == 0) | (upper == 0))
     gain = explained - 0.5 * np.log1p(known * variance) + prior + one_sided

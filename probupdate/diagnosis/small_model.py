@@ -33,7 +33,7 @@ N_CORE = 80
 PLACES = 12
 # modes a snapshot holds beyond those looked for: modes may trade places
 SPARE = 1
-# the highest of the modes looked through are there to be told from others, and may be less exact
+# the highest of the modes looked through are there to be distinguished from others, and may be less exact
 UNSURE = 2
 # eigenvalues nearer to each other (relative): what turns their shapes into each other is given no more than they would
 # have at this distance, as no first-order change holds there

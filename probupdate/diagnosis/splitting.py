@@ -1,4 +1,4 @@
-"""What would tell apart the causes that an ambiguous finding leaves: how alike they are, and where they differ."""
+"""What would distinguish the causes that an ambiguous finding leaves: how alike they are, and where they differ."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from probupdate.diagnosis.results import Finding
 
 # alternatives less probable than this are not looked into; at most so many
 PROBABLE, MOST = 0.02, 3
-# two causes whose scores correlate by rho are told apart in 95 % of records from |z| = this times sqrt(2 / (1 - rho))
+# two causes whose scores correlate by rho are distinguished in 95 % of records from |z| = this times sqrt(2 / (1 -
+# rho))
 QUANTILE = 1.6448536269514722
 # so many responses are named in which two causes differ most
 N_PLACE = 2
@@ -28,55 +29,56 @@ def splits(outcome: Outcome) -> tuple[str, ...]:
             continue
         best = _candidate(problem, finding, finding.cause, finding.location)
         for other in finding.alternatives[:MOST]:
-            rival = _candidate(problem, finding, other.cause, other.location)
-            if best is not None and rival is not None and other.posterior_probability > PROBABLE:
-                sentences.append(_sentence(problem, design, finding, best, rival))
+            competitor = _candidate(problem, finding, other.cause, other.location)
+            if best is not None and competitor is not None and other.posterior_probability > PROBABLE:
+                sentences.append(_sentence(problem, design, finding, best, competitor))
     return tuple(sentences)
 
 
 def _candidate(problem: DiagnosisProblem, finding: Finding, cause: str, location: str) -> int | None:
     """The candidate of that cause and place whose time profile is the finding's, or nearest to it; None if it has
     none."""
-    start = problem.blocks.ids.index(finding.course_start) if finding.course_start in problem.blocks.ids else 0
+    ids = problem.blocks.ids
+    start = ids.index(finding.time_profile_start) if finding.time_profile_start in ids else 0
     found = [
-        (abs(problem.courses[c].at - start), k) for k, (j, c) in enumerate(problem.which)
+        (abs(problem.time_profiles[c].at - start), k) for k, (j, c) in enumerate(problem.which)
         if (problem.effects[j].cause, problem.effects[j].location) == (cause, location)
-        and problem.courses[c].name == finding.course
+        and problem.time_profiles[c].name == finding.time_profile
     ]
     return min(found)[1] if found else None
 
 
 def needed_z(score_correlation: float) -> float:
-    """|z| from which two causes whose scores correlate by `score_correlation` are told apart in 95 % of records."""
+    """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records."""
     return QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
 
 
-def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best: int, rival: int) -> str:
-    score_correlation = float(np.abs(design.score_correlation([best, rival])[0, 1]))
-    first, second = (problem.effects[problem.which[k, 0]] for k in (best, rival))
+def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best: int, competitor: int) -> str:
+    score_correlation = float(np.abs(design.score_correlation([best, competitor])[0, 1]))
+    first, second = (problem.effects[problem.which[k, 0]] for k in (best, competitor))
     needed = needed_z(score_correlation)
     text = (f"{first.name} and {second.name} look alike by {score_correlation:.2f} once all that is normal has taken "
             "its part: ")
     if score_correlation > 0.999:
-        return text + f"no record of these modes and channels tells them apart; {_checks(first, second)}"
+        return text + f"no record of these modes and channels distinguishes them; {_checks(first, second)}"
     text += f"telling them apart asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
-    if finding.course != "constant" and needed > abs(finding.z):
+    if finding.time_profile != "constant" and needed > abs(finding.z):
         text += f"about {(needed / abs(finding.z)) ** 2:.0f} times as many blocks would do, or "
-    places = " and ".join(places_of_difference(problem, design, best, rival))
+    places = " and ".join(places_of_difference(problem, design, best, competitor))
     return text + f"they differ most in {places}; {_checks(first, second)}"
 
 
 def _checks(first, second) -> str:
-    told = [f"{e.name}: {e.check}" for e in (first, second) if e.check]
-    return "on site, " + "; ".join(told) if told else "neither names a check on site"
+    checks = [f"{e.name}: {e.check}" for e in (first, second) if e.check]
+    return "on site, " + "; ".join(checks) if checks else "neither names a check on site"
 
 
-def places_of_difference(problem: DiagnosisProblem, design: Design, best: int, rival: int) -> list[str]:
-    """The responses in which two causes of the same strength differ most, in deviations, after what is normal has
-    taken its part."""
+def places_of_difference(problem: DiagnosisProblem, design: Design, best: int, competitor: int) -> list[str]:
+    """The responses in which two causes of the same strength differ most, in standard deviations, after what is normal
+    has taken its part."""
     blocks = problem.blocks
-    course = problem.courses[problem.which[best, 1]]
-    j, i = (int(problem.which[k, 0]) for k in (best, rival))
+    time_profile = problem.time_profiles[problem.which[best, 1]]
+    j, i = (int(problem.which[k, 0]) for k in (best, competitor))
     prints, noise, columns, names = [], [], [], []
     for q, group in enumerate(blocks.groups):
         weight = design.noise.weight[q]
@@ -85,16 +87,16 @@ def places_of_difference(problem: DiagnosisProblem, design: Design, best: int, r
         columns.append(np.einsum("g,gmk->mk", share, design.nuisance[q]) * design.nuisance_std)
         own = design.noise.covariance[q] / max(weight.sum(), 1e-12)
         # what runs along the record is free of every offset
-        noise.append(own + np.diag(design.discrepancy_std[q] ** 2) if course.kind == "constant" else own)
+        noise.append(own + np.diag(design.discrepancy_std[q] ** 2) if time_profile.kind == "constant" else own)
         names += labels_of(blocks.group_name(q), len(group), blocks.channels)
     prints, noise, columns = np.concatenate(prints), linalg.block_diag(*noise), np.concatenate(columns)
     precision = np.linalg.inv(noise)
-    if course.kind == "constant":
+    if time_profile.kind == "constant":
         inner = np.eye(columns.shape[1]) + columns.T @ precision @ columns
         precision = precision - precision @ columns @ np.linalg.solve(inner, columns.T @ precision)
     first, second = prints.T
     amount = (first @ precision @ second) / (second @ precision @ second)
     # the share of each response in what separates the two
     apart = first - amount * second
-    told = np.abs(apart * (precision @ apart))
-    return [names[k] for k in np.argsort(-told)[:N_PLACE]]
+    checks = np.abs(apart * (precision @ apart))
+    return [names[k] for k in np.argsort(-checks)[:N_PLACE]]

@@ -1,4 +1,4 @@
-"""Between which two blocks a step lies: the search tries a few times only, and a long record tells more."""
+"""Between which two blocks a step lies: the search tries a few times only, and a long record shows more."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.diagnosis.expected import ModelAnswers, departures_at
+from probupdate.diagnosis.expected import ModelAnswers, residuals_at
 from probupdate.diagnosis.fitting import Fit, kept
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.time_profiles import MARGIN, TimeProfile, step_profile
@@ -16,15 +16,15 @@ from probupdate.runtime.arrays import frozen_array
 SHARES, WITHIN = (0.2, 0.4, 0.6, 0.8), 16.0
 
 
-def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, course: TimeProfile) -> TimeProfile:
-    """The step of effect number `effect` that scores highest among all blocks between the neighbours of `course` in the
-    search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
-    tried = _between_neighbours(problem, course)
-    design = replace(fitted.design, courses=(fitted.design.courses[0], *tried),
+def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile: TimeProfile) -> TimeProfile:
+    """The step of effect number `effect` that scores highest among all blocks between the neighbours of `time_profile`
+    in the search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
+    tried = _between_neighbours(problem, time_profile)
+    design = replace(fitted.design, time_profiles=(fitted.design.time_profiles[0], *tried),
                      which=np.array([(effect, c + 1) for c in range(len(tried))]))
     information = design.information
-    told = np.abs(design.scores(fitted.centred)) / np.sqrt(np.maximum(information, 1e-300))
-    return tried[int(np.argmax(np.where(information > 0, told, 0.0)))]
+    score = np.abs(design.scores(fitted.centred)) / np.sqrt(np.maximum(information, 1e-300))
+    return tried[int(np.argmax(np.where(information > 0, score, 0.0)))]
 
 
 def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEffect, ...]:
@@ -33,37 +33,37 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
     included, answers = list(fitted.included), ModelAnswers(problem.predictor)
     held, noise = fitted.design.held(len(problem.updated)), fitted.design.noise
     for i, n in enumerate(included):
-        if n.course.kind != "step":
+        if n.time_profile.kind != "step":
             continue
 
-        def left(course: TimeProfile, n=n, i=i) -> float:
-            tried = [*included[:i], replace(n, course=course), *included[i + 1 :]]
-            there = departures_at(problem, fitted.theta, tried, answers)
+        def left(time_profile: TimeProfile, n=n, i=i) -> float:
+            tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
+            there = residuals_at(problem, fitted.theta, tried, answers)
             return fitted.design.misfit(kept(there, noise), held)
 
         # where two leave the same the one that is there
-        best = min([n.course, *_between_neighbours(problem, n.course)], key=left)
+        best = min([n.time_profile, *_between_neighbours(problem, n.time_profile)], key=left)
         # what has one size only has no share of it
         within = best if n.effect.discrete else min(_within_a_block(best), key=left)
-        included[i] = replace(n, course=within if left(within) < left(best) - WITHIN else best)
+        included[i] = replace(n, time_profile=within if left(within) < left(best) - WITHIN else best)
     return tuple(included)
 
 
-def _within_a_block(course: TimeProfile) -> list[TimeProfile]:
+def _within_a_block(time_profile: TimeProfile) -> list[TimeProfile]:
     """The step within the block before it or after it."""
     result = []
-    for block in (course.at - 1, course.at):
+    for block in (time_profile.at - 1, time_profile.at):
         for share in SHARES:
-            value = np.array(course.value, float)
+            value = np.array(time_profile.value, float)
             value[block] = share
-            result.append(replace(course, value=frozen_array(value)))
+            result.append(replace(time_profile, value=frozen_array(value)))
     return result
 
 
-def _between_neighbours(problem: DiagnosisProblem, course: TimeProfile) -> list[TimeProfile]:
+def _between_neighbours(problem: DiagnosisProblem, time_profile: TimeProfile) -> list[TimeProfile]:
     """Steps at all blocks between the neighbours of one in the search's grid."""
     n = len(problem.blocks)
-    grid = np.array([MARGIN, *(c.at for c in problem.courses if c.kind == "step"), n - MARGIN])
-    low = int(np.max(grid[grid < course.at], initial=min(MARGIN, course.at)))
-    high = int(np.min(grid[grid > course.at], initial=max(n - MARGIN, course.at)))
+    grid = np.array([MARGIN, *(c.at for c in problem.time_profiles if c.kind == "step"), n - MARGIN])
+    low = int(np.max(grid[grid < time_profile.at], initial=min(MARGIN, time_profile.at)))
+    high = int(np.min(grid[grid > time_profile.at], initial=max(n - MARGIN, time_profile.at)))
     return [step_profile(n, at) for at in range(low, high + 1)]

@@ -138,4 +138,4 @@ def _values(problem: DiagnosisProblem, fitted: Fit) -> dict[str, float]:
 
 
 def _amount(included: IncludedEffect) -> float:
-    return 0.0 if included.course.kind == "covariate" else included.size
+    return 0.0 if included.time_profile.kind == "covariate" else included.size

@@ -42,22 +42,22 @@ _UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "
 
 
 def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimeProfile, ...]:
-    """constant, steps, ramp, and the named columns that the blocks tell and that vary."""
+    """constant, steps, ramp, and the named columns that the blocks show and that vary."""
     n, margin = len(blocks), 1 if blocks.few else MARGIN
-    courses = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
+    time_profiles = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
     if n >= 2 * margin + (not blocks.few):
         for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
-            courses.append(step_profile(n, int(at)))
+            time_profiles.append(step_profile(n, int(at)))
     if n >= 2 * MARGIN + 1:
         span = blocks.hours[-1] - blocks.hours[0]
-        courses.append(TimeProfile(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
+        time_profiles.append(TimeProfile(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
     for column in columns:
         values = blocks.covariate(column)
         if values is not None:
             centre = float(np.mean(values))
-            courses.append(
+            time_profiles.append(
                 TimeProfile(kind="covariate", value=frozen_array(values - centre), column=column, centre=centre))
-    return tuple(courses)
+    return tuple(time_profiles)
 
 
 def step_profile(n: int, at: int) -> TimeProfile:

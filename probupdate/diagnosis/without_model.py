@@ -23,12 +23,12 @@ from probupdate.diagnosis.empirical_search import (
     MEAN,
     Followed,
     Found,
-    allowed_courses,
+    allowed_profiles,
     search,
     watch,
 )
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
-from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
+from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import ModalData, Sensor
@@ -49,8 +49,8 @@ CAUSES = {
     "wind_speed_mps": ("frequencies follow the wind", "rotor", "blocks of equal state, other wind"),
 }
 # numbers of the environment that describe the block or the operation, not the environmental and operational conditions
-NOT_SURROUNDINGS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
-                    "yaw_", "n_", "sampling_")
+NOT_CONDITIONS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
+                  "yaw_", "n_", "sampling_")
 
 
 # What a change is ---------------------------------------------------------------------------------------------------
@@ -62,16 +62,16 @@ class Change:
     and the numbers of the frequencies that went with it. What stays within a sensor's tolerance is no finding."""
 
     finding: Finding | None
-    course: TimeProfile
+    time_profile: TimeProfile
     moved: tuple[dict, ...]
     within_tolerance: bool = False
 
 
-def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, course: TimeProfile) -> TimeProfile:
+def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time_profile: TimeProfile) -> TimeProfile:
     """The step's block found among all, by least squares: scores do not serve, as each time profile has a noise of its
     own, which a step at a wrong place may make small."""
-    if course.kind != "step":
-        return course
+    if time_profile.kind != "step":
+        return time_profile
     n = len(blocks)
     at = np.arange(MARGIN, n - MARGIN + 1)
     root = np.sqrt(followed.weight[row])
@@ -79,21 +79,21 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, cour
     both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
     rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
     own = np.sum(rest[:, 1:] ** 2, axis=0)
-    # what offset and turning explain nearly is no step that could be told
+    # what offset and turning explain nearly is no step that could be found
     usable = own > LEFT * np.sum((both - root[:, None] * (root @ both / (root @ root)))[:, 1:] ** 2, axis=0)
     taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
     # of times between which the series is not measured the last: the first block that shows it
     best = np.flatnonzero(taken > (1 - 1e-9) * taken.max())
-    return step_profile(n, int(at[best[-1]])) if np.any(taken) else course
+    return step_profile(n, int(at[best[-1]])) if np.any(taken) else time_profile
 
 
 def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
-    """By how much the blocks' modes depart from their own mean ones in all (sum of squares)."""
-    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).departures)
+    """By how much the blocks' modes differ from their own mean ones in all (sum of squares)."""
+    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).differences)
 
 
 def _left_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> float:
-    """What an effect that is there or not leaves of all departures when it is taken out from one block on."""
+    """What an effect that is there or not leaves of all residuals when it is taken out from one block on."""
     return _apart(mended(blocks, effect, effect.discrete[0] * step_profile(len(blocks), at).value), sensors)
 
 
@@ -114,20 +114,21 @@ def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int)
 
 
 def mend(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int, course: TimeProfile
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int,
+         time_profile: TimeProfile
 ) -> tuple[Blocks, float, float]:
-    """The blocks without the effect of series `row` that goes with the time profile, its size and deviation: the size
-    is right when nothing of it is left."""
+    """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
+    the size is right when nothing of it is left."""
     effect = followed.effects[row - followed.n_frequency]
     n = len(blocks)
     nuisance = np.column_stack([np.ones(n), followed.empirical.turning, known])
     size, std, now, seen = 0.0, np.inf, blocks, followed
     for _ in range(6):
-        contrasts = make_contrasts(seen.weight[[row]], nuisance, [course], blocks.hours)
+        contrasts = make_contrasts(seen.weight[[row]], nuisance, [time_profile], blocks.hours)
         left = score(contrasts, seen.series[[row]], [[0]])
         more, std = float(left.size[0, 0]), float(left.size_std[0, 0])
         size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
-        now = mended(blocks, effect, size * course.value)
+        now = mended(blocks, effect, size * time_profile.value)
         if abs(more) < 0.1 * std:
             break
         seen, row = watch(now, (effect,), sensors, known, stated=followed.stated), followed.n_frequency
@@ -135,19 +136,20 @@ def mend(
 
 
 def left_at(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
+            found: Found
 ) -> tuple[float, float]:
     """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
     sensors."""
     seen = watch(blocks, followed.effects, sensors, known, stated=followed.stated)
     nuisance = np.column_stack([np.ones(len(blocks)), seen.empirical.turning, known])
-    scores = score(make_contrasts(seen.weight, nuisance, [course], blocks.hours), seen.series, seen.pools)
+    scores = score(make_contrasts(seen.weight, nuisance, [time_profile], blocks.hours), seen.series, seen.pools)
     over = np.abs(scores.z[:, 0]) / found.threshold
     return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
 
 
 def moved_frequencies(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
-    """Per number of the frequencies: its change for the time profile's unit, with deviation and z."""
+    """Per number of the frequencies: its change for the time profile's unit, with standard deviation and z."""
     blocks = followed.blocks
     rows = []
     for k, (q, i) in enumerate(followed.names):
@@ -163,24 +165,25 @@ def series_name(blocks: Blocks, q: int, i: int) -> str:
     return blocks.group_name(q) + ("" if len(blocks.groups[q]) == 1 else (" axis 1", " axis 2", " between", "")[i])
 
 
-def course_probability(followed: Followed, found: Found, courses: Sequence[TimeProfile], best: int) -> np.ndarray:
-    """(n_course,) how probable it is that the frequencies go with each time profile, all at the best one's scatter; the
-    times of a step share one prior."""
+def profile_probability(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile],
+                        best: int) -> np.ndarray:
+    """(n_profile,) how probable it is that the frequencies go with each time profile, all at the best one's scatter;
+    the times of a step share one prior."""
     rows = [k for k, (q, i) in enumerate(followed.names) if q != ALL and i != MEAN]
     noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
     c = found.contrasts
     variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
     good = c.usable[rows] & (variance > 0)
     gain = 0.5 * np.sum(np.where(good, found.scores.size[rows] ** 2 / np.where(good, variance, 1.0), 0.0), axis=0)
-    n_step = max(sum(x.kind == "step" for x in courses), 1)
-    gain = gain - np.array([np.log(n_step) if x.kind == "step" else 0.0 for x in courses])
+    n_step = max(sum(x.kind == "step" for x in time_profiles), 1)
+    gain = gain - np.array([np.log(n_step) if x.kind == "step" else 0.0 for x in time_profiles])
     return np.exp(gain - logsumexp(gain))
 
 
-def _by_name(courses: Sequence[TimeProfile], probability: np.ndarray) -> dict[str, float]:
+def _by_name(time_profiles: Sequence[TimeProfile], probability: np.ndarray) -> dict[str, float]:
     names: dict[str, float] = {}
-    for course, p in zip(courses, probability, strict=True):
-        names[course.name] = names.get(course.name, 0.0) + float(p)
+    for time_profile, p in zip(time_profiles, probability, strict=True):
+        names[time_profile.name] = names.get(time_profile.name, 0.0) + float(p)
     return dict(sorted(names.items(), key=lambda item: -item[1]))
 
 
@@ -191,41 +194,44 @@ def _cause(name: str) -> tuple[str, str, str]:
     return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
 
 
-def _surrounding(followed: Followed, found: Found, courses: Sequence[TimeProfile]) -> Change:
+def _condition(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile]) -> Change:
     """What the frequencies go with."""
     rows = followed.classes[0]
     best = int(np.argmax(np.max(found.over[rows], axis=0)))
-    probability = course_probability(followed, found, courses, int(best))
-    names = _by_name(courses, probability)
+    probability = profile_probability(followed, found, time_profiles, int(best))
+    names = _by_name(time_profiles, probability)
     name = next(iter(names))
-    best = int(np.argmax(np.where([c.name == name for c in courses], probability, -1)))
-    course, moved = courses[best], moved_frequencies(followed, found.scores, best)
-    if course.kind in ("step", "ramp") and names[name] >= SURE:
-        return Change(finding=None, course=course, moved=moved)
+    best = int(np.argmax(np.where([c.name == name for c in time_profiles], probability, -1)))
+    time_profile, moved = time_profiles[best], moved_frequencies(followed, found.scores, best)
+    if time_profile.kind in ("step", "ramp") and names[name] >= SURE:
+        return Change(finding=None, time_profile=time_profile, moved=moved)
     cause, location, check = _cause(name)
-    rivals = [(n, p) for n, p in list(names.items())[1:] if p > 1e-3]
+    competing = [(n, p) for n, p in list(names.items())[1:] if p > 1e-3]
     strongest = max(moved, key=lambda r: abs(r["z"]))
-    split = f"blocks in which {' and '.join([name, *[n for n, _ in rivals[:2]]])} do not go together" if rivals else ""
+    split = ""
+    if competing:
+        split = f"blocks in which {' and '.join([name, *[n for n, _ in competing[:2]]])} do not go together"
     finding = Finding(
-        kind="structural" if course.kind in ("step", "ramp") else "environmental", cause=cause, location=location,
+        kind="structural" if time_profile.kind in ("step", "ramp") else "environmental", cause=cause, location=location,
         size=strongest["change_percent"], size_std=strongest["std_percent"],
-        unit=f"% of the frequency of {strongest['mode']}{course.unit}", course=name,
-        course_start=followed.blocks.ids[course.at] if course.kind == "step" else "", z=strongest["z"],
+        unit=f"% of the frequency of {strongest['mode']}{time_profile.unit}", time_profile=name,
+        time_profile_start=followed.blocks.ids[time_profile.at] if time_profile.kind == "step" else "",
+                      z=strongest["z"],
         posterior_probability=names[name],
         alternatives=tuple(Alternative(cause=_cause(n)[0], location=_cause(n)[1], posterior_probability=p)
-                           for n, p in rivals),
+                           for n, p in competing),
         check=split if names[name] < SURE else check,
     )
-    return Change(finding=finding, course=course, moved=moved)
+    return Change(finding=finding, time_profile=time_profile, moved=moved)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Mended:
-    """An effect of sensors taken out along a time profile: its size and deviation, the largest score that is left there
-    over its threshold, the blocks without it."""
+    """An effect of sensors taken out along a time profile: its size and standard deviation, the largest score that is
+    left there over its threshold, the blocks without it."""
 
     effect: Effect
-    course: TimeProfile
+    time_profile: TimeProfile
     size: float
     size_std: float
     left: float
@@ -236,36 +242,37 @@ def _sensor(
     blocks: Blocks,
     followed: Followed,
     found: Found,
-    courses: Sequence[TimeProfile],
+    time_profiles: Sequence[TimeProfile],
     known: np.ndarray,
     sensors: Sequence[Sensor],
     whole: Sequence[Effect],
 ) -> tuple[list[Change], Blocks] | None:
     """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
     effects that are there or not."""
-    course = _step_of_sensors(blocks, followed, found, courses, known)
-    if course is None:
+    time_profile = _step_of_sensors(blocks, followed, found, time_profiles, known)
+    if time_profile is None:
         return None
     changes, now = [], blocks
     for number in range(MOST_AT_ONCE):
-        seen = watch(now, followed.effects, sensors, known, stated=followed.stated, course=course.value)
-        fit, scores = _explained(seen, known, course, found)
+        seen = watch(now, followed.effects, sensors, known, stated=followed.stated, time_profile=time_profile.value)
+        fit, scores = _explained(seen, known, time_profile, found)
         if not number:
-            # by what was before the step, its time is told better
-            finer = _finer(now, seen, known, int(np.argmax(fit)), course)
-            if finer.at != course.at:
-                course = finer
-                seen = watch(now, followed.effects, sensors, known, stated=followed.stated, course=course.value)
-                fit, scores = _explained(seen, known, course, found)
-        tried = _mended_one_by_one(now, followed, known, sensors, course, found, seen, fit)
+            # by what was before the step, its time is estimated better
+            finer = _finer(now, seen, known, int(np.argmax(fit)), time_profile)
+            if finer.at != time_profile.at:
+                time_profile = finer
+                seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
+                             time_profile=time_profile.value)
+                fit, scores = _explained(seen, known, time_profile, found)
+        tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
         if not tried:
             return None
         row, best = tried[0]
         probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
         if best.left > 1:
-            other = _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, once=not number)
+            other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, seen, fit, once=not number)
             if other is not None and other.left < best.left:
-                best, course, probability = other, other.course, {row: 1.0}
+                best, time_profile, probability = other, other.time_profile, {row: 1.0}
         changes.append(_change_of_sensor(blocks, seen, best, row, float(scores.z[row, 0]), probability))
         now = best.blocks
         if best.left <= 1:
@@ -274,7 +281,7 @@ def _sensor(
 
 
 def _step_of_sensors(
-    blocks: Blocks, followed: Followed, found: Found, courses: Sequence[TimeProfile], known: np.ndarray
+    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
 ) -> TimeProfile | None:
     """The time profile along which effects of sensors are looked for: the step of the largest score, or where that is
     one of frequencies, of the largest of sensors along it; None where there is none."""
@@ -284,12 +291,13 @@ def _step_of_sensors(
         if not rows or not np.max(found.over[rows][:, best]) > 1:
             return None
         row = rows[int(np.argmax(found.over[rows][:, best]))]
-    course = _finer(blocks, followed, known, row, courses[best])
-    return course if course.kind == "step" else None
+    time_profile = _finer(blocks, followed, known, row, time_profiles[best])
+    return time_profile if time_profile.kind == "step" else None
 
 
 def _mended_one_by_one(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found,
+    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
+                       found: Found,
     seen: Followed, fit: np.ndarray,
 ) -> list[tuple[int, _Mended]]:
     """The effects that explain nearly as much as the best one (`fit`, as `_explained`) with the number of their series,
@@ -298,11 +306,12 @@ def _mended_one_by_one(
     for row in map(int, np.argsort(-fit)[:MOST_TRIED]):
         if fit[row] <= ALIKE * fit.max() or (tried and tried[0][1].left <= 1):
             break
-        then, size, std = mend(now, seen, known, sensors, row, course)
-        of_frequencies, left = left_at(then, followed, known, sensors, course, found)
+        then, size, std = mend(now, seen, known, sensors, row, time_profile)
+        of_frequencies, left = left_at(then, followed, known, sensors, time_profile, found)
         # what is left of frequencies no sensor does
         if of_frequencies <= 1:
-            tried.append((row, _Mended(effect=seen.effects[row - seen.n_frequency], course=course, size=size,
+            tried.append((row,
+                          _Mended(effect=seen.effects[row - seen.n_frequency], time_profile=time_profile, size=size,
                                        size_std=std, left=left, blocks=then)))
             tried.sort(key=lambda t: t[1].left)
     return tried
@@ -314,35 +323,37 @@ def _probability_of_series(
     """How probable it is that each series of sensors, but for those that were found to mend less, is what `row` shows,
     all at the scatter that is usual for sensors."""
     usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
-    rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in mended_worse]
-    gain = (fit[rivals] - fit[row]) / usual
-    return {k: float(p) for k, p in zip(rivals, np.exp(gain - logsumexp(gain)), strict=True)}
+    competing = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in mended_worse]
+    gain = (fit[competing] - fit[row]) / usual
+    return {k: float(p) for k, p in zip(competing, np.exp(gain - logsumexp(gain)), strict=True)}
 
 
 def _change_of_sensor(
     blocks: Blocks, seen: Followed, mended_by: _Mended, row: int, z: float, probability: Mapping[int, float]
 ) -> Change:
     """The change with its finding; `probability` of each series, `row` the one that was taken out."""
-    effect, course = mended_by.effect, mended_by.course
+    effect, time_profile = mended_by.effect, mended_by.time_profile
     others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
     finding = Finding(
         kind=effect.kind, cause=effect.cause, location=effect.location, size=mended_by.size,
-        size_std=mended_by.size_std, unit=effect.unit, course=course.name, course_start=blocks.ids[course.at], z=z,
+        size_std=mended_by.size_std, unit=effect.unit, time_profile=time_profile.name,
+                      time_profile_start=blocks.ids[time_profile.at], z=z,
         posterior_probability=probability[row],
         alternatives=tuple(Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k])
                            for k in others for e in [seen.effects[k - seen.n_frequency]]),
         check=effect.check)
-    return Change(finding=finding, course=course, moved=(), within_tolerance=abs(mended_by.size) <= effect.tolerance)
+    return Change(finding=finding, time_profile=time_profile, moved=(),
+                  within_tolerance=abs(mended_by.size) <= effect.tolerance)
 
 
-def _explained(seen: Followed, known: np.ndarray, course: TimeProfile, found: Found) -> tuple[np.ndarray, Scores]:
+def _explained(seen: Followed, known: np.ndarray, time_profile: TimeProfile, found: Found) -> tuple[np.ndarray, Scores]:
     """(n_series,) by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
     was estimated for a block: that of the series itself counts what other effects do to it. Zero for those whose own
     score is not beyond chance where others' are."""
     nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.empirical.turning, known])
-    contrasts = make_contrasts(seen.weight, nuisance, [course], seen.blocks.hours)
+    contrasts = make_contrasts(seen.weight, nuisance, [time_profile], seen.blocks.hours)
     scores = score(contrasts, seen.series, seen.pools)
-    can = allowed_courses(seen, [course])[:, 0] & contrasts.usable[:, 0]
+    can = allowed_profiles(seen, [time_profile])[:, 0] & contrasts.usable[:, 0]
     can[: seen.n_frequency] = False
     for k in np.flatnonzero(can):
         effect = seen.effects[k - seen.n_frequency]
@@ -354,16 +365,17 @@ def _explained(seen: Followed, known: np.ndarray, course: TimeProfile, found: Fo
 
 
 def _as_a_whole(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found,
+    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
+                found: Found,
     whole: Sequence[Effect], seen: Followed, fit: np.ndarray, *, once: bool,
 ) -> _Mended | None:
-    """Of the exchanged or reversed channels those that leave least of all departures; the time profile's time is theirs
+    """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
     where nothing else was taken out along it (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
     n, tried = len(now), []
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
-    grid = {course.at, *map(int, np.linspace(MARGIN, n - MARGIN, N_STEP))} if once else {course.at}
+    grid = {time_profile.at, *map(int, np.linspace(MARGIN, n - MARGIN, N_STEP))} if once else {time_profile.at}
     for effect in whole:
         names = effect.location.split(" and ")
         # pairs are many: those of channels whose gains explain much
@@ -374,17 +386,17 @@ def _as_a_whole(
     least, at, effect = min(tried, key=lambda t: t[:2])
     if least >= _apart(now, sensors):
         return None
-    own = step_profile(n, _sharper(now, sensors, effect, at)) if once else course
+    own = step_profile(n, _sharper(now, sensors, effect, at)) if once else time_profile
     then = mended(now, effect, effect.discrete[0] * own.value)
-    left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (course, own))
-    return _Mended(effect=effect, course=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
+    left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
+    return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
 
 
-def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:
+def condition_columns(blocks: Blocks) -> tuple[str, ...]:
     """Columns of the environment that may move frequencies: the known ones, and a user's own."""
     names = dict.fromkeys(k for e in blocks.environment for k, v in e.items()
                           if isinstance(v, int | float) and not isinstance(v, bool))
-    own = [n for n in names if n not in CAUSES and not n.startswith(NOT_SURROUNDINGS)]
+    own = [n for n in names if n not in CAUSES and not n.startswith(NOT_CONDITIONS)]
     return (*(n for n in CAUSES if n in names), *own)
 
 
@@ -392,7 +404,7 @@ def diagnose_without_model(
     data: ModalData, sensors: Sequence[Sensor] | None = None, *, campaign_check: Sequence[Mapping] | None = None,
     effects: Sequence[Effect] = (), seed: int = 1, progress: Progress = silent,
 ) -> Diagnosis:
-    """Measurement and environmental and operational conditions only: what modes.json tells of itself.
+    """Measurement and environmental and operational conditions only: what modes.json shows of itself.
 
     `sensors`: where channels are; without them only gains along the record can be judged. `campaign_check`: findings in
     the raw records (see `campaign_tests.campaign_tests`), listed and counted. `effects`: a user's own of sensors.
@@ -400,37 +412,39 @@ def diagnose_without_model(
     blocks = with_derived(gather(data))
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
-                 if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})
+                 if e.observe is not None and not e.discrete and set(e.time_profiles) != {"constant"})
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
-    columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
-    courses = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
+    columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
+    time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
     # frequencies, sensors along the record, and constant shapes share the false alarms
     share = FALSE_ALARM / (3 if placed else 2)
-    changes, blocks, followed, found, left = _taken_out(blocks, courses, rows, whole, placed, share, seed, progress)
+    changes, blocks, followed, found, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, seed,
+                                                        progress)
     steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
-    limits, p_value, notes = list(_limits(followed, found, courses)), found.p_value, list(blocks.notes)
+    detectable_sizes, p_value, notes = list(_detectable_sizes(followed, found,
+                                                              time_profiles)), found.p_value, list(blocks.notes)
     if steady is not None:
         findings += steady.findings
-        limits += steady.limits
+        detectable_sizes += steady.detectable_sizes
         p_value = min(p_value, min(1.0, steady.p_value * FALSE_ALARM / share))
     unexplained = [c for c in changes if c.finding is None]
     verdict = "unexplained" if unexplained or left else verdict_of(findings)
-    details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
+    details = {"without_model": True, "changes": [_change_table(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
                "measurement": [dict(m) for m in campaign_check or ()]}
-    notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.course_start}: within its tolerance, "
-              "taken out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
+    notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.time_profile_start}: within its "
+              "tolerance, taken out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
     notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
-        verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
+        verdict=verdict, p_value=p_value, findings=tuple(findings), detectable_sizes=tuple(detectable_sizes),
         threshold=float(np.min(found.threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
         splits=tuple(f.check for f in findings if f.posterior_probability < SURE), details=details,
     )
 
 
 def _taken_out(
-    blocks: Blocks, courses: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
+    blocks: Blocks, time_profiles: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
     placed: Sequence[Sensor], share: float, seed: int, progress: Progress,
 ) -> tuple[list[Change], Blocks, Followed, Found, bool]:
     """What changes along the record, one after the other, and the blocks without what sensors were found to do; what
@@ -440,25 +454,25 @@ def _taken_out(
     def looked_at(number: int) -> tuple[Followed, Found]:
         progress("diagnosing", number, MOST_CHANGES + 1)
         followed = watch(blocks, rows, placed, known)
-        return followed, search(followed, courses, known, seed, share)
+        return followed, search(followed, time_profiles, known, seed, share)
 
     changes: list[Change] = []
     followed, found = first = looked_at(0)
     for number in range(1, MOST_CHANGES + 1):
         if not np.max(found.over) > 1:
             break
-        of_sensors = _sensor(blocks, followed, found, courses, known, placed, whole)
+        of_sensors = _sensor(blocks, followed, found, time_profiles, known, placed, whole)
         if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
         else:
             if np.max(found.over[followed.classes[0]]) > 1:
-                change = _surrounding(followed, found, courses)
+                change = _condition(followed, found, time_profiles)
             else:
                 _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-                change = Change(finding=None, course=courses[int(best)], moved=())
+                change = Change(finding=None, time_profile=time_profiles[int(best)], moved=())
             changes.append(change)
-            known = np.column_stack([known, change.course.value])
+            known = np.column_stack([known, change.time_profile.value])
         followed, found = looked_at(number)
     progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
     return changes, blocks, *first, bool(np.max(found.over) > 1)
@@ -466,10 +480,11 @@ def _taken_out(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Steady:
-    """What constant shapes tell: findings, limits, p of the largest score, what is left over its threshold."""
+    """What constant shapes show: findings, minimum detectable sizes, p of the largest score, what is left over its
+    threshold."""
 
     findings: tuple[Finding, ...]
-    limits: tuple[DetectionLimit, ...]
+    detectable_sizes: tuple[DetectableSize, ...]
     p_value: float
     unexplained: float
 
@@ -480,32 +495,33 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
     answer = judge_levels(mean_shapes(look(blocks, placed).mean, blocks.channels, placed), able, whole,
                           false_alarm=false_alarm, seed=seed)
     findings = []
-    for rivals in answer.found:
-        best = rivals[0]
-        gain = np.array([r.gain - best.gain for r in rivals])
+    for competing in answer.found:
+        best = competing[0]
+        gain = np.array([r.gain - best.gain for r in competing])
         probability = np.exp(gain - logsumexp(gain))
-        others = [(r, float(p)) for r, p in zip(rivals[1:], probability[1:], strict=True) if p > 1e-3]
+        others = [(r, float(p)) for r, p in zip(competing[1:], probability[1:], strict=True) if p > 1e-3]
         names = " or ".join([best.effect.name, *(r.effect.name for r, _ in others[:3])])
         findings.append(Finding(
             kind=best.effect.kind, cause=best.effect.cause, location=best.effect.location, size=best.size,
-            size_std=best.size_std, unit=best.effect.unit, course="constant", course_start="", z=best.z,
+            size_std=best.size_std, unit=best.effect.unit, time_profile="constant", time_profile_start="", z=best.z,
             posterior_probability=float(probability[0]),
             alternatives=tuple(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
                                for r, p in others),
             check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))
-    limits = []
-    for k, (size, left, z) in answer.limits.items():
+    detectable_sizes = []
+    for k, (size, left, z) in answer.detectable_sizes.items():
         e = able[k]
-        limits.append(DetectionLimit(kind=e.kind, cause=e.cause, location=e.location, course="constant", unit=e.unit,
-                            limit=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
+        detectable_sizes.append(DetectableSize(kind=e.kind, cause=e.cause, location=e.location, time_profile="constant",
+                                               unit=e.unit,
+                            size=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
                             z=z))
-    return Steady(findings=tuple(findings), limits=tuple(limits), p_value=answer.p_value,
+    return Steady(findings=tuple(findings), detectable_sizes=tuple(detectable_sizes), p_value=answer.p_value,
                   unexplained=answer.unexplained)
 
 
-def _told(blocks: Blocks, change: Change) -> dict:
-    start = blocks.ids[change.course.at] if change.course.kind == "step" else ""
-    return {"course": change.course.name, "since": start, "frequencies": [dict(m) for m in change.moved],
+def _change_table(blocks: Blocks, change: Change) -> dict:
+    start = blocks.ids[change.time_profile.at] if change.time_profile.kind == "step" else ""
+    return {"time_profile": change.time_profile.name, "since": start, "frequencies": [dict(m) for m in change.moved],
             "what": "frequencies" if change.moved else "shapes"}
 
 
@@ -515,28 +531,29 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
     if not placed:
         notes.append("without the sensors' places: levels, loggers and directions are not judged")
     for change in unexplained:
-        when = f" from {blocks.ids[change.course.at]} on" if change.course.kind == "step" else ""
+        when = f" from {blocks.ids[change.time_profile.at]} on" if change.time_profile.kind == "step" else ""
         moved = [m for m in change.moved if abs(m["z"]) > 3]
         what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
-        notes.append(f"unexplained {change.course.name}{when}: {what or 'shapes change, frequencies do not'}; no "
+        notes.append(f"unexplained {change.time_profile.name}{when}: {what or 'shapes change, frequencies do not'}; no "
                      "environmental or operational condition goes with it, and a model would be needed to name "
                      "it")
     if steady is not None and steady.unexplained:
         notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor "
-                     "explains it: a model is needed to tell what does")
+                     "explains it: a model is needed to say what does")
     return notes
 
 
-def _limits(followed: Followed, found: Found, courses: Sequence[TimeProfile]) -> tuple[DetectionLimit, ...]:
+def _detectable_sizes(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile]) -> tuple[DetectableSize,
+                                                                                                       ...]:
     """The least change of every frequency, and size of every sensor's effect, that would be found along each time
     profile."""
-    allowed = allowed_courses(followed, courses)
+    allowed = allowed_profiles(followed, time_profiles)
     best: dict[tuple[int, str], int] = {}
     for k, c in zip(*np.nonzero(allowed & np.isfinite(found.scores.size_std)), strict=True):
-        key = (int(k), courses[c].name)
+        key = (int(k), time_profiles[c].name)
         if key not in best or found.scores.size_std[k, c] < found.scores.size_std[k, best[key]]:
             best[key] = int(c)
-    limits = []
+    detectable_sizes = []
     for (k, name), c in best.items():
         size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
         if k < followed.n_frequency:
@@ -544,13 +561,15 @@ def _limits(followed: Followed, found: Found, courses: Sequence[TimeProfile]) ->
             kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
                 "environmental", _cause(name)[0])
             place = series_name(followed.blocks, q, i)
-            limits.append(DetectionLimit(kind=kind, cause=cause, location=place, course=name, limit=float(100 * size),
-                                unit=f"% of frequency{courses[c].unit}", share_left=1.0, z=float(found.z[k, c])))
+            detectable_sizes.append(DetectableSize(kind=kind, cause=cause, location=place, time_profile=name,
+                                                   size=float(100 * size),
+                                unit=f"% of frequency{time_profiles[c].unit}", share_left=1.0, z=float(found.z[k, c])))
             continue
         effect = followed.effects[k - followed.n_frequency]
         size = max(size, effect.tolerance)
         reachable = size <= max(-effect.lower, effect.upper)
-        limits.append(DetectionLimit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
-                            limit=float(size) if reachable else np.inf, unit=effect.unit + courses[c].unit,
+        detectable_sizes.append(DetectableSize(kind=effect.kind, cause=effect.cause, location=effect.location,
+                                               time_profile=name,
+                            size=float(size) if reachable else np.inf, unit=effect.unit + time_profiles[c].unit,
                             share_left=1.0, z=float(found.z[k, c])))
-    return tuple(limits)
+    return tuple(detectable_sizes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-# causes whose size is a share of something, told in per cent
+# causes whose size is a share of something, stated in per cent
 SHARES = (
     "brace stiffness lost", "joints loosened", "leg stiffness lost", "lateral soil stiffness", "axial soil stiffness",
     "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
@@ -15,7 +15,7 @@ SHARES = (
 DISCRETE = ("swapped channels", "sensor polarity")
 # large units of elementary parts
 SCALED = {"N/m": (1e-6, "MN/m"), "kg": (1e-3, "t")}
-COURSE_WORDS = {
+PROFILE_WORDS = {
     "constant": "all through the record", "ramp": "growing over the record (size at its end)",
     "water_level_m": "with the water level", "air_temperature_c": "with the air temperature",
     "wind_speed_mps": "with the wind speed", "thrust_share": "with the rotor's thrust",
@@ -23,12 +23,12 @@ COURSE_WORDS = {
     "power_kw": "with the power", "frost_degc": "with frost", "rotor_speed_rpm": "with the rotor's speed",
 }
 # a push of a parameter that its prior expects once in ten times
-# and less than this, in prior deviations, is not worth a word
+# and less than this, in prior standard deviations, is not worth a word
 SURPRISING, LEAST_SHIFT = 1.645, 0.5
 
 
 def amount(value: float | None, std: float | None, unit: str, cause: str) -> str:
-    """A size with its deviation: "-36 +- 2 %", "1.2 +- 0.1 m"."""
+    """A size with its standard deviation: "-36 +- 2 %", "1.2 +- 0.1 m"."""
     if value is None:
         return "of unknown size"
     per = f" {unit.removeprefix('-').strip()}".rstrip()
@@ -42,10 +42,10 @@ def amount(value: float | None, std: float | None, unit: str, cause: str) -> str
     return f"{value:+.{digits}f} +- {std:.{digits}f}{per}"
 
 
-def time_profile_words(course: str, since: str = "") -> str:
-    if course == "step":
+def time_profile_words(time_profile: str, since: str = "") -> str:
+    if time_profile == "step":
         return f"from {since} on" if since else "from some block on"
-    return COURSE_WORDS.get(course, f"with {course}")
+    return PROFILE_WORDS.get(time_profile, f"with {time_profile}")
 
 
 def column_words(column: str) -> str:
@@ -60,7 +60,7 @@ def name_of(row: Mapping) -> str:
 def finding_words(finding: Mapping) -> str:
     """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
     size = amount(finding["size"], finding.get("size_std"), finding["unit"], finding["cause"])
-    profile = time_profile_words(finding.get("course", "constant"), finding.get("since", ""))
+    profile = time_profile_words(finding.get("time_profile", "constant"), finding.get("since", ""))
     return f"{name_of(finding)}: {size}, {profile}"
 
 
@@ -70,7 +70,7 @@ def part_words(part: Mapping) -> str:
     std = part.get("size_std")
     size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
     moved = ", ".join(f"{m['mode']} by {m['frequency_percent']:+.2g} %" for m in part.get("modes", ())[:3])
-    words = f"{name_of(part)}: {size}, {time_profile_words(part['course'], part.get('since', ''))}"
+    words = f"{name_of(part)}: {size}, {time_profile_words(part['time_profile'], part.get('since', ''))}"
     return words + (f"; it moves {moved}" if moved else "")
 
 
@@ -105,7 +105,8 @@ def verdict_words(content: Mapping) -> str:
     with_model = bool(content.get("parameters"))
     parted = "Model and measurement disagree" if with_model else "The record deviates from normal variation"
     if verdict == "none":
-        return f"Nothing was found beyond tolerances and chance ({p}); effects below the limits would not be seen."
+        return (f"Nothing was found beyond tolerances and chance ({p}); effects below the minimum detectable sizes "
+                "would not be seen.")
     if verdict == "unexplained":
         rest = "and not all of it has a listed cause" if findings else "and no listed cause explains it"
         meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""
@@ -128,7 +129,8 @@ def adequacy_words(content: Mapping) -> str:
 
 
 def cause_probability_words(finding: Mapping) -> str:
-    """"probability 0.97, 0.33 before the data": how much of it the data told, where it has competing hypotheses."""
+    """"probability 0.97, 0.33 before the data": how much of it came from the data, where it has competing
+    hypotheses."""
     p, before = finding.get("posterior_probability"), finding.get("prior_probability")
     if p is None:
         return "probability unknown"
@@ -138,8 +140,8 @@ def cause_probability_words(finding: Mapping) -> str:
 
 
 def alternatives_words(finding: Mapping) -> str:
-    told = [a for a in finding.get("alternatives", ()) if (a.get("posterior_probability") or 0) > 5e-3]
-    return "; ".join(f"{name_of(a)} ({a['posterior_probability']:.2f})" for a in told[:4])
+    listed = [a for a in finding.get("alternatives", ()) if (a.get("posterior_probability") or 0) > 5e-3]
+    return "; ".join(f"{name_of(a)} ({a['posterior_probability']:.2f})" for a in listed[:4])
 
 
 def gain_words(finding: Mapping) -> str:
@@ -159,13 +161,13 @@ def gain_words(finding: Mapping) -> str:
 
 
 def prior_shift_words(content: Mapping) -> list[str]:
-    """Parameters pushed farther than their prior expects once in ten times, and what became of that."""
+    """Parameters shifted farther than their prior expects once in ten times, and what became of that."""
     parameters = {p["name"]: p for p in content.get("parameters", ())}
-    shown = content.get("details", {}).get("residuals", {}).get("pushed", {}).get("parameters", ())
+    shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
     expected = {row["name"]: row["expected"] for row in shown}
     sentences = []
     for name, p in parameters.items():
-        before, after = p.get("pushed"), p.get("pushed_after")
+        before, after = p.get("prior_shift"), p.get("prior_shift_after")
         spread = (expected.get(name) or [1.0])[0] or 1.0
         if before is None or abs(before) < max(SURPRISING * spread, LEAST_SHIFT):
             continue
@@ -183,18 +185,19 @@ def prior_shift_words(content: Mapping) -> list[str]:
     return sentences
 
 
-def best_limits(content: Mapping, count: int) -> list[Mapping]:
+def best_detectable(content: Mapping, count: int) -> list[Mapping]:
     """Constant effects seen best, each cause at the place of its least limit: those of which what is normal hides
     least."""
     best: dict[str, Mapping] = {}
-    for x in content.get("limits", ()):
-        known = x.get("limit") is not None and x.get("share_left") is not None and x.get("course") == "constant"
+    for x in content.get("detectable_sizes", ()):
+        known = x.get("size") is not None and x.get("share_left") is not None and x.get("time_profile") == "constant"
         known = known and x["cause"] not in DISCRETE
-        if known and (x["cause"] not in best or abs(x["limit"]) < abs(best[x["cause"]]["limit"])):
+        if known and (x["cause"] not in best or abs(x["size"]) < abs(best[x["cause"]]["size"])):
             best[x["cause"]] = x
     return sorted(best.values(), key=lambda x: (-x["share_left"], x["cause"]))[:count]
 
 
-def limit_words(limit: Mapping) -> str:
-    size = amount(abs(limit["limit"]), None, limit["unit"], limit["cause"]).lstrip("+")
-    return f"{name_of(limit)}, {time_profile_words(limit['course'])}: {size} and more is detected nine times in ten"
+def detectable_words(entry: Mapping) -> str:
+    size = amount(abs(entry["size"]), None, entry["unit"], entry["cause"]).lstrip("+")
+    profile = time_profile_words(entry["time_profile"])
+    return f"{name_of(entry)}, {profile}: {size} and more is detected nine times in ten"

@@ -1,10 +1,10 @@
 """What a simulation or a measurement may get wrong: effects as data, and how each one enters.
 
 An effect differs from its neutral value by `size`. A difference within `tolerance` is normal: drawings, data sheets and
-calibration papers allow it, and it is a nuisance, not a finding. Beyond it the size has the standard deviation `slab`.
-Effects enter as a parameter of the model (`parameter`), as a combination of several of its parameters (`parts`), or
-through the sensors (`observe`). `courses` says how an effect may run along the record: "constant", "step", "ramp", or
-with a column of the environment.
+calibration papers allow it, and it is a nuisance, not a finding. Beyond it the size has the standard deviation
+`prior_scale`. Effects enter as a parameter of the model (`parameter`), as a combination of several of its parameters
+(`parts`), or through the sensors (`observe`). `time_profiles` says how an effect may run along the record: "constant",
+"step", "ramp", or with a column of the environment.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from probupdate.modal.modes import Sensor
 from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
-COURSES = ("constant", "step", "ramp")
+TIME_PROFILES = ("constant", "step", "ramp")
 # what calibration papers and mounting allow
 GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, FRAME_TOLERANCE_DEG = 0.01, 1.0, 1.0
 # a factor less one: units mistaken (m/s2 for g) are a factor of 9.8 either way, a wrong range of volts one of 2 to 10
@@ -41,18 +41,18 @@ Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
-    """One row of the catalogue. `lower` and `upper` bound the size; `fingerprint` and `check` are for people: what it
+    """One row of the catalogue. `lower` and `upper` bound the size; `signature` and `check` are for people: what it
     leaves in the modes, and what would confirm it on site or in the files. `odds`: how probable it is before any data
-    beside one member of the structure that has changed; `odds_along`: where another holds along a course. It enters in
-    one of four ways: by the model's `parameter`, by `parts` (parameters with their change for a size of one), by one
-    that a turbine's model `adds` for it, or by what sensors make of shapes (`observe`)."""
+    beside one member of the structure that has changed; `odds_along`: where another holds along a time profile. It
+    enters in one of four ways: by the model's `parameter`, by `parts` (parameters with their change for a size of one),
+    by one that a turbine's model `adds` for it, or by what sensors make of shapes (`observe`)."""
 
     kind: str
     cause: str
     location: str
     unit: str
     tolerance: float
-    slab: float
+    prior_scale: float
     lower: float = -np.inf
     upper: float = np.inf
     parameter: str = ""
@@ -61,8 +61,8 @@ class Effect:
     observe: Observation | None = field(default=None, repr=False)
     step_of_size: float = 0.0
     discrete: tuple[float, ...] = ()
-    courses: tuple[str, ...] = ("constant", "step")
-    fingerprint: str = ""
+    time_profiles: tuple[str, ...] = ("constant", "step")
+    signature: str = ""
     check: str = ""
     odds: float = 1.0
     odds_along: tuple[tuple[str, float], ...] = ()
@@ -73,14 +73,15 @@ class Effect:
             raise InputError(where, f"kind '{self.kind}' is unknown", f"choose from {', '.join(KINDS)}")
         if sum((bool(self.parameter), bool(self.parts), self.adds is not None, self.observe is not None)) != 1:
             raise InputError(where, "must enter in exactly one way", "give one of parameter, parts, adds, observe")
-        if not (self.slab > 0 and self.tolerance >= 0):
-            raise InputError(where, "slab must be above zero and tolerance not below it", "mend them")
+        if not (self.prior_scale > 0 and self.tolerance >= 0):
+            raise InputError(where, "prior_scale must be above zero and tolerance not below it", "mend them")
         if not self.lower <= 0.0 <= self.upper:
             raise InputError(where, f"a size of zero is outside [{self.lower}, {self.upper}]", "widen the bounds")
         if not all(x > 0 for x in (self.odds, *dict(self.odds_along).values())):
             raise InputError(where, "prior odds must be above zero", "give a small number for what hardly happens")
-        if not self.courses:
-            raise InputError(where, "has no course", "give 'constant', 'step', 'ramp' or a column of the environment")
+        if not self.time_profiles:
+            raise InputError(where, "has no time profile",
+                             "give 'constant', 'step', 'ramp' or a column of the environment")
 
     @property
     def name(self) -> str:
@@ -117,8 +118,8 @@ class Effect:
             result[:, there], shift[there] = observe(shape[:, there], float(one), size)
         return result, shift
 
-    def prior_odds(self, course: str) -> float:
-        return dict(self.odds_along).get(course, self.odds)
+    def prior_odds(self, time_profile: str) -> float:
+        return dict(self.odds_along).get(time_profile, self.odds)
 
     @property
     def signs(self) -> tuple[int, ...]:
@@ -143,7 +144,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Swap:
-    """Two channels' cables: size 1 is a full swap; what lies between is for the fingerprint only."""
+    """Two channels' cables: size 1 is a full swap; what lies between is for the signature only."""
 
     first: int
     second: int
@@ -245,16 +246,17 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
 
 def _gains_and_polarities(channels: Sequence[str], row: Mapping[str, int]) -> list[Effect]:
     gains = [
-        Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, slab=0.1,
+        Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, prior_scale=0.1,
                lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain((row[c],)), step_of_size=1e-3,
-               fingerprint="one channel too large or small, every mode alike; frequencies untouched",
+               signature="one channel too large or small, every mode alike; frequencies untouched",
                check="calibrate the channel, or compare its standard deviation with its neighbours'")
         for c in channels
     ]
     polarities = [
-        Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, slab=2.0, lower=-2.0,
+        Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, prior_scale=2.0,
+               lower=-2.0,
                upper=0.0, observe=Gain((row[c],)), step_of_size=1e-3, discrete=(-2.0,),
-               fingerprint="one channel with the other sign in every mode",
+               signature="one channel with the other sign in every mode",
                check="tap the sensor's base along its axis, or read its cable list")
         for c in channels
     ]
@@ -265,8 +267,8 @@ def _swaps(channels: Sequence[str], placed: Sequence[Sensor], row: Mapping[str, 
     pairs = _swappable(channels, placed)
     return [
         Effect(kind="measurement", cause="swapped channels", location=f"{a} and {b}", unit="-", tolerance=0.0,
-               slab=1.0, lower=0.0, upper=1.0, observe=Swap(row[a], row[b]), step_of_size=1e-3, discrete=(1.0,),
-               fingerprint="two channels exchanged in every mode", check="follow the two cables",
+               prior_scale=1.0, lower=0.0, upper=1.0, observe=Swap(row[a], row[b]), step_of_size=1e-3, discrete=(1.0,),
+               signature="two channels exchanged in every mode", check="follow the two cables",
                odds=1 / len(pairs))
         for a, b in pairs
     ]
@@ -279,16 +281,17 @@ def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]
         for axis, planes in _planes(sensors_there, row).items():
             effects.append(Effect(
                 kind="measurement", cause="sensor rotation", location=f"{name} about {axis}", unit="deg",
-                tolerance=ROTATION_TOLERANCE_DEG, slab=15.0, lower=-180.0, upper=180.0, observe=Turn(planes),
-                step_of_size=0.1, fingerprint="the axes of one sensor mix, every mode alike",
+                tolerance=ROTATION_TOLERANCE_DEG, prior_scale=15.0, lower=-180.0, upper=180.0, observe=Turn(planes),
+                step_of_size=0.1, signature="the axes of one sensor mix, every mode alike",
                 check="measure its direction on site",
             ))
     turned = tuple(p for _, _, there in _positions(placed, row) for p in _planes(there, row).get("z", ()))
     if turned:
         effects.append(Effect(
             kind="measurement", cause="rotated sensor frame", location="all sensors", unit="deg",
-            tolerance=FRAME_TOLERANCE_DEG, slab=10.0, lower=-180.0, upper=180.0, observe=Turn(turned), step_of_size=0.1,
-            courses=("constant",), fingerprint="all axes turned alike: the pairs' planes turn against the nacelle",
+            tolerance=FRAME_TOLERANCE_DEG, prior_scale=10.0, lower=-180.0, upper=180.0, observe=Turn(turned),
+                              step_of_size=0.1,
+            time_profiles=("constant",), signature="all axes turned alike: the pairs' planes turn against the nacelle",
             check="survey the sensors' directions, and the zero of the nacelle's heading",
         ))
     return effects
@@ -300,17 +303,17 @@ def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Eff
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
                                       ("low-pass filter", LowPass(rows), 0.1)):
             effects.append(Effect(
-                kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance, slab=20.0,
+                kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance, prior_scale=20.0,
                 lower=-200.0 if cause == "clock offset" else 0.0, upper=200.0, observe=law, step_of_size=0.1,
-                fingerprint="a phase in proportion to frequency on one logger's channels",
+                signature="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
             ))
         if len(rows) > 1:
             # what a data sheet allows is each channel's own; a wrong range or unit is the whole logger's
             effects.append(Effect(
-                kind="measurement", cause="sensor gain", location=name, unit="-", tolerance=0.0, slab=0.1,
+                kind="measurement", cause="sensor gain", location=name, unit="-", tolerance=0.0, prior_scale=0.1,
                 lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain(rows), step_of_size=1e-3,
-                fingerprint="all channels of one logger too large or small, every mode alike; frequencies untouched",
+                signature="all channels of one logger too large or small, every mode alike; frequencies untouched",
                 check="read the logger's range and unit, or calibrate it",
             ))
     return effects
@@ -319,9 +322,9 @@ def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Eff
 def _sampling_rate() -> Effect:
     return Effect(
         kind="measurement", cause="sampling rate", location="all channels", unit="-", tolerance=RATE_TOLERANCE,
-        slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4, odds=RATE_ODDS,
+        prior_scale=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4, odds=RATE_ODDS,
         odds_along=(("step", RATE_STEP_ODDS),),
-        fingerprint="every frequency shifted by one share; shapes untouched",
+        signature="every frequency shifted by one share; shapes untouched",
         check="compare the lines of rotor and blade passing with the rotor speed in SCADA",
     )
 
@@ -386,8 +389,9 @@ def temperature_effect() -> Effect:
     through the frequencies, which it moves alike, so that any model takes it."""
     return Effect(
         kind="environmental", cause="stiffness with temperature", location="all members", unit="-", tolerance=0.0,
-        slab=1e-3, lower=-0.5, upper=0.5, observe=Stiffness(), step_of_size=1e-5, courses=("air_temperature_c",),
-        odds=WARMS_ODDS, fingerprint="all frequencies fall with temperature by one share; shapes untouched",
+        prior_scale=1e-3, lower=-0.5, upper=0.5, observe=Stiffness(), step_of_size=1e-5,
+                  time_profiles=("air_temperature_c",),
+        odds=WARMS_ODDS, signature="all frequencies fall with temperature by one share; shapes untouched",
         check="temperature sensors in the structure",
     )
 
@@ -399,10 +403,10 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
     """Every updated parameter beyond what its prior expects, or moving along the record."""
     return tuple(
         Effect(
-            kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, slab=3 * p.std,
+            kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, prior_scale=3 * p.std,
             lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
-            courses=("constant", "step", "ramp"),
-            fingerprint=p.description or f"that of {p.name}", check=f"look into what {p.name} stands for",
+            time_profiles=("constant", "step", "ramp"),
+            signature=p.description or f"that of {p.name}", check=f"look into what {p.name} stands for",
         )
         for p in parameters
     )

@@ -38,13 +38,14 @@ def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Ef
     return (*rows, *(_single(d) if single_members else ()))
 
 
-def _row(name, kind, cause, location, *, low, high, slab, on=None, settings=None, group="structural", unit="",
+def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settings=None, group="structural", unit="",
          **row) -> Effect:
     """An effect with a parameter of its own; `row`: what else an Effect has."""
     neutral = KINDS[kind].neutral
-    adds = EffectParameter(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
+    adds = EffectParameter(name=name, kind=kind, on=on or {}, settings=settings or {}, std=prior_scale,
+                           lower=neutral + low,
                            upper=neutral + high, cause=cause, location=location)
-    return Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, slab=slab,
+    return Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, prior_scale=prior_scale,
                   lower=low, upper=high, adds=adds, **row)
 
 
@@ -60,13 +61,13 @@ def _bays(d: Description) -> range:
 # axial and bending alike: with the axial part alone a lost brace passed for the loosened joints at its ends
 def _brace(name: str, location: str, on: dict) -> Effect:
     return _row(name, "stiffness", "brace stiffness lost", location, on=on, low=-0.98,
-                high=0.0, tolerance=0.01, slab=0.5, fingerprint="torsion falls, FA and SS couple",
+                high=0.0, tolerance=0.01, prior_scale=0.5, signature="torsion falls, FA and SS couple",
                 check="inspect the braces and their nodes")
 
 
 def _joint(name: str, location: str, on: dict) -> Effect:
-    return _row(name, "joint", "joints loosened", location, on=on, low=-0.98, high=0.0, tolerance=0.1, slab=0.5,
-                fingerprint="as the braces there, weaker", check="inspect the weld toes of these nodes")
+    return _row(name, "joint", "joints loosened", location, on=on, low=-0.98, high=0.0, tolerance=0.1, prior_scale=0.5,
+                signature="as the braces there, weaker", check="inspect the weld toes of these nodes")
 
 
 def _jacket(d: Description) -> Iterator[Effect]:
@@ -80,8 +81,8 @@ def _jacket(d: Description) -> Iterator[Effect]:
     for bay in _bays(d):
         for leg in d.jacket.leg_names:
             yield _row(f"leg_{leg}_{bay}", "stiffness", "leg stiffness lost", f"leg {leg}, bay {bay}",
-                       on={"group": "leg", "leg": leg, "bay": bay}, low=-0.9, high=0.0, tolerance=0.01, slab=0.3,
-                       fingerprint="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
+                       on={"group": "leg", "leg": leg, "bay": bay}, low=-0.9, high=0.0, tolerance=0.01, prior_scale=0.3,
+                       signature="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
 
 
 def _single(d: Description) -> Iterator[Effect]:
@@ -112,8 +113,8 @@ def _theory(d: Description) -> Iterator[Effect]:
     if d.mesh.theory == "bernoulli-euler":
         stout = {"level_m": (d.jacket.top.z_m, d.tower.station[-1].z_m)}
         yield _row("shear", "shear", "shear deformation", "above the jacket", on=stout, low=0.0, high=3.0,
-                   tolerance=1.0, slab=1.0, courses=("constant",),
-                   fingerprint="stout members give way: transition piece, tower's foot",
+                   tolerance=1.0, prior_scale=1.0, time_profiles=("constant",),
+                   signature="stout members give way: transition piece, tower's foot",
                    check='set mesh.theory = "timoshenko" in the model file and update again')
 
 
@@ -121,17 +122,17 @@ def _connections(d: Description) -> Iterator[Effect]:
     for group in ("strut", "tie"):
         for leg in d.jacket.leg_names:
             yield _row(f"{group}_{leg}", "stiffness", "transition-piece flexibility", f"{group} {leg}",
-                       on={"group": group, "leg": leg}, low=-0.95, high=1.0, tolerance=0.01, slab=0.3,
-                       fingerprint="second bending falls, one side", check="inspect the transition piece's welds")
+                       on={"group": group, "leg": leg}, low=-0.95, high=1.0, tolerance=0.01, prior_scale=0.3,
+                       signature="second bending falls, one side", check="inspect the transition piece's welds")
     yield _row("column", "stiffness", "transition-piece flexibility", "column", on={"group": "column"}, low=-0.95,
-               high=1.0, tolerance=0.01, slab=0.3, fingerprint="slope jumps at the transition piece",
+               high=1.0, tolerance=0.01, prior_scale=0.3, signature="slope jumps at the transition piece",
                check="inspect the column's welds")
     for number, station in enumerate(d.tower.station[:-1]):
         soft, _ = _three_diameters(d, station.diameter_m, station.thickness_m)
         yield _row(f"hinge_{station.z_m:g}".replace(".", "_"), "hinge", "tower flange flexibility",
                    f"tower at {station.z_m:g} m", settings={"at_m": station.z_m}, on={"group": "tower"}, low=0.0,
-                   high=5 * soft, tolerance=0.01 * soft, slab=0.25 * soft,
-                   fingerprint=f"slope jumps at the tower's {'flange' if number else 'foot'}",
+                   high=5 * soft, tolerance=0.01 * soft, prior_scale=0.25 * soft,
+                   signature=f"slope jumps at the tower's {'flange' if number else 'foot'}",
                    check="bolt forces, gap measurement at the flange")
     head = d.jacket.bottom.z_m
     soft, long = _three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
@@ -139,23 +140,25 @@ def _connections(d: Description) -> Iterator[Effect]:
                                      ("slip", "slip_pile", "grout flexibility along the pile", long)):
         for leg in d.jacket.leg_names:
             yield _row(f"{name}_{leg}", kind, words, f"pile head {leg}", settings={"at_m": head},
-                       on={"group": "pile", "leg": leg}, low=0.0, high=20 * scale, tolerance=0.02 * scale, slab=scale,
-                       fingerprint="as softer soil of one leg", check="inspect the grout seal")
+                       on={"group": "pile", "leg": leg}, low=0.0, high=20 * scale, tolerance=0.02 * scale,
+                       prior_scale=scale,
+                       signature="as softer soil of one leg", check="inspect the grout seal")
 
 
 def _soil(d: Description) -> Iterator[Effect]:
-    yield _row("scour_all", "scour", "scour", "all legs", low=0.0, high=6.0, tolerance=0.1, slab=1.5,
-               courses=("constant", "step", "ramp"), fingerprint="second bending falls, base turns more",
+    yield _row("scour_all", "scour", "scour", "all legs", low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
+               time_profiles=("constant", "step", "ramp"), signature="second bending falls, base turns more",
                check="bathymetric survey")
     for leg in d.jacket.leg_names:
         yield _row(f"scour_{leg}", "scour", "scour", f"leg {leg}", on={"leg": leg}, low=0.0, high=6.0, tolerance=0.1,
-                   slab=1.5, courses=("constant", "step", "ramp"), fingerprint="second bending falls, one side",
+                   prior_scale=1.5, time_profiles=("constant", "step", "ramp"),
+                   signature="second bending falls, one side",
                    check="bathymetric survey")
     for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "pile tip's")):
         for leg in d.jacket.leg_names:
             yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
-                       settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, slab=0.5,
-                       fingerprint="one side of the base softer or stiffer",
+                       settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, prior_scale=0.5,
+                       signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
 
 
@@ -165,59 +168,60 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
 
 def _water(d: Description) -> Iterator[Effect]:
     """What the sea brings: growth, corrosion, water inside."""
-    growth = {"high": 0.3, "tolerance": 0.005, "slab": 0.05, "courses": ("constant", "ramp"),
+    growth = {"high": 0.3, "tolerance": 0.005, "prior_scale": 0.05, "time_profiles": ("constant", "ramp"),
               "check": "ROV survey"}
     yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
-               fingerprint="second bending falls", **growth)
+               signature="second bending falls", **growth)
     # less than assumed on a leg, in a bay and everywhere at once would be less than none
     for leg in d.jacket.leg_names:
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
-                   on={"group": "leg", "leg": leg}, fingerprint="second bending falls, one side", **growth)
+                   on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
-    corroded = {"low": 0.0, "high": 0.008, "tolerance": 5e-4, "slab": 2e-3, "courses": ("constant",),
+    corroded = {"low": 0.0, "high": 0.008, "tolerance": 5e-4, "prior_scale": 2e-3, "time_profiles": ("constant",),
                 "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
-               fingerprint="jacket stiffness and mass at the water line", **corroded)
+               signature="jacket stiffness and mass at the water line", **corroded)
     for leg in d.jacket.leg_names:
         yield _row(f"corrosion_{leg}", "corrosion", "corrosion", f"leg {leg}",
-                   on={"group": "leg", "leg": leg, "level_m": band}, fingerprint="as a crack of that leg, small",
+                   on={"group": "leg", "leg": leg, "level_m": band}, signature="as a crack of that leg, small",
                    **corroded)
-    flooded = {"tolerance": 0.0, "slab": 0.5, "check": "flooded-member detection by ultrasound"}
+    flooded = {"tolerance": 0.0, "prior_scale": 0.5, "check": "flooded-member detection by ultrasound"}
     for bay in _bays(d):
         if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
             continue
         yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0,
                    on={"level_m": (d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m)},
-                   fingerprint="second bending falls", **growth)
+                   signature="second bending falls", **growth)
         for face in _faces(d):
             yield _row(f"flood_brace_{face}_{bay}", "flooding", "flooded braces", f"face {face}, bay {bay}",
                        on={"group": "brace", "face": face, "bay": bay}, low=0.0, high=1.0,
-                       fingerprint="second bending falls", **flooded)
+                       signature="second bending falls", **flooded)
     if d.jacket.flooded:
         for leg in d.jacket.leg_names:
             yield _row(f"flood_leg_{leg}", "flooding", "leg not flooded", f"leg {leg}",
                        on={"group": "leg", "leg": leg}, low=-1.0, high=0.0,
-                       fingerprint="second bending rises, one side", **flooded)
+                       signature="second bending rises, one side", **flooded)
 
 
 def _masses(d: Description) -> Iterator[Effect]:
     heaviest = max(d.rna, key=lambda b: b.mass_kg)
     yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
                low=-0.3 * heaviest.mass_kg, high=0.5 * heaviest.mass_kg, tolerance=0.01 * heaviest.mass_kg,
-               slab=0.1 * heaviest.mass_kg, courses=("constant", "step"), fingerprint="first bending falls",
+               prior_scale=0.1 * heaviest.mass_kg, time_profiles=("constant", "step"), signature="first bending falls",
                check="weighing protocol of the nacelle")
     for axis in "xyz":
         yield _row(f"rna_{axis}", "centre_of_mass", "RNA centre of mass", f"along the nacelle's {axis}",
-                   settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, slab=0.5, courses=("constant",),
-                   fingerprint="torsion couples with bending", check="weighing protocol of the nacelle")
+                   settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, prior_scale=0.5,
+                   time_profiles=("constant",),
+                   signature="torsion couples with bending", check="weighing protocol of the nacelle")
     # what turns with the rotor is stated in many ways, so that one range serves all axes
     most = max(sum(body.inertia_kgm2[k] for body in d.rna) for k in range(3))
     for axis, k in zip("xyz", range(3), strict=True):
         inertia = sum(body.inertia_kgm2[k] for body in d.rna) + 1e6
         yield _row(f"rna_i{axis}", "inertia", "RNA inertia", f"about the nacelle's {axis}", on={"body": heaviest.name},
                    settings={"axis": axis}, low=-0.5 * heaviest.inertia_kgm2[k], high=3.0 * most,
-                   tolerance=0.02 * inertia, slab=0.3 * most, courses=("constant",),
-                   fingerprint="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
+                   tolerance=0.02 * inertia, prior_scale=0.3 * most, time_profiles=("constant",),
+                   signature="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
     stations = d.tower.station
     for low, high in pairwise(stations):
         own = _tube_mass(d, 0.5 * (low.diameter_m + high.diameter_m), 0.5 * (low.thickness_m + high.thickness_m),
@@ -226,21 +230,22 @@ def _masses(d: Description) -> Iterator[Effect]:
         where = f"{low.z_m:g} to {high.z_m:g} m"
         yield _row(f"tower_mass_{low.z_m:g}".replace(".", "_"), "mass", "tower mass", where,
                    on={"group": "tower", "level_m": band}, low=-0.3 * own, high=2.0 * own, tolerance=0.02 * own,
-                   slab=0.2 * own, courses=("constant", "step"), fingerprint="first or second bending falls",
+                   prior_scale=0.2 * own, time_profiles=("constant", "step"), signature="first or second bending falls",
                    check="weight report: platforms, cables, damper")
         yield _row(f"tower_stiffness_{low.z_m:g}".replace(".", "_"), "stiffness", "tower stiffness", where,
-                   on={"group": "tower", "level_m": band}, low=-0.8, high=1.0, tolerance=0.01, slab=0.2,
-                   courses=("constant",), fingerprint="curvature of the tower's shapes", check="wall thicknesses")
+                   on={"group": "tower", "level_m": band}, low=-0.8, high=1.0, tolerance=0.01, prior_scale=0.2,
+                   time_profiles=("constant",), signature="curvature of the tower's shapes", check="wall thicknesses")
     top = d.transition_piece
     own = top.lumped_mass_kg + _tube_mass(
         d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
     yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own,
-               high=3.0 * own, tolerance=0.03 * own, slab=0.5 * own, courses=("constant", "step"),
-               fingerprint="second bending falls", check="weight report of the transition piece")
+               high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own, time_profiles=("constant", "step"),
+               signature="second bending falls", check="weight report of the transition piece")
     if any(body.name == "hub" for body in d.rna):
         yield _row("blades", "oscillator", "blade coupling", "rotor, fore-aft", on={"body": "hub"}, low=0.0, high=0.6,
-                   settings={"axis": "x", "frequency_hz": FLAP_HZ}, tolerance=0.01, slab=0.1, courses=("constant",),
-                   fingerprint="fore-aft alone, shape at the top",
+                   settings={"axis": "x", "frequency_hz": FLAP_HZ}, tolerance=0.01, prior_scale=0.1,
+                   time_profiles=("constant",),
+                   signature="fore-aft alone, shape at the top",
                    check="the blades' flapwise frequency, edge sensors")
 
 
@@ -252,28 +257,32 @@ def _ice_inertia(d: Description) -> tuple[float, ...]:
 
 def _environment(d: Description) -> Iterator[Effect]:
     row = partial(_row, group="environmental")
-    yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
-              courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",
+    yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0,
+              prior_scale=1.0,
+              time_profiles=("water_level_m",), unit="m", signature="second bending falls with the water level",
               check="tide gauge against the second bending")
     # steel under water has the sea's temperature, which hardly moves within a month
     dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
     yield row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
-              tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
-              courses=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
-              fingerprint="all frequencies fall with temperature", check="steel temperature sensors")
-    yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
-              courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain")
-    yield row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, slab=0.5,
-              courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
-              fingerprint="first bending falls", check="whether the model's mesh.geometric_stiffness is on")
+              tolerance=0.0, prior_scale=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
+              time_profiles=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
+              signature="all frequencies fall with temperature", check="steel temperature sensors")
+    yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, prior_scale=5e5,
+              time_profiles=("thrust_share",), signature="first bending falls with thrust",
+              check="tower bending strain")
+    yield row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, prior_scale=0.5,
+              time_profiles=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
+              signature="first bending falls", check="whether the model's mesh.geometric_stiffness is on")
     yield row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
-              slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
+              prior_scale=5e3, time_profiles=("step", "frost_degc"),
+              signature="first and second bending fall while it freezes",
               check="ice detector, inspection")
     yield row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
-              low=0.0, high=4e4, tolerance=0.0, slab=5e3, courses=("step", "frost_degc"),
-              fingerprint="first bending and torsion fall while it freezes", check="ice detector, power curve")
+              low=0.0, high=4e4, tolerance=0.0, prior_scale=5e3, time_profiles=("step", "frost_degc"),
+              signature="first bending and torsion fall while it freezes", check="ice detector, power curve")
     for curve, where in (("all", "all legs"), ("py", "all legs, lateral"), ("tz", "all legs, axial")):
         yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
-                  settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
-                  courses=("rms_mps2", "wave_height_m"), fingerprint="second bending falls in storms, not with thrust",
+                  settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, prior_scale=0.3,
+                  time_profiles=("rms_mps2", "wave_height_m"),
+                  signature="second bending falls in storms, not with thrust",
                   check="storms of equal wind, other sea")

@@ -53,12 +53,12 @@ from probupdate.io.files import write_table
 from probupdate.io.result_table import plural, table_of
 from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import (
+    CovarianceFactors,
     ModalData,
-    ModalDeviation,
     ModalSet,
     ModelMode,
     ModeRecord,
-    StoredDeviation,
+    StoredFactors,
     unit_largest,
     write_modes,
 )
@@ -125,7 +125,8 @@ class Identification:
         write_modes(self.data, out)
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
         write_table(table, written)
-        beside = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.deviation for s in self.data.sets) else []
+        beside = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.covariance_factors
+                                                                     for s in self.data.sets) else []
         return [out, *beside, table]
 
 
@@ -292,12 +293,12 @@ def classified(
         if stands is None:
             sets.append(s)
             continue
-        deviation = None
+        covariance_factors = None
         if stands.keys and settings.sub_records:
             keys = tuple(stands.key_of.get(int(j)) for j in named.columns)
-            deviation = StoredDeviation(read=partial(_deviation, blocks, one.block.start, keys))
+            covariance_factors = StoredFactors(read=partial(_covariance_factors, blocks, one.block.start, keys))
         sets.append(replace(s, environment=_with_independence(s, stands.choice, named.names, physical.modes),
-                            deviation=deviation))
+                            covariance_factors=covariance_factors))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
                      model_only=named.model_only)
     poles = _pole_table(usable, [picked[one.block.start].rows for one in usable], named.names, reference)
@@ -316,7 +317,7 @@ def classified(
 
 def in_memory(identification: Identification) -> Identification:
     """The same with its covariance factors in memory, before the store goes that they are read from."""
-    sets = tuple(s if s.deviation is None else replace(s, deviation=s.deviation.loaded())
+    sets = tuple(s if s.covariance_factors is None else replace(s, covariance_factors=s.covariance_factors.loaded())
                  for s in identification.data.sets)
     return replace(identification, data=replace(identification.data, sets=sets))
 
@@ -625,7 +626,8 @@ def _picked(judged: _Judged, choice: Choice, chosen_order: int) -> _Picked:
                    rows={name: value[shown] for name, value in rows.items()})
 
 
-def _deviation(blocks: BlockStore, start: pd.Timestamp, keys: Sequence[tuple[int, int] | None]) -> ModalDeviation:
+def _covariance_factors(blocks: BlockStore, start: pd.Timestamp,
+                        keys: Sequence[tuple[int, int] | None]) -> CovarianceFactors:
     """Columns of the modes whose poles are named by `keys`; NaN for one that was not found."""
     kept = blocks.read_factors(start)
     n_mode, n_column = len(keys), kept.ln_frequency.shape[1]
@@ -636,7 +638,7 @@ def _deviation(blocks: BlockStore, start: pd.Timestamp, keys: Sequence[tuple[int
             row = kept.key.index(key)
             ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
             shape[:, mode] = kept.shape[:, row]
-    return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+    return CovarianceFactors(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
 
 
 def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict:

@@ -24,7 +24,7 @@ from probupdate.identification.uncertainty import (
     pole_factors,
     sub_record_covariances,
 )
-from probupdate.modal.modes import ModalDeviation, mac, unit_largest
+from probupdate.modal.modes import CovarianceFactors, mac, unit_largest
 from probupdate.runtime.arrays import frozen_array
 
 # what the identification of one record may take in memory, and how few combinations of channels are still worth it
@@ -76,7 +76,7 @@ class CertainPoles:
     """Of each mode the pole of one order: order, index (n_mode,) say which, -1 for a mode that is absent.
 
     frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode) scaled by `modes.unit_largest`; NaN where absent.
-    deviation: of all of them together, so that covariances between modes hold across orders.
+    covariance_factors: of all of them together, so that covariances between modes hold across orders.
     """
 
     order: np.ndarray
@@ -84,7 +84,7 @@ class CertainPoles:
     frequency_hz: np.ndarray
     damping_ratio: np.ndarray
     shape: np.ndarray
-    deviation: ModalDeviation
+    covariance_factors: CovarianceFactors
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,7 +101,7 @@ class IdentifiedRecord:
     factorisation: Factorisation
     observability_change: ObservabilityChange | None
 
-    def factors(self, indices: np.ndarray, order: int | None = None) -> ModalDeviation:
+    def factors(self, indices: np.ndarray, order: int | None = None) -> CovarianceFactors:
         """Covariance factors of the poles `indices` of the chosen order, or of another of `by_order`; one column a
         sub-record.
 
@@ -153,10 +153,10 @@ class IdentifiedRecord:
             at_order[mode], at_index[mode] = one.order, twin[better]
             ln_frequency[mode], damping[mode] = found.ln_frequency[better], found.damping_ratio[better]
             shape[:, mode] = found.shape[:, better]
-        return self._gathered(at_order, at_index, ModalDeviation(
+        return self._gathered(at_order, at_index, CovarianceFactors(
             ln_frequency=ln_frequency, damping_ratio=damping, shape=shape))
 
-    def _gathered(self, order: np.ndarray, index: np.ndarray, deviation: ModalDeviation) -> CertainPoles:
+    def _gathered(self, order: np.ndarray, index: np.ndarray, covariance_factors: CovarianceFactors) -> CertainPoles:
         of_order = {one.order: one for one in self.by_order}
         n_channel, n_mode = len(self.poles.shape), len(order)
         frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
@@ -167,12 +167,13 @@ class IdentifiedRecord:
             shape[:, mode] = unit_largest(one.shape[:, [k]])[:, 0]
         return CertainPoles(
             order=frozen_array(order, int), index=frozen_array(index, int), frequency_hz=frozen_array(frequency),
-            damping_ratio=frozen_array(damping), shape=frozen_array(shape, complex), deviation=deviation)
+            damping_ratio=frozen_array(damping), shape=frozen_array(shape, complex),
+                            covariance_factors=covariance_factors)
 
 
-def _size(deviation: ModalDeviation) -> np.ndarray:
+def _size(covariance_factors: CovarianceFactors) -> np.ndarray:
     """(n_mode,) standard deviation of |lambda| and damping together."""
-    return np.sqrt(np.sum(deviation.ln_frequency**2 + deviation.damping_ratio**2, axis=1))
+    return np.sqrt(np.sum(covariance_factors.ln_frequency**2 + covariance_factors.damping_ratio**2, axis=1))
 
 
 def identify_record(

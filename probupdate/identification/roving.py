@@ -22,8 +22,8 @@ from probupdate.identification.uncertainty import scaled_change
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import (
+    CovarianceFactors,
     ModalData,
-    ModalDeviation,
     ModalSet,
     Sensor,
     mac,
@@ -70,8 +70,8 @@ class Merged:
         table = out.with_name(f"{out.stem}.setups.csv")
         write_modes(self.data, out)
         write_table(table, self.table)
-        deviations = [out.with_name(f"{out.stem}.deviations.h5")] if self.data.set().deviation else []
-        return [out, *deviations, table]
+        factors = [out.with_name(f"{out.stem}.deviations.h5")] if self.data.set().covariance_factors else []
+        return [out, *factors, table]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,7 +121,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
         # what is wider than the record's own scatter is stated here; the standard deviation below keeps the covariances
         frequency_std_hz=frequency * np.linalg.norm(d_ln_frequency, axis=1) * spread,
         shape_std=np.full(shape.shape, np.nan), environment={"setups": float(len(setups))},
-        deviation=ModalDeviation(ln_frequency=d_ln_frequency, damping_ratio=d_damping, shape=d_shape),
+        covariance_factors=CovarianceFactors(ln_frequency=d_ln_frequency, damping_ratio=d_damping, shape=d_shape),
     )
     table = pd.DataFrame([
         {"label": label, "setup": setup.name, "blocks": int(mean.count[j]),
@@ -165,7 +165,7 @@ def _mean(setup: Setup) -> _Mean:
     sets = [s for s in setup.data.sets if s.measured.any()]
     if not sets:
         raise InputError(f"setup {setup.name}", "has no identified mode", "run `probupdate check` on it")
-    known = [s.deviation for s in sets if s.deviation is not None]
+    known = [s.covariance_factors for s in sets if s.covariance_factors is not None]
     if len(known) < len(sets):
         raise InputError(f"setup {setup.name}", "a block has no standard deviations, which merging weights by",
                          "identify with sub-records")
@@ -214,17 +214,17 @@ def _mean(setup: Setup) -> _Mean:
 
 
 def scaled_to(
-    shape: np.ndarray, deviation: np.ndarray, target: np.ndarray, rows: Sequence[int] | None = None,
+    shape: np.ndarray, covariance_factors: np.ndarray, target: np.ndarray, rows: Sequence[int] | None = None,
     d_target: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """shape T with T (k, k) that brings shape[rows] T nearest to target (n_row, k), and the change of the
     product.
 
-    shape (n_channel, k), deviation (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with one.
-    dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
+    shape (n_channel, k), covariance_factors (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with
+    one. dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
     """
     rows = list(range(len(shape))) if rows is None else list(rows)
-    part, d_part = shape[rows], deviation[rows]
+    part, d_part = shape[rows], covariance_factors[rows]
     factor = np.linalg.lstsq(part, target, rcond=None)[0]
     inverse = np.linalg.inv(part.conj().T @ part)
     left = target - part @ factor
@@ -233,7 +233,8 @@ def scaled_to(
         moved = moved + d_target
     d_factor = np.einsum("ki,ilc->klc", inverse @ part.conj().T, moved)
     d_factor += np.einsum("km,imc,il->klc", inverse, d_part.conj(), left)
-    return shape @ factor, np.einsum("ikc,kl->ilc", deviation, factor) + np.einsum("ik,klc->ilc", shape, d_factor)
+    return shape @ factor, np.einsum("ikc,kl->ilc", covariance_factors, factor) + np.einsum("ik,klc->ilc", shape,
+                                                                                            d_factor)
 
 
 def _common_modes(
@@ -360,18 +361,18 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
     return shape, d_shape, misfit, known
 
 
-def _weighted(values: list[np.ndarray], deviations: list[np.ndarray], widths: list[int]):
+def _weighted(values: list[np.ndarray], factors: list[np.ndarray], widths: list[int]):
     """Mean by inverse variances with its factors over all columns, the Birge ratio (1 or more) and the
     p-value; of the values that are there, with their factors."""
     value = np.array(values)
-    variance = np.array([np.sum(d**2, axis=1) for d in deviations])
+    variance = np.array([np.sum(d**2, axis=1) for d in factors])
     there = np.isfinite(value) & np.isfinite(variance) & (variance > 0)
     inverse = np.where(there, 1 / np.where(there, variance, 1.0), 0.0)
     weight = inverse / inverse.sum(axis=0)
     mean = np.sum(weight * np.where(there, value, 0.0), axis=0)
     place = np.cumsum([0, *widths])
     joint = np.zeros((len(mean), place[-1]))
-    for k, d in enumerate(deviations):
+    for k, d in enumerate(factors):
         joint[:, place[k]: place[k + 1]] = weight[k][:, None] * np.where(there[k][:, None], d, 0.0)
     chi2 = np.sum(inverse * (np.where(there, value, 0.0) - mean) ** 2, axis=0)
     freedom = there.sum(axis=0) - 1

@@ -87,7 +87,7 @@ def select(
     damping_ratio_std the scatter over the same blocks; shape_std the scatter over the blocks that pass, pairs turned
     onto each other. It holds what changes between half hours too. "identification": what each set came with, the
     noise within its own half hour. Both are kept: what a set came with stays in its environment, as
-    own_std_hz_<mode>, and its `deviation` is untouched. Raises InputError where no block passes.
+    own_std_hz_<mode>, and its `covariance_factors` are untouched. Raises InputError where no block passes.
     """
     criteria = criteria or SelectionCriteria()
     if count < 1:
@@ -229,8 +229,8 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     return np.sqrt(np.mean(np.concatenate(terms, axis=1) ** 2, axis=1))
 
 
-def _scale(deviation: np.ndarray) -> np.ndarray:
-    scale = 1.4826 * np.median(np.abs(deviation), axis=0)
+def _scale(distance: np.ndarray) -> np.ndarray:
+    scale = 1.4826 * np.median(np.abs(distance), axis=0)
     return np.where(scale > 0, scale, np.inf)
 
 

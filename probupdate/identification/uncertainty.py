@@ -24,7 +24,7 @@ from probupdate.identification.ssi import (
     product_sums,
     realisations,
 )
-from probupdate.modal.modes import ModalDeviation
+from probupdate.modal.modes import CovarianceFactors
 
 LEAST_GAP = CONSTANTS.least_gap
 
@@ -172,7 +172,7 @@ def _divisor(gap: np.ndarray) -> np.ndarray:
 
 def pole_factors(
     changed: ObservabilityChange, factorisation: Factorisation, *, order: int, indices: np.ndarray
-) -> ModalDeviation:
+) -> CovarianceFactors:
     """Covariance factors of the poles `indices` of that order, a column a sub-record; NaN for an index of -1.
 
     indices (n_mode,) into the order's poles; shapes as `modes.unit_largest` scales them. NaN for all where the order
@@ -199,7 +199,7 @@ def pole_factors(
         ln_frequency[there] = (moved / pole[:, None]).real
         damping[there] = -moved.real / size + (pole.real[:, None] / size) * ln_frequency[there]
         shape[:, there] = scaled_change(realisation.output @ realisation.vector[:, chosen], raw)
-    return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+    return CovarianceFactors(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
 
 
 def _eigen_change(

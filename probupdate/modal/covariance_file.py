@@ -33,11 +33,11 @@ def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
     path = modes_file.with_name(f"{modes_file.stem}.deviations.h5")
     with new_hdf5(path) as file:
         for set_id, kept in factors.items():
-            deviation = kept.loaded()
+            covariance_factors = kept.loaded()
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
             for name, (_, dtype) in DATASETS.items():
-                written = group.create_dataset(name, data=np.asarray(getattr(deviation, name)).astype(dtype))
+                written = group.create_dataset(name, data=np.asarray(getattr(covariance_factors, name)).astype(dtype))
                 for k, axis in enumerate(AXES[name]):
                     if axis not in group:
                         group.create_dataset(axis, data=np.arange(written.shape[k], dtype=np.int32)).make_scale(axis)

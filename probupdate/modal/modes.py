@@ -4,13 +4,13 @@ criteria."""
 from probupdate.modal.modes_file import read_modes, write_modes
 from probupdate.modal.sets import (
     QUANTITIES,
+    CovarianceFactors,
     ModalData,
-    ModalDeviation,
     ModalSet,
     ModelMode,
     ModeRecord,
     Sensor,
-    StoredDeviation,
+    StoredFactors,
 )
 from probupdate.modal.shape_criteria import (
     mac,
@@ -25,7 +25,7 @@ from probupdate.modal.shape_criteria import (
 
 __all__ = [
     "QUANTITIES",
-    "ModalData", "ModalDeviation", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredDeviation",
+    "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
     "mac", "modal_phase_collinearity", "normalise", "pair_by_mac", "plane_mac", "read_modes", "rotate_to_real",
     "subspace_mac", "unit_largest", "write_modes",
 ]

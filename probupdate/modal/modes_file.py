@@ -15,7 +15,7 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.modal.covariance_file import read_factors, write_factors
-from probupdate.modal.sets import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord
+from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
 FORMAT = 2
@@ -158,7 +158,7 @@ def _json_of_modes(path: Path) -> dict:
 
 
 def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
-    """One entry of `sets`; deviations: id of a set -> its arrays in the file beside."""
+    """One entry of `sets`; factors: id of a set -> its arrays in the file beside."""
     if not isinstance(raw, dict):
         raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
     where = f"{path}, set {raw.get('id', number)}"
@@ -176,7 +176,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     for key, value in std.items():
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
-    deviation = factors.get(str(raw.get("id", number)))
+    covariance_factors = factors.get(str(raw.get("id", number)))
     return ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
@@ -184,7 +184,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
         shape_std=shapes("shape_std").T,
         environment=raw.get("environment") or {},
-        deviation=None if deviation is None else ModalDeviation(**deviation),
+        covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
         **std,
     )
 
@@ -277,7 +277,7 @@ def write_modes(data: ModalData, path: str | Path) -> None:
             content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
                              for name, x in asdict(row).items()} for row in rows]
     tail = {}
-    with_factors = {s.id: s.deviation for s in data.sets if s.deviation is not None}
+    with_factors = {s.id: s.covariance_factors for s in data.sets if s.covariance_factors is not None}
     if with_factors:
         tail["deviations"] = write_factors(with_factors, Path(path))
     # set by set: a year's numbers as Python's are a gigabyte

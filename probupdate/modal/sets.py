@@ -62,7 +62,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ModalDeviation:
+class CovarianceFactors:
     """Covariance factors of one set's modes, a column for each part of the record they were estimated from.
 
     Scaled so that the covariance of any two of the quantities a and b, rows (n_column,), is the plain sum a @ b; within
@@ -89,21 +89,21 @@ class ModalDeviation:
     def n_column(self) -> int:
         return self.ln_frequency.shape[1]
 
-    def loaded(self) -> ModalDeviation:
+    def loaded(self) -> CovarianceFactors:
         return self
 
-    def of_modes(self, columns: Sequence[int]) -> ModalDeviation:
+    def of_modes(self, columns: Sequence[int]) -> CovarianceFactors:
         """Of these modes alone; a column of -1 is a mode that was not measured."""
-        return ModalDeviation(ln_frequency=_columns(self.ln_frequency, columns, 0), damping_ratio=_columns(
+        return CovarianceFactors(ln_frequency=_columns(self.ln_frequency, columns, 0), damping_ratio=_columns(
             self.damping_ratio, columns, 0), shape=_columns(self.shape, columns, 1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StoredDeviation:
+class StoredFactors:
     """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year
     are most of a gigabyte. `loaded` has it in memory."""
 
-    read: Callable[[], ModalDeviation]
+    read: Callable[[], CovarianceFactors]
 
     @property
     def ln_frequency(self) -> np.ndarray:
@@ -121,12 +121,12 @@ class StoredDeviation:
     def n_column(self) -> int:
         return self.read().n_column
 
-    def loaded(self) -> ModalDeviation:
+    def loaded(self) -> CovarianceFactors:
         return self.read()
 
-    def of_modes(self, columns: Sequence[int]) -> StoredDeviation:
+    def of_modes(self, columns: Sequence[int]) -> StoredFactors:
         columns = tuple(int(j) for j in columns)
-        return StoredDeviation(read=lambda: self.read().of_modes(columns))
+        return StoredFactors(read=lambda: self.read().of_modes(columns))
 
 
 def _columns(value: np.ndarray, columns: Sequence[int], axis: int) -> np.ndarray:
@@ -145,8 +145,8 @@ class ModalSet:
 
     frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std (n_mode,); shape (n_channel, n_mode) complex;
     shape_std (n_channel, n_mode), the standard deviation of the real part in the shape's own scaling. NaN: not
-    measured. Where a `deviation` is given, standard deviations that are NaN are taken from it; given ones stay, as a
-    set may be weighted by another scatter than that within its record.
+    measured. Where `covariance_factors` are given, standard deviations that are NaN are taken from it; given ones stay,
+    as a set may be weighted by another scatter than that within its record.
     """
 
     id: str
@@ -157,7 +157,7 @@ class ModalSet:
     shape_std: np.ndarray
     environment: Mapping[str, float] = field(default_factory=dict)
     damping_ratio_std: np.ndarray = field(default_factory=lambda: NOT_STATED)
-    deviation: ModalDeviation | StoredDeviation | None = None
+    covariance_factors: CovarianceFactors | StoredFactors | None = None
 
     def __post_init__(self):
         n_mode = np.size(self.frequency_hz)
@@ -177,24 +177,25 @@ class ModalSet:
             raise InputError(f"set {self.id}", f"shape_std is {std.shape}", f"give {shape.shape} as for the shape")
         object.__setattr__(self, "shape_std", std)
         object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
-        if self.deviation is not None:
-            self._take_std(self.deviation.loaded())
+        if self.covariance_factors is not None:
+            self._take_std(self.covariance_factors.loaded())
 
     def __reduce__(self):
         # to another process: as it was given, its arrays read-only there too
         given = {f.name: getattr(self, f.name) for f in fields(self)}
         given["environment"] = dict(self.environment)
-        given["deviation"] = None if self.deviation is None else self.deviation.loaded()
+        given["covariance_factors"] = None if self.covariance_factors is None else self.covariance_factors.loaded()
         return _modal_set, (given,)
 
-    def _take_std(self, deviation: ModalDeviation) -> None:
-        if deviation.shape.shape[:2] != self.shape.shape:
-            raise InputError(f"set {self.id}", f"its covariance is of {deviation.shape.shape[:2]} channels and modes",
+    def _take_std(self, covariance_factors: CovarianceFactors) -> None:
+        if covariance_factors.shape.shape[:2] != self.shape.shape:
+            raise InputError(f"set {self.id}",
+                             f"its covariance is of {covariance_factors.shape.shape[:2]} channels and modes",
                              f"give {self.shape.shape} as for the shape")
         estimated = {
-            "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(deviation.ln_frequency**2, axis=1)),
-            "damping_ratio_std": np.sqrt(np.sum(deviation.damping_ratio**2, axis=1)),
-            "shape_std": np.sqrt(np.sum(np.real(deviation.shape) ** 2, axis=2)),
+            "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(covariance_factors.ln_frequency**2, axis=1)),
+            "damping_ratio_std": np.sqrt(np.sum(covariance_factors.damping_ratio**2, axis=1)),
+            "shape_std": np.sqrt(np.sum(np.real(covariance_factors.shape) ** 2, axis=2)),
         }
         for name, value in estimated.items():
             given = getattr(self, name)
@@ -206,7 +207,8 @@ class ModalSet:
                  for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}
         return replace(self, **taken, shape=_columns(self.shape, columns, 1),
                        shape_std=_columns(self.shape_std, columns, 1),
-                       deviation=None if self.deviation is None else self.deviation.of_modes(columns))
+                       covariance_factors=None if self.covariance_factors is None
+                       else self.covariance_factors.of_modes(columns))
 
     @property
     def measured(self) -> np.ndarray:

@@ -33,7 +33,7 @@ HEADLINES = {
 }
 KINDS = ("structural", "environmental", "measurement")
 # limits drawn in all, and at least so many places of a cause before another cause gets its second
-MOST_LIMITS = 30
+MOST_SIZES = 30
 
 def diagnosis_section(run: Run) -> Section | None:
     content = run.diagnosis
@@ -56,9 +56,9 @@ def diagnosis_section(run: Run) -> Section | None:
     items += extension_items(content.get("extension"))
     if shown:
         items += _remaining(run, content, shown)
-    items += _pushed(content, shown)
+    items += _prior_shifts(content, shown)
     items += _measurement(content, shown)
-    items += _limits(content)
+    items += _detectable_sizes(content)
     level = "good" if content["verdict"] == "none" else "warning"
     title = "What the model gets wrong" if content["parameters"] else "What is wrong in the record"
     return Section(anchor="diagnosis", title=title, items=tuple(items),
@@ -127,7 +127,7 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
     rows = tuple(
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
-         wording.time_profile_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
+         wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
          fixed(f["posterior_probability"], 2), fixed(f.get("prior_probability"), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
     )
@@ -146,7 +146,7 @@ def _changes(changes: object) -> list[Element]:
     """What changed along the record, where no model was there to say what it means: a table a change."""
     items: list[Element] = []
     for change in changes if isinstance(changes, list) else ():
-        words = wording.time_profile_words(str(change.get("course", "")), str(change.get("since", "")))
+        words = wording.time_profile_words(str(change.get("time_profile", "")), str(change.get("since", "")))
         for key, value in change.items():
             if isinstance(value, list) and value:
                 items += row_table(f"What changed {words}: {key.replace('_', ' ')}", value)
@@ -184,7 +184,7 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[Element]:
         f"wrong. Shapes: the components that move most; of as many, chance alone gives |z| = {time['by_chance']:.1f} "
         "once in twenty records." + (" Dashed: where a finding begins." if since else "")))
     if shown["covariates"]:
-        explained = [f.get("course", "") for f in content["findings"]]
+        explained = [f.get("time_profile", "") for f in content["findings"]]
         items.append(_picture(
             figures.against_covariates(shown["covariates"], states, explained), "covariates",
             "Against what was measured beside them, in bins of equally many blocks: of each the mode that follows it "
@@ -238,14 +238,14 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
                  "are wider than this record needs, as model form is allowed for; fewer: some residual is unexplained.")
 
 
-def _pushed(content: Mapping, shown: Mapping | None) -> list[Element]:
+def _prior_shifts(content: Mapping, shown: Mapping | None) -> list[Element]:
     items: list[Element] = []
     if shown:
-        stated = shown["pushed"]
+        stated = shown["prior_shift"]
         if stated["parameters"]:
             together = " → ".join(number(p, 2) for p in stated["p_together"])
             items.append(_picture(
-                figures.prior_shifts(stated["parameters"], shown["states"]), "pushed",
+                figures.prior_shifts(stated["parameters"], shown["states"]), "prior_shift",
                 "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
                 "ten when its "
                 f"prior is right (grey). All together: p = {together}."))
@@ -265,7 +265,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
                    Column(name="z", unit="-"),
                    Column(name="size that fits best"), Column(name="tolerance"))
         table = tuple(
-            (r["cause"], r["course"], str(r["tried"]), r["location"], fixed(r["z"], 1),
+            (r["cause"], r["time_profile"], str(r["tried"]), r["location"], fixed(r["z"], 1),
              typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
              wording.amount(r["tolerance"], None, r["unit"].split(" per ")[0], r["cause"]).lstrip("+"))
             for r in rows
@@ -290,38 +290,38 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
 # Limits -------------------------------------------------------------------------------------------------------------
 
 
-def chosen_limits(limits: Sequence[Mapping], most: int = MOST_LIMITS) -> list[Mapping]:
+def chosen_sizes(entries: Sequence[Mapping], most: int = MOST_SIZES) -> list[Mapping]:
     """Of every kind the causes at the places of their least limits, then second places and so on; grouped by cause."""
     found = []
     per_kind = max(1, most // len(KINDS))
     for kind in KINDS:
         by_cause: dict[str, list[Mapping]] = {}
-        for x in limits:
-            if x["kind"] == kind and x.get("limit"):
+        for x in entries:
+            if x["kind"] == kind and x.get("size"):
                 by_cause.setdefault(x["cause"], []).append(x)
         for rows in by_cause.values():
-            rows.sort(key=lambda x: abs(x["limit"]))
+            rows.sort(key=lambda x: abs(x["size"]))
         turn, taken = 0, []
         while len(taken) < per_kind and any(len(rows) > turn for rows in by_cause.values()):
             taken += [rows[turn] for rows in by_cause.values() if len(rows) > turn]
             turn += 1
         order = list(by_cause)
-        found += sorted(taken[:per_kind], key=lambda x: (order.index(x["cause"]), abs(x["limit"])))
+        found += sorted(taken[:per_kind], key=lambda x: (order.index(x["cause"]), abs(x["size"])))
     return found
 
 
-def _limits(content: Mapping) -> list[Element]:
-    limits = content["limits"]
-    discrete = [x for x in limits if x["cause"] in wording.DISCRETE and x["course"] == "constant"]
-    static = [x for x in limits if x["course"] == "constant" and x["cause"] not in wording.DISCRETE]
-    along = [x for x in limits if x["course"] not in ("constant", "step", "ramp")]
-    reached = chosen_limits([*static, *along])
+def _detectable_sizes(content: Mapping) -> list[Element]:
+    entries = content["detectable_sizes"]
+    discrete = [x for x in entries if x["cause"] in wording.DISCRETE and x["time_profile"] == "constant"]
+    static = [x for x in entries if x["time_profile"] == "constant" and x["cause"] not in wording.DISCRETE]
+    along = [x for x in entries if x["time_profile"] not in ("constant", "step", "ramp")]
+    reached = chosen_sizes([*static, *along])
     if not reached:
         return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
-    steps = {(x["cause"], x["location"]): x["limit"] for x in limits if x["course"] == "step" and x.get("limit")}
-    count = sum(bool(x.get("limit")) for x in limits)
+    steps = {(x["cause"], x["location"]): x["size"] for x in entries if x["time_profile"] == "step" and x.get("size")}
+    count = sum(bool(x.get("size")) for x in entries)
     return [_picture(
-        figures.detectable_sizes(reached, steps), "limits",
+        figures.detectable_sizes(reached, steps), "detectable_sizes",
         "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
         f"{count} are in diagnosis.json."), *_unseen(static), *_exchanges(discrete)]
@@ -329,7 +329,7 @@ def _limits(content: Mapping) -> list[Element]:
 
 def _unseen(static: Sequence[Mapping]) -> list[Notice]:
     """Candidates that no size they can have would show."""
-    names = sorted({wording.name_of(x) for x in static if not x.get("limit")})
+    names = sorted({wording.name_of(x) for x in static if not x.get("size")})
     if not names:
         return []
     return [Notice(level="plain", text=(
@@ -340,7 +340,7 @@ def _unseen(static: Sequence[Mapping]) -> list[Notice]:
 def _exchanges(discrete: Sequence[Mapping]) -> list[Notice]:
     if not discrete:
         return []
-    hidden = [wording.name_of(x) for x in discrete if not x.get("limit")]
+    hidden = [wording.name_of(x) for x in discrete if not x.get("size")]
     text = f"{plural(len(discrete), 'exchanged or reversed channel')} tested for"
     rest = f"; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}." if hidden else \
         ": each would be seen."

@@ -248,14 +248,14 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
         axes = figure.add_subplot(grid[k, :])
         if size["against"]:
             x = np.array(size["against"], float)
-            axes.set_xlabel(f"{column_words(size['course_name'])} [{size['against_unit']}]")
+            axes.set_xlabel(f"{column_words(size['time_profile_name'])} [{size['against_unit']}]")
         else:
             x = _along(axes, time["start"], size["hours"], since)
         axes.errorbar(x, _known(size["size"]), yerr=BAND * _known(size["size_std"]), fmt="o", ms=2.5, color=GREY,
                       lw=0.6, zorder=2)
         order = np.argsort(x)
-        axes.plot(np.asarray(x)[order], _known(size["course"])[order], color=RED, lw=1.5, zorder=4,
-                  drawstyle="steps-post" if size["course_name"] == "step" else "default")
+        axes.plot(np.asarray(x)[order], _known(size["time_profile"])[order], color=RED, lw=1.5, zorder=4,
+                  drawstyle="steps-post" if size["time_profile_name"] == "step" else "default")
         where = f", {size['location']}" if size["location"] else ""
         label_axes(axes, axes.get_xlabel(), f"size [{size['unit']}]", f"{size['cause']}{where}: each block alone, and "
                    "as found (red)")
@@ -311,7 +311,7 @@ def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     y = np.arange(len(rows))
     band = BAND * _known([r["expected"][0] for r in rows])
     axes.barh(y, 2 * band, left=-band, height=0.62, color=PALE, alpha=0.7, zorder=1)
-    listed = [_known([r["pushed"][s] for r in rows]) for s in range(len(states))]
+    listed = [_known([r["prior_shift"][s] for r in rows]) for s in range(len(states))]
     if len(listed) == 2:
         axes.hlines(y, listed[0], listed[1], color=GREY, lw=0.8, zorder=2)
     for state, value in zip(states, listed, strict=True):
@@ -325,22 +325,22 @@ def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
 
 
 @styled
-def detectable_sizes(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
+def detectable_sizes(entries: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
     """Least size that this record excludes, a panel for each kind and unit; open marks: as a step within the record,
     which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: (cause, location) -> size
     of a step."""
     groups: dict[tuple[str, str], list[Mapping]] = {}
     for kind in KIND_COLOURS:
-        for x in limits:
+        for x in entries:
             if x["kind"] == kind:
-                groups.setdefault((kind, limit_unit(x)), []).append(x)
+                groups.setdefault((kind, size_unit(x)), []).append(x)
     counts = [len(rows) for rows in groups.values()]
     figure = new_figure(FULL_IN, 0.7 + 0.21 * sum(counts) + 0.62 * len(groups))
     panels = np.atleast_1d(figure.subplots(len(groups), 1, height_ratios=[c + 0.4 for c in counts], squeeze=True))
     before = ""
     for axes, ((kind, unit), rows) in zip(panels, groups.items(), strict=True):
         scale = 100.0 if unit.startswith("%") else 1.0
-        values = scale * np.array([abs(x["limit"]) for x in rows])
+        values = scale * np.array([abs(x["size"]) for x in rows])
         inside = scale * np.abs(np.array([steps.get((x["cause"], x["location"]), np.nan) for x in rows], float))
         low = np.nanmin(np.concatenate([values, inside])) / 2
         axes.barh(range(len(rows)), values - low, left=low, color=KIND_COLOURS[kind], height=0.6, alpha=0.85)
@@ -348,7 +348,7 @@ def detectable_sizes(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], 
         axes.set_xscale("log")
         axes.set_xlim(low, np.nanmax(np.concatenate([values, inside])) * 6)
         for k, x in enumerate(rows):
-            axes.annotate(limit_text(x), (values[k], k), xytext=(4, 0), fontsize=7, va="center",
+            axes.annotate(size_text(x), (values[k], k), xytext=(4, 0), fontsize=7, va="center",
                           textcoords="offset points")
         axes.set_yticks(range(len(rows)), [f"{x['cause']}{', ' if x['location'] else ''}{x['location']}" for x in rows],
                         fontsize=7)
@@ -361,18 +361,18 @@ def detectable_sizes(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], 
     return figure
 
 
-def limit_unit(limit: Mapping) -> str:
+def size_unit(entry: Mapping) -> str:
     """The unit of a size as it is drawn: "%" of a share, "" of a number without one."""
-    unit = limit["unit"]
-    if limit["cause"] in SHARES and unit.startswith("-"):
+    unit = entry["unit"]
+    if entry["cause"] in SHARES and unit.startswith("-"):
         return f"%{unit[1:]}"
     return unit.removeprefix("-").strip()
 
 
-def limit_text(limit: Mapping) -> str:
+def size_text(entry: Mapping) -> str:
     """"2.1 m", "56 %", "2.9 × 10⁶ kg m2"."""
-    value, unit = abs(limit["limit"]), limit["unit"]
-    if limit["cause"] in SHARES and unit.startswith("-"):
+    value, unit = abs(entry["size"]), entry["unit"]
+    if entry["cause"] in SHARES and unit.startswith("-"):
         return f"{number(100 * value, 2)} %{unit[1:]}"
     text = number(value, 2)
     return f"{text} {unit.removeprefix('-').strip()}".strip()

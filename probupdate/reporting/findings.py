@@ -128,7 +128,7 @@ def _of_shifts(run: Run) -> list[Finding]:
 
 
 def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
-    shifts_of = (content["details"].get("residuals") or {}).get("pushed") or {}
+    shifts_of = (content["details"].get("residuals") or {}).get("prior_shift") or {}
     # by state; the last is after the findings are included
     chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
     p = chances[-1]

@@ -388,14 +388,14 @@ def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: 
 
     How the turn onto the real axis itself deviates is left out: it moves real parts by imaginary ones, which are small.
     """
-    deviation = modal_set.deviation
-    if deviation is None:
+    covariance_factors = modal_set.covariance_factors
+    if covariance_factors is None:
         raise InputError(
             where, "the set has no covariance factors, which a full covariance needs",
             "keep the .deviations.h5 file that `identify` writes beside modes.json, or choose --weights measured",
         )
-    ln_frequency = np.asarray(deviation.ln_frequency)[members]
-    shape = np.asarray(deviation.shape)[kept][:, members]
+    ln_frequency = np.asarray(covariance_factors.ln_frequency)[members]
+    shape = np.asarray(covariance_factors.shape)[kept][:, members]
     if not (np.all(np.isfinite(ln_frequency)) and np.all(np.isfinite(shape))):
         raise InputError(f"{where}, deviations", "are not given for every measured component",
                          "identify the set again, or choose --weights measured")

@@ -342,8 +342,8 @@ def mode_scatter(data: ModalData) -> list[ModeScatter]:
     for j, label in enumerate(labels):
         ln, std = [], []
         for s in data.sets:
-            if s.deviation is not None and np.isfinite(s.frequency_hz[j]):
-                stated = float(np.sqrt(np.sum(s.deviation.ln_frequency[j] ** 2)))
+            if s.covariance_factors is not None and np.isfinite(s.frequency_hz[j]):
+                stated = float(np.sqrt(np.sum(s.covariance_factors.ln_frequency[j] ** 2)))
                 if stated > 0:
                     ln.append(np.log(s.frequency_hz[j]))
                     std.append(stated)
@@ -411,9 +411,9 @@ def _counted(data: ModalData, problems: list[Problem]) -> float:
     ratios = []
     for problem in problems:
         modal_set = data.set(problem.set_id)
-        if modal_set.deviation is None:
+        if modal_set.covariance_factors is None:
             continue
-        own = np.sqrt(np.sum(modal_set.deviation.ln_frequency**2, axis=1))[list(problem.used)]
+        own = np.sqrt(np.sum(modal_set.covariance_factors.ln_frequency**2, axis=1))[list(problem.used)]
         used = np.concatenate([g.frequency_std_hz / g.frequency_hz for g in problem.groups])
         ratios += (used / own).tolist()
     return float(np.nanmedian(ratios)) if ratios else float("nan")

@@ -94,12 +94,13 @@ def simulate_modes(
     environment = _environments(plan, block, heading, drawn, amount, np.random.default_rng(streams[3]), rng)
     sets = []
     for k, number in enumerate(block):
-        f, z, phi, deviation = identified(frequency[k], damping[k], shape[k], LABELS, BLOCK_S, rng, scale=scatter)
+        f, z, phi, covariance_factors = identified(frequency[k], damping[k], shape[k], LABELS, BLOCK_S, rng,
+                                                   scale=scatter)
         lost = rng.random(len(LABELS)) < missing_share
         f, z, phi = np.where(lost, np.nan, f), np.where(lost, np.nan, z), np.where(lost, np.nan, phi)
         time = START + np.timedelta64(int(number * BLOCK_S), "s")
         sets.append(ModalSet(
-            id=f"{time}Z", frequency_hz=f, damping_ratio=z, shape=phi, deviation=deviation,
+            id=f"{time}Z", frequency_hz=f, damping_ratio=z, shape=phi, covariance_factors=covariance_factors,
             frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan),
             environment=environment[k],
         ))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.modal.modes import ModalDeviation
+from probupdate.modal.modes import CovarianceFactors
 
 # by family of columns FA1, SS1, T1, FA2, SS2
 SCATTER = {"FA1": 1.6, "SS1": 1.6, "T1": 1.6, "FA2": 3.2, "SS2": 3.2}
@@ -32,7 +32,7 @@ def _gaussian(rng: np.random.Generator, *shape: int) -> np.ndarray:
 def identified(
     frequency_hz: np.ndarray, damping_ratio: np.ndarray, shape: np.ndarray, labels: tuple[str, ...],
     duration_s: float, rng: np.random.Generator, *, scale: float = 1.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, ModalDeviation]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, CovarianceFactors]:
     """Frequencies, damping ratios (n_mode,), shapes (n_channel, n_mode) with largest component 1, and their estimated
     covariance factors, from true ones (shape of any scaling). scale 0: no scatter, and standard deviations of zero."""
     n_mode, omega = len(frequency_hz), 2 * np.pi * frequency_hz
@@ -46,10 +46,10 @@ def identified(
     value, mixed = value[order], mixed[:, order]
     found = shape @ mixed
     found = found / np.abs(found).max(axis=0) + own * _gaussian(rng, *shape.shape)
-    deviation = _deviation(value, found, size, own, rng)
+    covariance_factors = _covariance_factors(value, found, size, own, rng)
     largest = np.argmax(np.abs(found), axis=0)
     found = found / found[largest, np.arange(n_mode)]
-    return np.abs(value) / (2 * np.pi), -np.real(value) / np.abs(value), found, deviation
+    return np.abs(value) / (2 * np.pi), -np.real(value) / np.abs(value), found, covariance_factors
 
 
 def _assigned(mixed: np.ndarray) -> np.ndarray:
@@ -62,7 +62,8 @@ def _assigned(mixed: np.ndarray) -> np.ndarray:
     return order
 
 
-def _deviation(pole: np.ndarray, shape: np.ndarray, size: np.ndarray, own: np.ndarray, rng) -> ModalDeviation:
+def _covariance_factors(pole: np.ndarray, shape: np.ndarray, size: np.ndarray, own: np.ndarray,
+                        rng) -> CovarianceFactors:
     """First order, a column per part of the record: as many draws of G and of channel scatter, over their root."""
     n_channel, n_mode = shape.shape
     g = size[:, :, None] * _gaussian(rng, n_mode, n_mode, N_COLUMN) / np.sqrt(N_COLUMN)
@@ -81,4 +82,4 @@ def _deviation(pole: np.ndarray, shape: np.ndarray, size: np.ndarray, own: np.nd
     at = shape[largest, column]
     # in the scaling of a largest component of 1, which has no standard deviation
     change = (change - shape[:, :, None] * (change[largest, column] / at[:, None])) / at[:, None]
-    return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=ratio, shape=change)
+    return CovarianceFactors(ln_frequency=ln_frequency, damping_ratio=ratio, shape=change)

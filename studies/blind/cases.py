@@ -32,7 +32,7 @@ FOOT_EI_GNM2 = 1.83 * 210.0 * np.pi / 8 * 6.3745**3 * 0.0255
 class Kind:
     """A row of what can be hidden: `virtual` the simulator's kind, `cause` the catalogue's; place(rng) -> (the
     simulator's keys, the catalogue's location); `size` the simulator's key, from the catalogue's size by `convert`; low
-    and high the catalogue's sizes; courses it may take."""
+    and high the catalogue's sizes; time profiles it may take."""
 
     virtual: str
     cause: str
@@ -41,7 +41,7 @@ class Kind:
     low: float
     high: float
     convert: Callable[[float], float] = float
-    courses: tuple[str, ...] = ("constant", "step")
+    time_profiles: tuple[str, ...] = ("constant", "step")
     klass: str = "structural"
 
 
@@ -137,45 +137,45 @@ KINDS = (
     Kind(virtual="leg_stiffness", cause="leg stiffness lost", place=_bay_leg, size="factor", low=-0.1, high=-0.6,
          convert=_left),
     Kind(virtual="scour", cause="scour", place=_leg_or_all("all legs"), size="depth_m", low=0.2, high=4.0,
-         courses=("constant", "step", "ramp")),
+         time_profiles=("constant", "step", "ramp")),
     Kind(virtual="soil_stiffness", cause="lateral soil stiffness", place=_soil("lateral"), size="factor", low=-0.3,
          high=-0.8, convert=_left),
     Kind(virtual="soil_stiffness", cause="axial soil stiffness", place=_soil("axial"), size="factor", low=-0.3,
          high=-0.8, convert=_left),
     Kind(virtual="marine_growth", cause="marine growth", place=_leg_or_all("all members", top_m=GROWTH_TOP_M),
-         size="thickness_m", low=0.03, high=0.2, courses=("constant", "ramp")),
+         size="thickness_m", low=0.03, high=0.2, time_profiles=("constant", "ramp")),
     Kind(virtual="leg_water", cause="leg not flooded", place=_leg(), size="fraction", low=-0.5, high=-1.0),
     Kind(virtual="flange_flexibility", cause="tower flange flexibility", place=_fixed({"station": 1}, "tower at 18 m"),
          size="equivalent_length_m", low=1e-3, high=0.02, convert=lambda size: size * FOOT_EI_GNM2),
     Kind(virtual="rna_mass", cause="nacelle mass", place=_fixed({}, "nacelle"), size="mass_kg", low=5e3, high=6e4),
     Kind(virtual="rna_offset", cause="RNA centre of mass", place=_axis, size="offset_m", low=0.3, high=1.5,
-         courses=("constant",)),
+         time_profiles=("constant",)),
     Kind(virtual="rna_inertia", cause="RNA inertia", place=_turning_axis, size="inertia_kgm2", low=1e6, high=2e7,
-         courses=("constant",)),
+         time_profiles=("constant",)),
     Kind(virtual="tower_mass", cause="tower mass", place=_band, size="mass_kg", low=5e3, high=4e4),
     Kind(virtual="tower_stiffness", cause="tower stiffness", place=_band, size="factor", low=-0.05, high=-0.4,
-         convert=_left, courses=("constant",)),
+         convert=_left, time_profiles=("constant",)),
     Kind(virtual="tp_mass", cause="transition-piece mass", place=_fixed({}, "column"), size="mass_kg", low=1e4,
          high=1.5e5),
     Kind(virtual="wetted_length", cause="wetted length", place=_fixed({}, "all members"), size="gain", low=0.3,
-         high=2.0, courses=("own",), klass="environmental"),
+         high=2.0, time_profiles=("own",), klass="environmental"),
     Kind(virtual="steel_temperature", cause="temperature of the steel", place=_fixed({}, "above the water"),
-         size="per_kelvin", low=0.5, high=4.0, convert=lambda size: size * STEEL_PER_DEGC, courses=("own",),
+         size="per_kelvin", low=0.5, high=4.0, convert=lambda size: size * STEEL_PER_DEGC, time_profiles=("own",),
          klass="environmental"),
     Kind(virtual="soil_softening", cause="soil softens with amplitude", place=_fixed({}, "all legs"),
-         size="per_unit", low=0.05, high=0.4, courses=("own",), klass="environmental"),
+         size="per_unit", low=0.05, high=0.4, time_profiles=("own",), klass="environmental"),
     Kind(virtual="icing", cause="icing", place=_fixed({}, "rotor"), size="mass_kg", low=3e3, high=2e4,
-         courses=("step",), klass="environmental"),
+         time_profiles=("step",), klass="environmental"),
     Kind(virtual="sensor_gain", cause="sensor gain", place=_channel, size="factor", low=0.03, high=0.4, convert=_left,
          klass="measurement"),
     Kind(virtual="sensor_gain", cause="sensor polarity", place=_channel, size="factor", low=-2.0, high=-2.0,
-         convert=_left, courses=("constant",), klass="measurement"),
+         convert=_left, time_profiles=("constant",), klass="measurement"),
     Kind(virtual="sensor_swap", cause="swapped channels", place=_two_channels, size="swapped", low=1.0, high=1.0,
-         courses=("constant",), klass="measurement"),
+         time_profiles=("constant",), klass="measurement"),
     Kind(virtual="sensor_rotation", cause="sensor rotation", place=_housing, size="angle_deg", low=4.0, high=45.0,
          klass="measurement"),
     Kind(virtual="frame_rotation", cause="rotated sensor frame", place=_fixed({}, "all sensors"), size="angle_deg",
-         low=4.0, high=30.0, courses=("constant",), klass="measurement"),
+         low=4.0, high=30.0, time_profiles=("constant",), klass="measurement"),
     Kind(virtual="clock_offset", cause="clock offset", place=_level, size="offset_s", low=3.0, high=60.0,
          convert=lambda ms: ms / 1000, klass="measurement"),
     Kind(virtual="low_pass", cause="low-pass filter", place=_level, size="time_constant_s", low=5.0, high=60.0,
@@ -207,7 +207,7 @@ TWINS = (
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """`truth` and `options` for simulate_modes; `effects` what is hidden, in the catalogue's words: (class, cause,
-    location, course, size)."""
+    location, time profile, size)."""
 
     family: str
     number: int
@@ -221,21 +221,21 @@ class Case:
         return f"{self.family}-{self.number:03d}"
 
 
-def limit_of(limits: Mapping | None, kind: Kind, location: str, course: str) -> float | None:
+def limit_of(limits: Mapping | None, kind: Kind, location: str, time_profile: str) -> float | None:
     """The stated limit as a size, None where the row has none or cannot be reached."""
     if limits is None:
         return None
-    return limits.get(f"{kind.cause} | {location} | {course}")
+    return limits.get(f"{kind.cause} | {location} | {time_profile}")
 
 
 def draw_effect(rng: np.random.Generator, kind: Kind, limits: Mapping | None = None, *, below: bool = False):
     """One effect of a kind: ([[effect]], its words), or None where no severity is above (below) the stated limit."""
     keys, location = kind.place(rng)
-    course = str(rng.choice(kind.courses))
+    time_profile = str(rng.choice(kind.time_profiles))
     share, hour = rng.random(), float(rng.uniform(0.3, 0.7) * HOURS)
-    stated = limit_of(limits, kind, location, course)
+    stated = limit_of(limits, kind, location, time_profile)
     low, high = abs(kind.low), abs(kind.high)
-    if limits is not None and course != "own":
+    if limits is not None and time_profile != "own":
         if stated is None and not below:
             return None
         if stated is not None:
@@ -244,12 +244,12 @@ def draw_effect(rng: np.random.Generator, kind: Kind, limits: Mapping | None = N
             return None
     size = float(np.sign(kind.high) * (low + share * (high - low)))
     hidden = {"kind": kind.virtual, **keys, kind.size: kind.convert(size)}
-    if course == "step":
-        hidden |= {"course": "step", "at_hour": hour}
-    elif course == "ramp":
-        hidden |= {"course": "ramp", "from_hour": 0.0, "to_hour": HOURS}
+    if time_profile == "step":
+        hidden |= {"time_profile": "step", "at_hour": hour}
+    elif time_profile == "ramp":
+        hidden |= {"time_profile": "ramp", "from_hour": 0.0, "to_hour": HOURS}
     words = {"class": kind.klass, "cause": kind.cause, "location": location,
-             "course": course, "size": size}
+             "time_profile": time_profile, "size": size}
     return hidden, words
 
 

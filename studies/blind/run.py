@@ -88,7 +88,8 @@ def run_case(case: Case) -> dict:
         "effects": list(case.effects), "verdict": found.verdict, "p_value": found.p_value,
         "threshold": found.threshold, "adequacy_p": found.adequacy_p,
         "findings": [
-            {"cause": f.cause, "location": f.location, "course": f.course, "size": f.size, "size_std": f.size_std,
+            {"cause": f.cause, "location": f.location, "time_profile": f.time_profile, "size": f.size,
+             "size_std": f.size_std,
              "z": f.z, "probability": f.posterior_probability,
              "alternatives": [[a.cause, a.location] for a in f.alternatives],
              "probabilities": [a.posterior_probability for a in f.alternatives]}
@@ -97,7 +98,7 @@ def run_case(case: Case) -> dict:
         # what was taken in where the verdict is "unexplained": the names an analysis without that verdict would give
         "taken_in": [[n.effect.cause, n.effect.location] for n in outcome.fitted.included],
         "notes": list(found.notes), "left_over": float(outcome.last.statistic.max() / outcome.last.threshold),
-        "limits": {f"{x.cause} | {x.location} | {x.course}": x.limit for x in found.limits},
+        "limits": {f"{x.cause} | {x.location} | {x.time_profile}": x.size for x in found.detectable_sizes},
         "cpu_s": time.process_time() - begun,
     }
 

@@ -41,11 +41,11 @@ def in_set(finding: dict, effect: dict) -> bool:
         cause == effect["cause"] and where == effect["location"] for cause, where in finding["alternatives"])
 
 
-def course_of(effect: dict, stated: dict[str, float]) -> str | None:
+def profile_of(effect: dict, stated: dict[str, float]) -> str | None:
     """The row of the stated limits that the effect belongs to."""
     head = f"{effect['cause']} | {effect['location']} | "
-    if effect["course"] != "own":
-        return head + effect["course"] if head + effect["course"] in stated else None
+    if effect["time_profile"] != "own":
+        return head + effect["time_profile"] if head + effect["time_profile"] in stated else None
     return next((key for key in stated if key.startswith(head)), None)
 
 
@@ -54,7 +54,7 @@ def above_limit(line: dict, effect: dict) -> bool:
     if "limits" not in line:
         # measured.csv keeps the answer for the hundreds of limits
         return effect["above_stated_limit"]
-    key = course_of(effect, line["limits"])
+    key = profile_of(effect, line["limits"])
     limit = line["limits"].get(key) if key else None
     return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
 
@@ -91,7 +91,7 @@ def summary(lines: list[dict]) -> str:
     held = {x["id"] for x in found if x["findings"] and in_set(x["findings"][0], x["effects"][0])}
     out.append(rate("detected singles: right cause and place first", len(first), len(found)))
     out.append(rate("detected singles: in the named set", len(held), len(found)))
-    # told_apart.py has been there
+    # distinguishable.py has been there
     for words, ids in (("that can be distinguished from the nearest alternative",
                         {x["id"] for x in found if distinguishable(x["effects"][0])}),
                        ("that cannot", {x["id"] for x in found if distinguishable(x["effects"][0]) is False})):

@@ -39,9 +39,9 @@ def _gain_constant(rng):
 def _clock(rng):
     level = str(rng.choice(list(LEVELS)))
     ms = float(rng.choice([-1, 1]) * rng.uniform(4, 30))
-    course = _step(rng) if rng.random() < 0.5 else {}
+    time_profile = _step(rng) if rng.random() < 0.5 else {}
     # an early clock and a filter turn phases alike
-    return {"kind": "clock_offset", "level": level, "offset_s": ms / 1000, **course}, "named", (
+    return {"kind": "clock_offset", "level": level, "offset_s": ms / 1000, **time_profile}, "named", (
         "clock offset", LEVELS[level])
 
 
@@ -53,8 +53,8 @@ def _rotation(rng):
 
 def _reversed(rng):
     c = str(rng.choice(CHANNELS))
-    course = _step(rng) if rng.random() < 0.5 else {}
-    return {"kind": "sensor_gain", "channel": c, "factor": -1.0, **course}, "named", ("sensor polarity", c)
+    time_profile = _step(rng) if rng.random() < 0.5 else {}
+    return {"kind": "sensor_gain", "channel": c, "factor": -1.0, **time_profile}, "named", ("sensor polarity", c)
 
 
 def _water(rng):
@@ -111,7 +111,7 @@ def run(name, seed, effect, wanted, who) -> dict:
         return {"id": name, "effect": effect, "wanted": wanted, "who": who, "verdict": "refused", "why": str(error)}
     return {"id": name, "effect": effect, "wanted": wanted, "who": who, "verdict": found.verdict,
             "p_value": found.p_value, "cpu_s": time.process_time() - begun,
-            "findings": [[f.kind, f.cause, f.location, f.course, f.size, f.size_std, f.posterior_probability,
+            "findings": [[f.kind, f.cause, f.location, f.time_profile, f.size, f.size_std, f.posterior_probability,
                           [[a.cause, a.location] for a in f.alternatives]] for f in found.findings],
             "changes": found.details["changes"]}
 

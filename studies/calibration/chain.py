@@ -191,8 +191,9 @@ def _paper_set(bench: Bench, frequency, shape, rng, number: int) -> ModalSet:
 
 
 def _identified_set(frequency, damping, shape, rng, number: int) -> ModalSet:
-    f, zeta, phi, deviation = identified(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
-    return ModalSet(id=f"{number}", frequency_hz=f, damping_ratio=zeta, shape=phi, deviation=deviation, environment={},
+    f, zeta, phi, covariance_factors = identified(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
+    return ModalSet(id=f"{number}", frequency_hz=f, damping_ratio=zeta, shape=phi,
+                    covariance_factors=covariance_factors, environment={},
                     frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan))
 
 

@@ -63,7 +63,7 @@ def with_shear(out: Path) -> dict:
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
     """Parameter -> prior standard deviations from the prior's centre: most probable values of each update, and the
     truth."""
-    gains_of = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
+    gains_of = [{p["name"]: p["prior_shift"] for p in u["parameters"]} for u in updates]
     return {p["name"]: [*(t[p["name"]] for t in gains_of), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
             for p in updates[0]["parameters"] if p["name"] in truth}
 
@@ -92,20 +92,20 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     plt.close(figure)
 
 
-def draw_gain(causes: list[str], gains_of: list[dict], pushed: dict[str, list[float]], path: Path) -> None:
+def draw_gain(causes: list[str], gains_of: list[dict], shifted: dict[str, list[float]], path: Path) -> None:
     """How far parameters moved from their prior, and how well a level's motion is predicted without its sensors."""
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    place = np.arange(len(pushed))
+    place = np.arange(len(shifted))
     sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and flexible in shear"))
     thick = 0.8 / len(sides)
     for side, (colour, word) in enumerate(sides):
-        left.barh(place - 0.4 + thick * (side + 0.5), [v[side] for v in pushed.values()], thick, color=colour,
+        left.barh(place - 0.4 + thick * (side + 0.5), [v[side] for v in shifted.values()], thick, color=colour,
                   label=word)
-    left.set_yticks(place, list(pushed))
+    left.set_yticks(place, list(shifted))
     left.invert_yaxis()
-    left.plot([v[-1] for v in pushed.values()], place, "k|", ms=12, label="truth")
+    left.plot([v[-1] for v in shifted.values()], place, "k|", ms=12, label="truth")
     left.axvline(0, color="0.4", lw=0.8)
     left.set_xlabel("shift from the prior's centre, prior standard deviations")
     left.legend(fontsize=8)
@@ -151,8 +151,8 @@ def main() -> None:
         "blocks": len(run.data.sets), "hidden": list(hidden), "cpu_s": spent,
         "moved_in_deviations": dict(zip(run.data.labels, share_of_scatter(run, plain), strict=True)),
         "verdict": found.verdict, "p_value": found.p_value, "adequacy_p": found.adequacy_p,
-        "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
-                      "block": n.course.at, "size": n.size} for n in outcome.fitted.included],
+        "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "time_profile": n.time_profile.name,
+                      "block": n.time_profile.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
         "gains": gains_of, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes),
              "truth": truth,

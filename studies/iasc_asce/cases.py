@@ -163,12 +163,12 @@ def followed(K: Sequence[np.ndarray], case: Case, chosen: Sequence[int]) -> tupl
     return f, phi
 
 
-def record(case: Case, pattern: Pattern, seed: int, *, course: str, n_set: int = N_SET) -> ModalData:
-    """Modal sets, half an hour each; `course`: "constant" (damaged throughout) or "step" (from the middle on)."""
-    if course not in ("constant", "step"):
-        raise ValueError(f"course '{course}' is neither constant nor step")
+def record(case: Case, pattern: Pattern, seed: int, *, time_profile: str, n_set: int = N_SET) -> ModalData:
+    """Modal sets, half an hour each; `time_profile`: "constant" (damaged throughout) or "step" (from the middle on)."""
+    if time_profile not in ("constant", "step"):
+        raise ValueError(f"time profile '{time_profile}' is neither constant nor step")
     factor, chosen = draw(case, seed), seen_modes(case)
-    rng = np.random.default_rng([case.number, pattern.number, seed, 1 + (course == "step")])
+    rng = np.random.default_rng([case.number, pattern.number, seed, 1 + (time_profile == "step")])
     nominal = stiffness_of({}, case.n_dof)
     sound = stiffness_of(factor, case.n_dof)
     broken = stiffness_of(factor, case.n_dof, pattern)
@@ -176,10 +176,10 @@ def record(case: Case, pattern: Pattern, seed: int, *, course: str, n_set: int =
     way = [sound + t * (broken - sound) for t in np.linspace(0.1, 1.0, 10)]
     before = followed([nominal, sound], case, chosen)
     after = followed([nominal, sound, *way], case, chosen)
-    order = np.argsort(before[0] if course == "step" else after[0])
+    order = np.argsort(before[0] if time_profile == "step" else after[0])
     sets = []
     for k in range(n_set):
-        f, phi = (x[..., order] for x in (before if course == "step" and k < n_set // 2 else after))
+        f, phi = (x[..., order] for x in (before if time_profile == "step" and k < n_set // 2 else after))
         sets.append(ModalSet(
             id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * k, "m")),
             frequency_hz=f * (1 + NOISE * rng.standard_normal(len(f))), damping_ratio=np.full(len(f), DAMPING),

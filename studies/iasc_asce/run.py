@@ -59,21 +59,23 @@ def judged(found, pattern: Pattern) -> str:
     return "beside" if pattern.places and pattern.places < set(names) else "wrong"
 
 
-def run_one(prepared: Prepared, case: Case, pattern: Pattern, seed: int, course: str) -> dict:
+def run_one(prepared: Prepared, case: Case, pattern: Pattern, seed: int, time_profile: str) -> dict:
     """One line of cases.jsonl."""
-    data = cases.record(case, pattern, seed, course=course)
+    data = cases.record(case, pattern, seed, time_profile=time_profile)
     begun = time.process_time()
     found = probupdate.diagnose(prepared, data, extend=False, seed=seed)
     limits = {
-        x.location: x.limit
-        for x in found.limits
-        if x.cause in ("parameter", "group of parameters") and x.course == course and np.isfinite(x.limit)
+        x.location: x.size
+        for x in found.detectable_sizes
+        if x.cause in ("parameter", "group of parameters") and x.time_profile == time_profile and np.isfinite(x.size)
     }
     return {
-        "case": case.number, "pattern": pattern.number, "seed": seed, "course": course, "verdict": found.verdict,
+        "case": case.number, "pattern": pattern.number, "seed": seed, "time_profile": time_profile,
+            "verdict": found.verdict,
         "judged": judged(found, pattern), "p": found.p_value, "adequacy": found.adequacy_p,
         "threshold": found.threshold,
-        "findings": [{"cause": f.cause, "location": f.location, "course": f.course, "size": f.size, "std": f.size_std,
+        "findings": [{"cause": f.cause, "location": f.location, "time_profile": f.time_profile, "size": f.size,
+                      "std": f.size_std,
                       "probability": f.posterior_probability, "z": f.z,
                       "alternatives": [a.location for a in f.alternatives]} for f in found.findings],
         "nearest": found.details.get("nearest", []), "notes": list(found.notes), "limits": limits,
@@ -82,12 +84,12 @@ def run_one(prepared: Prepared, case: Case, pattern: Pattern, seed: int, course:
 
 
 def asked(first: int, seeds: int, patterns: dict[int, tuple[int, ...]]):
-    """(case, pattern, seed, course), all of a seed before the next, so that what is there is a whole table."""
+    """(case, pattern, seed, time profile), all of a seed before the next, so that what is there is a whole table."""
     for seed in range(first, first + seeds):
         for case in CASES:
             for number in patterns.get(case.number, ()):
-                for course in ("step", "constant") if number else ("step",):
-                    yield case, PATTERNS[number], seed, course
+                for time_profile in ("step", "constant") if number else ("step",):
+                    yield case, PATTERNS[number], seed, time_profile
 
 
 def read_lines(path: Path) -> list[dict]:
@@ -99,12 +101,12 @@ def run_all(out: Path, first: int, seeds: int, *, patterns: list[int] | None = N
     out.mkdir(parents=True, exist_ok=True)
     model = cache(lambda case: ready(case, out, simple=simple))
     path = out / ("simple.jsonl" if simple else "cases.jsonl")
-    done = {(x["case"], x["pattern"], x["seed"], x["course"]) for x in read_lines(path)}
-    for case, pattern, seed, course in asked(first, seeds, SIMPLE if simple else ASKED):
+    done = {(x["case"], x["pattern"], x["seed"], x["time_profile"]) for x in read_lines(path)}
+    for case, pattern, seed, time_profile in asked(first, seeds, SIMPLE if simple else ASKED):
         left_out = patterns is not None and pattern.number not in patterns
-        if left_out or (case.number, pattern.number, seed, course) in done:
+        if left_out or (case.number, pattern.number, seed, time_profile) in done:
             continue
-        line = run_one(model(case), case, pattern, seed, course)
+        line = run_one(model(case), case, pattern, seed, time_profile)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
@@ -114,15 +116,15 @@ def run_losses(out: Path, seeds: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     case, path = CASES[3], out / "losses.jsonl"
     prepared = ready(case, out)
-    done = {(x["place"], x["loss"], x["seed"], x["course"]) for x in read_lines(path)}
+    done = {(x["place"], x["loss"], x["seed"], x["time_profile"]) for x in read_lines(path)}
     for seed in range(1, seeds + 1):
         for storey, face in ((1, "x+"), (1, "y-"), (3, "y-"), (4, "x+")):
             for loss in LOSSES:
-                for course in ("step", "constant"):
-                    if (f"b{storey}{face}", loss, seed, course) in done:
+                for time_profile in ("step", "constant"):
+                    if (f"b{storey}{face}", loss, seed, time_profile) in done:
                         continue
                     pattern = Pattern(100 + round(1000 * loss), f"{loss:.0%} of a pair", ((storey, face, None, loss),))
-                    line = run_one(prepared, case, pattern, seed, course)
+                    line = run_one(prepared, case, pattern, seed, time_profile)
                     line |= {"place": f"b{storey}{face}", "loss": loss}
                     with path.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(line) + "\n")
@@ -132,10 +134,10 @@ WORDS = ("right", "in the set", "beside", "part", "wrong", "unexplained", "silen
 
 
 def outcomes(lines: list[dict]) -> list[str]:
-    """Rows of a table that counts lines of cases.jsonl by case, pattern and course."""
-    rows = ["| case | pattern | course | records | " + " | ".join(WORDS) + " |", "|---" * (4 + len(WORDS)) + "|"]
-    for key in sorted({(x["case"], x["pattern"], x["course"]) for x in lines}):
-        own = [x for x in lines if (x["case"], x["pattern"], x["course"]) == key]
+    """Rows of a table that counts lines of cases.jsonl by case, pattern and time profile."""
+    rows = ["| case | pattern | time profile | records | " + " | ".join(WORDS) + " |", "|---" * (4 + len(WORDS)) + "|"]
+    for key in sorted({(x["case"], x["pattern"], x["time_profile"]) for x in lines}):
+        own = [x for x in lines if (x["case"], x["pattern"], x["time_profile"]) == key]
         counts = [sum(x["judged"] == w for x in own) for w in WORDS]
         rows.append(f"| {key[0]} | {key[1]} {PATTERNS[key[1]].words} | {key[2] if key[1] else '-'} | {len(own)} | "
                     + " | ".join(str(c) for c in counts) + " |")
@@ -143,17 +145,17 @@ def outcomes(lines: list[dict]) -> list[str]:
 
 
 def tables(out: Path) -> str:
-    """The outcomes counted, by case, pattern and course; the limits stated; sizes; losses."""
+    """The outcomes counted, by case, pattern and time profile; the limits stated; sizes; losses."""
     lines = read_lines(out / "cases.jsonl")
     rows = outcomes(lines)
     if simple := read_lines(out / "simple.jsonl"):
         rows += ["", "The shear building given for the frame of 120:", "", *outcomes(simple)]
-    rows += ["", "| case | course | median stated limit of a pair, storey 1 to 4 | sizes within 2 std |",
+    rows += ["", "| case | time profile | median stated limit of a pair, storey 1 to 4 | sizes within 2 std |",
              "|---|---|---|---|"]
     for case in CASES:
-        for course in ("step", "constant"):
+        for time_profile in ("step", "constant"):
             # of records with nothing hidden, or of all for what is constant
-            own = [x for x in lines if x["case"] == case.number and x["course"] == course]
+            own = [x for x in lines if x["case"] == case.number and x["time_profile"] == time_profile]
             cells = []
             for s in range(1, 5):
                 values = [v for x in own for k, v in x["limits"].items() if k.startswith(f"b{s}")]
@@ -161,13 +163,14 @@ def tables(out: Path) -> str:
             sized = [(f, x) for x in own if x["judged"] == "right" for f in x["findings"]]
             near = sum(abs(f["size"] - true_size(PATTERNS[x["pattern"]], f["location"])) < 2 * f["std"]
                        for f, x in sized)
-            rows.append(f"| {case.number} | {course} | {', '.join(cells)} | {near} of {len(sized)} |")
+            rows.append(f"| {case.number} | {time_profile} | {', '.join(cells)} | {near} of {len(sized)} |")
     losses = read_lines(out / "losses.jsonl")
     if losses:
-        rows += ["", "| pair of braces, case 4 | course | records | " + " | ".join(f"{x:.0%}" for x in LOSSES) + " |",
+        rows += ["",
+                 "| pair of braces, case 4 | time profile | records | " + " | ".join(f"{x:.0%}" for x in LOSSES) + " |",
                  "|---" * (3 + len(LOSSES)) + "|"]
-        for key in sorted({(x["place"], x["course"]) for x in losses}):
-            own = [x for x in losses if (x["place"], x["course"]) == key]
+        for key in sorted({(x["place"], x["time_profile"]) for x in losses}):
+            own = [x for x in losses if (x["place"], x["time_profile"]) == key]
             cells = []
             for loss in LOSSES:
                 part = [x for x in own if x["loss"] == loss]

@@ -321,13 +321,14 @@ def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.G
     for e in bench.model.uncertainty.of_sensors.effects:
         amount = e.tolerance * errors[f"{e.cause}: {e.location}"]
         shape = np.column_stack([e.observe(shape[:, j : j + 1], float(f[j]), amount)[0][:, 0] for j in range(len(f))])
-    hz, zeta, phi, deviation = identified(f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S, rng)
+    hz, zeta, phi, covariance_factors = identified(f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S,
+                                                   rng)
     one = ModalSet(
         id="0",
         frequency_hz=hz,
         damping_ratio=zeta,
         shape=phi,
-        deviation=deviation,
+        covariance_factors=covariance_factors,
         environment={},
         frequency_std_hz=np.full(len(hz), np.nan),
         shape_std=np.full(phi.shape, np.nan),

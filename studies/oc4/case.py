@@ -90,12 +90,12 @@ def write_campaign(folder: Path, theory: SecondTheory, places: tuple[Sensor, ...
     (folder / "acceleration").mkdir(parents=True, exist_ok=True)
     write_campaign_toml(folder, name="OC4 by a second theory", sensors=places, rate_hz=RATE_HZ, block_minutes=30,
                         water_depth_m=50.0)
-    pushed = [k for k, s in enumerate(places) if s.level in ("TP", "tower")]
+    shifted = [k for k, s in enumerate(places) if s.level in ("TP", "tower")]
     q = v = np.zeros(len(frequency))
     n = int(3600 * RATE_HZ)
     for hour in range(hours):
-        load = rng.standard_normal((n + 1, len(pushed))) * 4e3
-        force = load @ shape[pushed]
+        load = rng.standard_normal((n + 1, len(shifted))) * 4e3
+        force = load @ shape[shifted]
         modal, q, v = modal_response(frequency, np.full(len(frequency), DAMPING), force, RATE_HZ, q, v)
         data = modal @ shape.T
         data += 1e-2 * data.std(axis=0) * rng.standard_normal(data.shape)

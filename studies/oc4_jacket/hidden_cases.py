@@ -81,13 +81,13 @@ CHANNELS = tuple(f"{level}-{joint}-{axis}" for level, joint, axis in SENSORS)
 @dataclass(frozen=True)
 class Effect:
     """What is hidden: its kind, the cause and place that a right answer gives, the size in the user's unit (nan where
-    none is comparable), the course, and what it is made of."""
+    none is comparable), the time profile, and what it is made of."""
 
     kind: str
     cause: str
     location: str
     size: float
-    course: str
+    time_profile: str
     parts: Mapping = field(default_factory=dict)
 
 
@@ -152,7 +152,7 @@ def _swap(rng):
     return "swapped channels", f"{a} and {b}", 1.0, {"swap": (str(a), str(b))}
 
 
-# by number in turn: kind, how it is drawn, the courses it may have
+# by number in turn: kind, how it is drawn, the time profiles it may have
 KINDS = (
     ("brace", _brace, ("step", "constant")),
     ("gain", _gain, ("step", "constant")),
@@ -181,9 +181,9 @@ def make_case(family: str, number: int) -> Case:
     if family == "null":
         return Case(family, number)
     rng = _stream((family, number), 0)
-    kind, draw, courses = KINDS[number % len(KINDS)]
+    kind, draw, time_profiles = KINDS[number % len(KINDS)]
     cause, location, size, parts = draw(rng)
-    return Case(family, number, (Effect(kind, cause, location, size, str(rng.choice(courses)), parts),))
+    return Case(family, number, (Effect(kind, cause, location, size, str(rng.choice(time_profiles)), parts),))
 
 
 # the truth -------------------------------------------------------------------------------------------------------
@@ -300,14 +300,15 @@ def identified(frequency, shape, rng) -> ModalSet:
     """What a half hour's identification makes of true modes, as the virtual turbine has it (measured of SSI-cov):
     close modes turn into one another, every channel has its own scatter, and both are estimated with their
     covariance."""
-    f, damping, phi, deviation = modal_noise.identified(frequency, np.full(N_MODE, DAMPING), shape, MODES, BLOCK_S,
+    f, damping, phi, covariance_factors = modal_noise.identified(frequency, np.full(N_MODE, DAMPING), shape, MODES,
+                                                                 BLOCK_S,
                                                      rng)
     return ModalSet(
         id="",
         frequency_hz=f,
         damping_ratio=damping,
         shape=phi,
-        deviation=deviation,
+        covariance_factors=covariance_factors,
         frequency_std_hz=np.full(N_MODE, np.nan),
         shape_std=np.full(phi.shape, np.nan),
     )
@@ -319,7 +320,7 @@ def as_stated(s: ModalSet, stated: str) -> ModalSet:
     deviations of each number by itself; "none": neither."""
     if stated == "joint":
         return s
-    alone = replace(s, deviation=None)
+    alone = replace(s, covariance_factors=None)
     if stated == "std":
         return alone
     return replace(alone, frequency_std_hz=np.full(N_MODE, np.nan), shape_std=np.full(s.shape.shape, np.nan))
@@ -327,7 +328,7 @@ def as_stated(s: ModalSet, stated: str) -> ModalSet:
 
 def amount_of(effect: Effect, share: float, onset: float) -> float:
     """0 to 1, at a place of 0 to 1 along the record."""
-    return {"constant": 1.0, "step": float(share >= onset), "ramp": share}[effect.course]
+    return {"constant": 1.0, "step": float(share >= onset), "ramp": share}[effect.time_profile]
 
 
 def conditions(rng) -> list[dict[str, float]]:

@@ -52,13 +52,14 @@ def hidden_row(effect: cases.Effect, limits) -> dict:
         "kind": effect.kind,
         "cause": effect.cause,
         "location": effect.location,
-        "course": effect.course,
+        "time_profile": effect.time_profile,
         "size": effect.size if np.isfinite(effect.size) else None,
         "parts": dict(effect.parts),
     }
     for x in limits:
-        if (x.cause, x.location, x.course) == (effect.cause, effect.location, effect.course) and np.isfinite(x.limit):
-            row |= {"limit": x.limit, "share_left": x.share_left, "z_first": x.z}
+        if (x.cause, x.location, x.time_profile) == (effect.cause, effect.location,
+                                                     effect.time_profile) and np.isfinite(x.size):
+            row |= {"limit": x.size, "share_left": x.share_left, "z_first": x.z}
     return row
 
 
@@ -81,7 +82,7 @@ def run_one(
         {
             "cause": f.cause,
             "location": f.location,
-            "course": f.course,
+            "time_profile": f.time_profile,
             "size": f.size,
             "std": f.size_std,
             "probability": f.posterior_probability,
@@ -90,7 +91,7 @@ def run_one(
         }
         for f in found.findings
     ]
-    hidden = [hidden_row(e, found.limits) for e in case.effects]
+    hidden = [hidden_row(e, found.detectable_sizes) for e in case.effects]
     return {
         "id": case.id,
         "family": case.family,
@@ -178,19 +179,20 @@ def tables(lines: list[dict]) -> str:
         f"| *named*: right | {rate(sum(x['judged'] == 'right' for x in named), len(named))} |",
         f"| size within its 90 % interval | {rate(sum(abs(a - b) < 1.645 * s for a, s, b in sized), len(sized))} |",
         "",
-        "| hidden | course | records | " + " | ".join(WORDS) + " |",
+        "| hidden | time profile | records | " + " | ".join(WORDS) + " |",
         "|---" * (3 + len(WORDS)) + "|",
     ]
-    keys = {(x["hidden"][0]["kind"], x["hidden"][0]["course"]) if x["hidden"] else ("nothing", "-") for x in lines}
-    for kind, course in sorted(keys):
+    keys = {(x["hidden"][0]["kind"], x["hidden"][0]["time_profile"]) if x["hidden"] else ("nothing", "-")
+            for x in lines}
+    for kind, time_profile in sorted(keys):
         own = [
             x
             for x in lines
             if (x["hidden"][0]["kind"] if x["hidden"] else "nothing") == kind
-            and (not x["hidden"] or x["hidden"][0]["course"] == course)
+            and (not x["hidden"] or x["hidden"][0]["time_profile"] == time_profile)
         ]
         counts = [sum(x["judged"] == w for x in own) for w in WORDS]
-        rows.append(f"| {kind} | {course} | {len(own)} | " + " | ".join(map(str, counts)) + " |")
+        rows.append(f"| {kind} | {time_profile} | {len(own)} | " + " | ".join(map(str, counts)) + " |")
     if lines:
         rows += [
             "",

@@ -22,7 +22,7 @@ SEEN = 0.05
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """`places`: (cause, location) that would be right, empty where no row describes what is hidden; `size` hidden;
-    `course` its time profile."""
+    `time_profile` its time profile."""
 
     family: str
     number: int
@@ -31,7 +31,7 @@ class Record:
     places: frozenset[tuple[str, str]]
     hidden: str
     size: float
-    course: str
+    time_profile: str
 
 
 def draw_record(family: str, number: int) -> Record:
@@ -121,7 +121,7 @@ def _null(family, number, world, rng):
     K = world.stiffness(theta)
     data = measured(world, rng, lambda k: (K, M), _length(rng))
     return Record(family=family, number=number, world=world, data=data, places=frozenset(), hidden="nothing", size=0.0,
-                  course="")
+                  time_profile="")
 
 
 def _harder_null(family, number, world, rng):
@@ -146,29 +146,30 @@ def _harder_null(family, number, world, rng):
             phi = np.where(off, phi + 0.2 * rng.standard_normal(phi.shape), phi)
         sets.append(replace(s, frequency_hz=f, shape=phi, frequency_std_hz=f_std, shape_std=phi_std))
     return Record(family=family, number=number, world=world, data=replace(data, sets=tuple(sets)), places=frozenset(),
-                  hidden="nothing", size=0.0, course="")
+                  hidden="nothing", size=0.0, time_profile="")
 
 
 def _loss(family, number, world, rng):
-    course = "step" if family.endswith("step") else "constant"
+    time_profile = "step" if family.endswith("step") else "constant"
     theta, M = _true(world, rng)
     name = str(rng.choice(list(world.parts)))
     loss = float(np.exp(rng.uniform(np.log(0.04), np.log(0.8))))
-    if course == "constant":
+    if time_profile == "constant":
         # as designed but for what is lost
         theta[name] = 1.0
     n = 2 if family == "two sets" else 9 if family == "nine sets" else _length(rng)
-    return _lost(family, number, world, rng, theta, M, {name: -loss}, ("parameter", name), n, course, loss)
+    return _lost(family, number, world, rng, theta, M, {name: -loss}, ("parameter", name), n, time_profile, loss)
 
 
-def _lost(family, number, world, rng, theta, M, change, place, n, course, loss):
+def _lost(family, number, world, rng, theta, M, change, place, n, time_profile, loss):
     sound = world.stiffness(theta)
     lost = world.stiffness({p: x * (1 + change.get(p, 0.0)) for p, x in theta.items()})
     # the first block after the step
     at = n // 2 if n < 10 else int(rng.integers(n // 4, 3 * n // 4))
-    data = measured(world, rng, lambda k: (lost if course == "constant" or k >= at else sound, M), n, sound=(sound, M))
+    data = measured(world, rng, lambda k: (lost if time_profile == "constant" or k >= at else sound, M), n,
+                    sound=(sound, M))
     return Record(family=family, number=number, world=world, data=data, places=frozenset([place]),
-                  hidden=place[1], size=-loss, course=course)
+                  hidden=place[1], size=-loss, time_profile=time_profile)
 
 
 def _two_sets(family, number, world, rng):
@@ -198,7 +199,7 @@ def _few(family, number, world, rng):
                 frequency_std_hz=s.frequency_std_hz[big]))
         data = ModalData(channels=(data.channels[k],), sets=tuple(sets))
     if not loss:
-        return replace(made, data=data, places=frozenset(), hidden="nothing", course="")
+        return replace(made, data=data, places=frozenset(), hidden="nothing", time_profile="")
     return replace(made, data=data)
 
 
@@ -247,7 +248,7 @@ def _sensor(family, number, world, rng):
 
     data = measured(world, rng, lambda k: (K, M), n, sensors=sensors)
     return Record(family=family, number=number, world=world, data=data, places=places, size=size,
-                  hidden=family, course="step" if at else "constant")
+                  hidden=family, time_profile="step" if at else "constant")
 
 
 def _temperature(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -275,7 +276,7 @@ def _environment(family, number, world, rng):
     known = not family.endswith("untold")
     data = measured(world, rng, state, n, environment=(lambda k: {column: float(value[k])}) if known else None)
     return Record(family=family, number=number, world=world, data=data, places=frozenset(), size=size,
-                  hidden=family, course=column)
+                  hidden=family, time_profile=column)
 
 
 def _outside(family, number, world, rng):
@@ -317,7 +318,7 @@ def _outside(family, number, world, rng):
         sound, whole = (alone, light), replace(world, rows=rows)
     data = measured(whole, rng, state, n, sound=sound)
     return Record(family=family, number=number, world=world, data=data, places=frozenset(), size=size,
-                  hidden=family, course="step" if at else "constant")
+                  hidden=family, time_profile="step" if at else "constant")
 
 
 _MADE = {

@@ -46,7 +46,7 @@ def run_one(record: Record, folder: Path) -> dict:
     path = record.world.write(folder / "model")
     begun = time.process_time()
     line = {"family": record.family, "number": record.number, "kind": record.world.kind, "hidden": record.hidden,
-            "size": record.size, "course": record.course}
+            "size": record.size, "time_profile": record.time_profile}
     try:
         groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
         prepared = prepare(path, groups=groups, sensors=record.world.sensors)
@@ -54,11 +54,13 @@ def run_one(record: Record, folder: Path) -> dict:
     except Exception as error:
         return line | {"judged": "error", "error": f"{type(error).__name__}: {error}",
                        "trace": traceback.format_exc(), "cpu_s": round(time.process_time() - begun, 2)}
-    limit = [x.limit for x in found.limits if (x.cause, x.location) in record.places and x.course == record.course]
+    limit = [x.size for x in found.detectable_sizes if (x.cause, x.location) in record.places
+             and x.time_profile == record.time_profile]
     return line | {
         "judged": judged(found, record), "verdict": found.verdict, "p": found.p_value, "adequacy": found.adequacy_p,
         "threshold": found.threshold, "limit": float(limit[0]) if limit and np.isfinite(limit[0]) else None,
-        "findings": [{"cause": f.cause, "location": f.location, "course": f.course, "size": f.size, "std": f.size_std,
+        "findings": [{"cause": f.cause, "location": f.location, "time_profile": f.time_profile, "size": f.size,
+                      "std": f.size_std,
                       "probability": f.posterior_probability, "z": f.z,
                       "alternatives": [[a.cause, a.location, round(a.posterior_probability, 3)]
                                        for a in f.alternatives]} for f in found.findings],

@@ -69,8 +69,8 @@ def plain_std(data: np.ndarray) -> np.ndarray:
     moved = []
     for j in range(PARTS):
         part = data[j * length: (j + 1) * length + 2 * BLOCK_ROWS]
-        deviation = (plain_covariances(part) - covariance) / np.sqrt(PARTS * (PARTS - 1))
-        moved.append((plain_poles(covariance + step * deviation)[0] - f) / step)
+        covariance_factors = (plain_covariances(part) - covariance) / np.sqrt(PARTS * (PARTS - 1))
+        moved.append((plain_poles(covariance + step * covariance_factors)[0] - f) / step)
     return np.linalg.norm(moved, axis=0)
 
 

@@ -54,11 +54,11 @@ def without_torsion(data: ModalData) -> ModalData:
     keep = [data.labels.index(name) for name in paper.MODES]
 
     def four(s: ModalSet) -> ModalSet:
-        deviation = None if s.deviation is None else replace(
-            s.deviation, ln_frequency=s.deviation.ln_frequency[keep], damping_ratio=s.deviation.damping_ratio[keep],
-            shape=s.deviation.shape[:, keep])
+        own = s.covariance_factors
+        own = None if own is None else replace(own, ln_frequency=own.ln_frequency[keep],
+                                               damping_ratio=own.damping_ratio[keep], shape=own.shape[:, keep])
         names = ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")
-        return replace(s, shape=s.shape[:, keep], shape_std=s.shape_std[:, keep], deviation=deviation,
+        return replace(s, shape=s.shape[:, keep], shape_std=s.shape_std[:, keep], covariance_factors=own,
                        **{name: getattr(s, name)[keep] for name in names})
 
     return replace(data, sets=tuple(four(s) for s in data.sets), labels=paper.MODES)

@@ -143,7 +143,7 @@ TABLES = {
     "key": ("initial", "inital", ("inital", "did you mean 'initial'")),
     "bounds": ("lower = -0.6", "lower = 0.9", ("parameters.toml, parameter low", "bounds")),
     "outside": ("initial = 0.0", "initial = 1.0", ("parameters.toml, parameter low", "outside")),
-    "deviation": ("std = 0.2", "std = -0.2", ("parameters.toml, parameter low", "not positive")),
+    "covariance_factors": ("std = 0.2", "std = -0.2", ("parameters.toml, parameter low", "not positive")),
     "quoted": ("std = 0.2", 'std = "0.2"', ("parameter low, std", "not a number")),
     "both": ("std = 0.2", "std = 0.2\ncov = 0.1", ("exactly one",)),
     "cov of zero": ("std = 0.2", "cov = 0.2", ("give 'std'",)),

@@ -15,7 +15,7 @@ from command_cases import write_building, write_campaign
 import probupdate
 from probupdate.cli import EXAMPLES, build_parser, main
 from probupdate.io.result_table import OWN_UNIT, json_object, plain_value, table_of, with_units
-from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
+from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, read_modes, write_modes
 
 PACKAGE = Path(probupdate.__file__).parent
 KEYS = {"command", "summary", "files", "table"}
@@ -113,7 +113,7 @@ def test_a_mistake_prints_nothing_else(tmp_path, capsys):
 
 def test_hdf5_files_are_groups_of_xarray(tmp_path):
     shape = np.arange(12, dtype=complex).reshape(4, 3)
-    deviation = ModalDeviation(
+    covariance_factors = CovarianceFactors(
         ln_frequency=np.ones((3, 5)), damping_ratio=np.zeros((3, 5)), shape=np.ones((4, 3, 5), complex)
     )
     one = ModalSet(
@@ -123,7 +123,7 @@ def test_hdf5_files_are_groups_of_xarray(tmp_path):
         damping_ratio=np.full(3, 0.01),
         frequency_std_hz=np.full(3, 0.001),
         shape_std=np.full((4, 3), 0.02),
-        deviation=deviation,
+        covariance_factors=covariance_factors,
     )
     write_modes(ModalData(channels=tuple("abcd"), sets=(one,)), tmp_path / "modes.json")
     with xarray.open_dataset(tmp_path / "modes.deviations.h5", group=one.id, engine="h5netcdf") as found:
@@ -133,7 +133,8 @@ def test_hdf5_files_are_groups_of_xarray(tmp_path):
             "channel": 4,
         }
         assert float(found["ln_frequency"].sum()) == 15.0
-    np.testing.assert_allclose(read_modes(tmp_path / "modes.json").sets[0].deviation.shape, deviation.shape)
+    np.testing.assert_allclose(read_modes(tmp_path / "modes.json").sets[0].covariance_factors.shape,
+                               covariance_factors.shape)
 
 
 def test_tables_have_units_and_json_its_nulls(tmp_path):

@@ -5,7 +5,7 @@ import probupdate
 from probupdate.diagnosis.diagnose import CHANCE
 from probupdate.virtual.modal_blocks import simulate_modes
 
-STEP = {"course": "step", "at_hour": 360.0}
+STEP = {"time_profile": "step", "at_hour": 360.0}
 
 
 def found_in(turbine, seed, *effects, extend=False):

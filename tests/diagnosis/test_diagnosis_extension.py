@@ -33,12 +33,12 @@ def prepared(frame_file):
     return prepare(frame_file)
 
 
-def included(observe, size, course):
+def included(observe, size, time_profile):
     return IncludedEffect(
         effect=Effect(
-            kind="measurement", cause="test", location="", unit="-", tolerance=0.0, slab=1.0, observe=observe
+            kind="measurement", cause="test", location="", unit="-", tolerance=0.0, prior_scale=1.0, observe=observe
         ),
-        course=course,
+        time_profile=time_profile,
         size=size,
     )
 
@@ -107,7 +107,7 @@ def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record
     untouched = [k for k, c in enumerate(data.channels) if c != "y4"]
     np.testing.assert_array_equal(again.sets[0].shape[untouched], data.sets[0].shape[untouched])
     before, after = (content["extension"][side] for side in ("before", "after"))
-    # fifteen deviations of one per cent on one row of four shapes
+    # fifteen standard deviations of one per cent on one row of four shapes
     assert after["misfit"] < before["misfit"] - 10
     assert content["extension"]["joint"]["findings"][0]["identified"] is True
     # the mean's file is what an update or a chain starts from
@@ -142,8 +142,8 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
     those of the model the size was fitted in."""
     path = reference_model("updated")
     row = next(r for r in turbine_effects(read_description(path)) if r.adds.name == "brace_BC_2")
-    told = described(row.adds, IncludedEffect(effect=row, course=step_profile(40, 20), size=-0.6))
-    model = load_model(write_extended(path, [told], tmp_path / "diagnosis.model.toml"))
+    found_here = described(row.adds, IncludedEffect(effect=row, time_profile=step_profile(40, 20), size=-0.6))
+    model = load_model(write_extended(path, [found_here], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
     assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
     theta = np.array(model.parameters.initial)
@@ -158,9 +158,9 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
 
 def test_findings_of_parameters_leave_the_model_as_it_is(stepped):
     prepared, data, outcome = stepped
-    told = extend(prepared, outcome, data)
-    assert told.model is None
-    (added,) = told.content["added"]
+    found_here = extend(prepared, outcome, data)
+    assert found_here.model is None
+    (added,) = found_here.content["added"]
     assert added["parameter"] == "k3" and "in question" in added["as"]
 
 
@@ -168,7 +168,7 @@ def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
     outcome = stepped[2]
     problem = outcome.problem
     (one,) = outcome.fitted.included
-    assert one.course.at == 18 and outcome.diagnosis.findings[0].course_start == problem.blocks.ids[18]
+    assert one.time_profile.at == 18 and outcome.diagnosis.findings[0].time_profile_start == problem.blocks.ids[18]
     # from the block before it, whatever the grid holds
     effect = next(j for j, e in enumerate(problem.effects) if e is one.effect)
     assert sharpened(problem, outcome.null, effect, step_profile(len(problem.blocks), 17)).at == 18
@@ -185,19 +185,19 @@ def grouped(frame_file, record, tmp_path_factory):
     data = record(4, storey=slice(0, 2), factor=0.9, from_block=18)
     outcome = examine(prepared, data)
     out = tmp_path_factory.mktemp("grouped") / "diagnosis.json"
-    told = extend(prepared, outcome, data, out, sampler=SamplerSettings(seed=3, target_ess=400, max_steps=3000))
-    return prepared, data, outcome, told, out
+    found_here = extend(prepared, outcome, data, out, sampler=SamplerSettings(seed=3, target_ess=400, max_steps=3000))
+    return prepared, data, outcome, found_here, out
 
 
 def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(grouped):
-    prepared, _, outcome, told, out = grouped
+    prepared, _, outcome, found_here, out = grouped
     (one,) = outcome.fitted.included
-    (added,) = told.content["added"]
-    assert (added["as"], added["parameter"], told.model) == ("parameter", "lower_storeys", "diagnosis.model.toml")
-    model = load_model(out.with_name(told.model))
+    (added,) = found_here.content["added"]
+    assert (added["as"], added["parameter"], found_here.model) == ("parameter", "lower_storeys", "diagnosis.model.toml")
+    model = load_model(out.with_name(found_here.model))
     plain = load_model(prepared.path)
     assert "block 19" in model.parameters.items[-1].description
-    assert model.parameters.items[-1].std == one.effect.slab
+    assert model.parameters.items[-1].std == one.effect.prior_scale
     theta = plain.parameters.initial
     moved = np.array(theta)
     moved[:2] += 0.1 * one.size
@@ -205,22 +205,22 @@ def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(groupe
                                rtol=1e-12)
     np.testing.assert_allclose(model.solve([*theta, 0.0], 4).frequency_hz, plain.solve(theta, 4).frequency_hz,
                                rtol=1e-12)
-    # what its members were pushed by is its own now
-    before, after = ({p["name"]: p for p in told.content[side]["parameters"]} for side in ("before", "after"))
-    assert all(before[n]["pushed"] < -1.5 and abs(after[n]["pushed"]) < 0.5 for n in ("k1", "k2"))
+    # what its members were shifted by is its own now
+    before, after = ({p["name"]: p for p in found_here.content[side]["parameters"]} for side in ("before", "after"))
+    assert all(before[n]["prior_shift"] < -1.5 and abs(after[n]["prior_shift"]) < 0.5 for n in ("k1", "k2"))
     assert abs(after["lower_storeys"]["map"] - one.size) < after["lower_storeys"]["std"]
 
 
 def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, tmp_path):
     """The chain is that of `probupdate sample` on the files with the same settings."""
-    *_, told, out = grouped
-    model, mean = (out.with_name(told.content["files"][key]) for key in ("model", "mean"))
-    after = told.content["after"]["parameters"]
+    *_, found_here, out = grouped
+    model, mean = (out.with_name(found_here.content["files"][key]) for key in ("model", "mean"))
+    after = found_here.content["after"]["parameters"]
     again = probupdate.update(model, mean)
     np.testing.assert_allclose(again.map_theta, [p["map"] for p in after], rtol=1e-4, atol=1e-5)
-    asked = told.content["sampler"]
+    asked = found_here.content["sampler"]
     drawn = probupdate.sample(model, mean, tmp_path / "posterior.nc", seed=3, target_ess=400, max_steps=400)
-    kept = read_posterior(out.with_name(told.content["files"]["posterior"]))
+    kept = read_posterior(out.with_name(found_here.content["files"]["posterior"]))
     assert kept.names == drawn.names and kept.fingerprint == drawn.fingerprint
     assert asked["draws"] == len(kept.draws)
     np.testing.assert_allclose([p["mean"] for p in asked["parameters"]], kept.draws.mean(axis=0), rtol=1e-12)
@@ -233,13 +233,14 @@ def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, 
 
 
 def test_the_chain_is_laplaces_where_that_is_close(grouped):
-    """Nearly Gaussian: means and deviations to three errors of the chain, and a tenth of a deviation for what bends."""
-    told = grouped[3].content
-    chain = told["sampler"]
+    """Nearly Gaussian: means and standard deviations to three errors of the chain, and a tenth of a standard deviation
+    for what bends."""
+    found_here = grouped[3].content
+    chain = found_here["sampler"]
     assert chain["converged"] and chain["verdict"].startswith("Converged")
     assert (chain["seed"], chain["effective_draws_asked"], chain["steps_at_most"]) == (3, 400, 3000)
     assert 0.1 < chain["acceptance"] < 0.9
-    laplace = {p["name"]: p for p in told["after"]["parameters"]}
+    laplace = {p["name"]: p for p in found_here["after"]["parameters"]}
     assert set(laplace) == {p["name"] for p in chain["parameters"]}
     for p in chain["parameters"]:
         own, error = laplace[p["name"]], 1 / np.sqrt(p["effective_draws"])
@@ -247,9 +248,9 @@ def test_the_chain_is_laplaces_where_that_is_close(grouped):
         assert abs(p["mean"] - own["map"]) < (0.1 + 3 * error) * own["std"]
         assert abs(np.log(p["std"] / own["std"])) < 0.1 + 3 * error / np.sqrt(2)
         width = p["q95"] - p["q05"]
-        # 3.29 deviations; a quantile at 5 % is known to 2.1 errors of a mean
+        # 3.29 standard deviations; a quantile at 5 % is known to 2.1 errors of a mean
         assert p["q05"] < p["q50"] < p["q95"] and abs(width / p["std"] - 3.29) < 0.1 + 3 * 2.1 * np.sqrt(2) * error
-    words = told["statements"]
+    words = found_here["statements"]
     assert any("asked for 400 effective draws in at most 3000 steps" in s for s in words)
     assert any("approximation agree" in s for s in words) and not any("not converged" in s for s in words)
 
@@ -274,10 +275,10 @@ def test_a_sampler_that_fails_leaves_the_findings(grouped, monkeypatch, tmp_path
 
     monkeypatch.setattr(extension_sampling, "sample_posterior", fails)
     prepared, data, outcome, before, _ = grouped
-    told = extend(prepared, outcome, data, tmp_path / "d.json", sampler=SamplerSettings())
-    assert told.content["after"] == before.content["after"] and told.model == "d.model.toml"
-    assert words in told.content["sampler"]["refused"] and told.content["files"]["posterior"] is None
-    assert any("gave no posterior" in s and words in s for s in told.content["statements"])
+    found_here = extend(prepared, outcome, data, tmp_path / "d.json", sampler=SamplerSettings())
+    assert found_here.content["after"] == before.content["after"] and found_here.model == "d.model.toml"
+    assert words in found_here.content["sampler"]["refused"] and found_here.content["files"]["posterior"] is None
+    assert any("gave no posterior" in s and words in s for s in found_here.content["statements"])
     assert not (tmp_path / "d.posterior.nc").exists()
 
 
@@ -288,23 +289,23 @@ def test_where_the_chain_and_laplace_part_is_said_with_how_much():
                  {"name": "near", "mean": 1.04, "std": 0.1, "effective_draws": 400.0},
                  {"name": "shifted", "mean": 1.2, "std": 0.1, "effective_draws": 400.0},
                  {"name": "wide", "mean": 1.0, "std": 0.2, "effective_draws": 400.0},
-                 # a shift of 0.8 deviations is no more than nine effective draws may show
+                 # a shift of 0.8 standard deviations is no more than nine effective draws may show
                  {"name": "few", "mean": 1.08, "std": 0.1, "effective_draws": 9.0},
                  {"name": "stuck", "mean": 1.0, "std": 0.0, "effective_draws": float("nan")}]}
     laplace = [{"name": p["name"], "map": 1.0, "std": 0.1} for p in chain["parameters"]]
     said = extension_sampling.sampler_statements(chain, laplace)[2:]
     assert said == [
-        "shifted: sampled, its mean 1.2 is 2.0 deviations above the maximum 1",
-        "wide: sampled, its deviation 0.2 is 2.00 times Laplace's 0.1",
-        "stuck: the chain tells nothing of it, as its walkers did not move",
+        "shifted: sampled, its mean 1.2 is 2.0 standard deviations above the maximum 1",
+        "wide: sampled, its standard deviation 0.2 is 2.00 times Laplace's 0.1",
+        "stuck: the chain says nothing of it, as its walkers did not move",
     ]
 
 
 def test_a_size_that_the_mean_tells_otherwise_is_said_with_both():
     row = {"name": "mass", "prior": 0.0, "map": 5726.0, "std": 5133.0}
-    one = {"as": "parameter", "parameter": "mass", "course": "step", "size": 24513.0, "size_std": 2569.0}
+    one = {"as": "parameter", "parameter": "mass", "time_profile": "step", "size": 24513.0, "size_std": 2569.0}
     (words,) = size_statements([one], [row])
     assert "2.451e+04 +- 2.6e+03" in words and "5726 +- 5.1e+03" in words and "as a change" in words
     assert not size_statements([one | {"size": 12000.0}], [row])
-    assert not size_statements([one | {"course": "ramp"}], [row])
+    assert not size_statements([one | {"time_profile": "ramp"}], [row])
     assert not size_statements([one | {"as": "other"}], [row])

@@ -1,11 +1,11 @@
-"""Fingerprints of parameters and of sensors' effects against differences of whole identified modes, pairs mixed."""
+"""Signatures of parameters and of sensors' effects against differences of whole identified modes, pairs mixed."""
 
 import numpy as np
 import pytest
 
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.evidence import length_std
-from probupdate.diagnosis.expected import departures_at, signatures_at
+from probupdate.diagnosis.expected import residuals_at, signatures_at
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures
@@ -84,7 +84,7 @@ def test_one_basis_serves_every_nacelle_angle():
         (((coupling, change),),) = local.derivatives(slopes, [(37.0, modes, [members])])
         own = list(members)
         slope = np.array([coupling[i, i] / (8 * np.pi**2 * modes.frequency_hz[j]) for i, j in enumerate(own)])
-        # what a prior deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
+        # what a prior standard deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
         assert np.max(np.abs(slope - exact.frequency_derivative[own]) * p.std / exact.frequency_hz[own, None]) < 1e-4
         sign = np.sign(np.sum(local.shapes(modes, 5)[:, own] * exact.shape[:, own], axis=0))
         apart = np.abs(change * sign[:, None] - exact.shape_derivative[:, own]) * p.std
@@ -105,7 +105,7 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine):
     small_before = turbine.small.at(small_start).solve().frequency_hz[others]
     np.testing.assert_allclose(small_before, before, rtol=3e-4)
     for row in rows[::3]:
-        size = row.slab if row.upper > 0 else -row.slab
+        size = row.prior_scale if row.upper > 0 else -row.prior_scale
         moved, small_moved = start.copy(), small_start.copy()
         moved[names.index(row.adds.name)] += size
         small_moved[small_names.index(row.adds.name)] += size
@@ -129,7 +129,7 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
         for q, own in enumerate(owns):
             length = np.abs(lines[q]).max(axis=(0, 1))
             # at its usual size it must do something that could be seen at all
-            seen = length * np.array([e.slab for e in problem.effects]) > 1e-6
+            seen = length * np.array([e.prior_scale for e in problem.effects]) > 1e-6
             assert seen.sum() > 0.9 * len(seen)
             assert np.all(np.abs(lines[q][k] - own).max(axis=0)[seen] < 0.02 * length[seen])
 
@@ -139,23 +139,23 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
     problem, theta = diagnosis_problem(turbine, record)
     fitted = fit(problem, theta)
     (water,) = [e for e in problem.effects if e.cause == "wetted length"]
-    (course,) = [c for c in problem.courses if c.column == "water_level_m"]
-    told = length_std(problem, fitted, IncludedEffect(effect=water, course=course, size=1.0))
+    (time_profile,) = [c for c in problem.time_profiles if c.column == "water_level_m"]
+    found_here = length_std(problem, fitted, IncludedEffect(effect=water, time_profile=time_profile, size=1.0))
     names, rows = tuple(name for name, _ in water.increments), list(problem.updated)
     field, rng, made = problem.predictor, np.random.default_rng(2), []
     covariance = fitted.design.unknowns_cov(range(len(rows)))
     for number in range(61):
         theta = fitted.theta.copy()
         if number:
-            # a tenth of the deviation, so that only what is of first order counts
+            # a tenth of the standard deviation, so that only what is of first order counts
             theta[rows] += 0.1 * rng.multivariate_normal(np.zeros(len(rows)), covariance)
         local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
         made.append([f[0, :, 0] for f in signatures_at(field, local, [water], names, problem.bins[0][:1])])
     precision = fitted.design.noise.precision
     lengths = [sum(x @ P @ y for x, P, y in zip(own, precision, made[0], strict=True)) for own in made]
     drawn = 10 * np.std(lengths[1:]) / lengths[0]
-    # sixty draws know a deviation to 9 %
-    assert told == pytest.approx(drawn, rel=0.3) and told > 0.05
+    # sixty draws know a standard deviation to 9 %
+    assert found_here == pytest.approx(drawn, rel=0.3) and found_here > 0.05
 
 
 @pytest.mark.parametrize("k", [1, 2])
@@ -191,18 +191,18 @@ def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing():
 
 def test_departures_far_from_the_model_change_as_the_design_says(prepared, record):
     """Where half of a storey is amiss what is left over is large; its derivative with the parameters is still that of
-    the fingerprints, to the second order of the differences."""
+    the signatures, to the second order of the differences."""
     problem, _ = diagnosis_problem(prepared, record(6, storey=3, factor=0.5))
     theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
-    noise = noise_of(problem, departures_at(problem, theta, ()))
-    design, departures, _ = linearised(problem, theta, (), noise, departures_at(problem, theta, ()))
-    assert max(np.abs(y).max() for y in departures) > 0.2
+    noise = noise_of(problem, residuals_at(problem, theta, ()))
+    design, residuals, _ = linearised(problem, theta, (), noise, residuals_at(problem, theta, ()))
+    assert max(np.abs(y).max() for y in residuals) > 0.2
     for number, k in enumerate(problem.updated):
         sides = []
         for h in (1e-4, -1e-4):
             moved = theta.copy()
             moved[k] += h
-            sides.append(departures_at(problem, moved, ()))
+            sides.append(residuals_at(problem, moved, ()))
         unknowns = np.zeros(design.n_unknown)
         unknowns[number] = 1.0
         for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):
@@ -214,18 +214,18 @@ def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
     """What goes along a ramp enters by its signature: beside what the sensors do already, as a constant does that is as
     large as the ramp is in that block."""
     problem, theta = diagnosis_problem(prepared, record(6))
-    constant = next(c for c in problem.courses if c.kind == "constant")
+    constant = next(c for c in problem.time_profiles if c.kind == "constant")
     n = len(problem.blocks)
     ramp = TimeProfile(kind="ramp", value=np.linspace(0.0, 1.0, n))
     reversed_ = next(e for e in problem.effects if e.cause == "sensor polarity")
     storey = next(e for e in problem.effects if e.observe is None)
-    known = IncludedEffect(effect=reversed_, course=constant, size=reversed_.discrete[0])
+    known = IncludedEffect(effect=reversed_, time_profile=constant, size=reversed_.discrete[0])
     size = 0.01
-    plain = departures_at(problem, theta, (known,))
-    along = departures_at(problem, theta, (known, IncludedEffect(effect=storey, course=ramp, size=size)))
-    whole = departures_at(problem, theta, (known, IncludedEffect(effect=storey, course=constant, size=size)))
-    unseen = departures_at(problem, theta, (IncludedEffect(effect=storey, course=constant, size=size),))
-    without = departures_at(problem, theta, ())
+    plain = residuals_at(problem, theta, (known,))
+    along = residuals_at(problem, theta, (known, IncludedEffect(effect=storey, time_profile=ramp, size=size)))
+    whole = residuals_at(problem, theta, (known, IncludedEffect(effect=storey, time_profile=constant, size=size)))
+    unseen = residuals_at(problem, theta, (IncludedEffect(effect=storey, time_profile=constant, size=size),))
+    without = residuals_at(problem, theta, ())
     for a, b, c in zip(along, plain, whole, strict=True):
         moved = np.abs(c[-1] - b[-1]).max()
         # to the second order of one per cent of stiffness

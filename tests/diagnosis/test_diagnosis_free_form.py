@@ -65,7 +65,7 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     assert known.diagnosis.verdict != "named"
     found = free_form(frame, known, data)
     (part,) = found.content["parts"]
-    assert (part["cause"], part["location"], part["course"], part["elementary"]) == (cause, where, "step", True)
+    assert (part["cause"], part["location"], part["time_profile"], part["elementary"]) == (cause, where, "step", True)
     size = hidden.get("spring") or hidden["mass"]
     assert part["size"] == pytest.approx(size, abs=3 * part["size_std"]) and part["size_std"] < 0.3 * size
     assert part["since"] == data.sets[20].id and found.content["complete"]

@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 from probupdate.diagnosis import gain
-from probupdate.diagnosis.expected import departures_at
-from probupdate.diagnosis.fitting import centred_departures, design_at, fit
+from probupdate.diagnosis.expected import residuals_at
+from probupdate.diagnosis.fitting import centred_residuals, design_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
-from probupdate.diagnosis.prediction import carried, columns, course_factors, crps, predict
+from probupdate.diagnosis.prediction import carried, columns, crps, predict, profile_factors
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
@@ -31,7 +31,8 @@ def make_design(seed=3, included=(), n_block=N_BLOCK, discrepancy_std=0.3, model
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=np.array([0.5, 1.0, 2.0]),
         discrepancy_std=tuple(np.full(m, discrepancy_std) for m in SIZES), effect=effect,
-        courses=(TimeProfile(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noises,
+        time_profiles=(TimeProfile(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int),
+                  noise=noises,
         included=tuple(included), model_errors=tuple(model_errors),
     )
 
@@ -46,7 +47,7 @@ def dense(design, rows):
                 continue
             own, numbers = columns(design, q, design.bin_of[b])
             full = np.zeros((m, design.n_unknown))
-            full[:, numbers] = own * course_factors(design, q, np.array([b]))
+            full[:, numbers] = own * profile_factors(design, q, np.array([b]))
             X.append(full)
             R.append(design.noise.covariance[q] / w)
             places.append((q, at))
@@ -71,7 +72,7 @@ def test_predictive_density_is_that_of_the_written_out_joint_normal():
     error_scale = tuple(np.random.default_rng(7).uniform(0.1, 0.3, (2, m)) for m in SIZES)
     design = make_design(included=included, model_errors=((included[0][1], error_scale),))
     y = design.simulate(np.random.default_rng(8))
-    held = gain.stretches(N_BLOCK) == 1
+    held = gain.folds(N_BLOCK) == 1
     found = predict(design, y, held)
     train, test = np.flatnonzero(~held), np.flatnonzero(held)
     Xt, Rt, places_t = dense(design, train)
@@ -95,10 +96,10 @@ def test_predictive_density_is_that_of_the_written_out_joint_normal():
 
 
 def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
-    """The squared distance of a held-out stretch is chi-square; 60 records, each predicted once from the rest."""
+    """The squared distance of a held-out fold is chi-square; 60 records, each predicted once from the rest."""
     design = make_design(n_block=30)
     rng = np.random.default_rng(9)
-    held = gain.stretches(30) == 2
+    held = gain.folds(30) == 2
     u = []
     for _ in range(60):
         found = predict(design, design.simulate(rng), held)
@@ -107,29 +108,30 @@ def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
     assert stats.kstest(u, "uniform").pvalue > 1e-3
 
 
-def shifted(design, course, rng):
-    """A record of the design in which its first effect has the size `course` (n_block,)."""
-    return [np.where(w[:, None] > 0, y + course[:, None] * effect[design.bin_of, :, 0], 0.0)
+def shifted(design, time_profile, rng):
+    """A record of the design in which its first effect has the size `time_profile` (n_block,)."""
+    return [np.where(w[:, None] > 0, y + time_profile[:, None] * effect[design.bin_of, :, 0], 0.0)
             for y, effect, w in zip(design.simulate(rng), design.effect, design.noise.weight, strict=True)]
 
 
 @pytest.mark.parametrize("snr", [6.0, 12.0])
 def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
-    """log score: d^2 / 2 +- d for an effect of SNR d, d told by the design alone."""
-    course = step_profile(N_BLOCK, 30)
+    """log score: d^2 / 2 +- d for an effect of SNR d, d given by the design alone."""
+    time_profile = step_profile(N_BLOCK, 30)
     plain = make_design()
     rng = np.random.default_rng(10)
-    trial = make_design(included=((0, course, 1.0),))
+    trial = make_design(included=((0, time_profile, 1.0),))
     d_unit = 1 / np.sqrt(trial.unknowns_cov([N_NUISANCE])[0, 0] ** -1 - 1.0) ** -1
     size = snr / d_unit
-    extended = make_design(included=((0, course, size),))
+    extended = make_design(included=((0, time_profile, size),))
     gains, errors = [], []
     for _ in range(8):
-        y = shifted(plain, size * course.value, rng)
+        y = shifted(plain, size * time_profile.value, rng)
         found = gain.contest((plain, y), (extended, y))
         gains.append(found.elpd)
         errors.append(found.elpd_se)
-    # mean of eight, each with deviation d; what four fifths of the record leave unsure of the size costs a little more
+    # mean of eight, each with standard deviation d; what four fifths of the record leave unsure of the size costs a
+    # little more
     expected = snr**2 / 2
     assert abs(np.mean(gains) - expected) < 3.3 * snr / np.sqrt(8) + 0.1 * expected
     # d / 2 standard errors
@@ -140,7 +142,7 @@ def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
 
 @pytest.mark.parametrize("noise", [1.0, 0.02])
 def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
-    """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the departure. What a
+    """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the offset. What a
     prediction from four fifths of the record misses of the whole record's is then many times the noise."""
     plain, snr = make_design(noise=noise), 8.0
     constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
@@ -155,13 +157,13 @@ def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
     assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
     # chi-square of 11 degrees of freedom, 99.9 %
     assert 0.4 < np.std(gains, ddof=1) / errors.mean() < 1.7
-    # the larger of two, one of which is told by eight batches alone
+    # the larger of two, one of which is estimated from eight batches alone
     assert np.median(errors) == pytest.approx(snr, rel=0.5)
 
 
 def test_gain_where_one_stretch_alone_tells_an_unknown():
-    """A tolerance that shows at one heading, which the nacelle had in the first stretch only: left out, that stretch is
-    foretold far worse than the rest, which must not make what all share less than nothing."""
+    """A tolerance that shows at one heading, which the nacelle had in the first fold only: left out, that fold is
+    predicted far worse than the rest, which must not make what all share less than nothing."""
     snr, rng = 8.0, np.random.default_rng(14)
     constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
 
@@ -178,16 +180,16 @@ def test_gain_where_one_stretch_alone_tells_an_unknown():
     for _ in range(12):
         y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
-    fold, prior = gain.stretches(N_BLOCK), plain.prior_std
+    fold, prior = gain.folds(N_BLOCK), plain.prior_std
     shared, own = gain._shared(plain, carried(plain, y, np.arange(N_BLOCK))[1],
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
-        # of numbers of one, as the prior's deviations are; without the mend -0.04
+        # of numbers of one, as the prior's standard deviations are; without the mend -0.04
         assert np.linalg.eigvalsh(covariance / np.outer(prior, prior))[0] > -1e-9
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
-    # as where all stretches tell the same: half the squared SNR, each with deviation SNR
+    # as where all folds show the same: half the squared SNR, each with standard deviation SNR
     assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
-    # chi-square of 11 degrees of freedom, 99.9 %; too large is what it may be, as differences of stretches cancel
+    # chi-square of 11 degrees of freedom, 99.9 %; too large is what it may be, as differences of folds cancel
     assert np.std(gains, ddof=1) / errors.mean() < 1.7
 
 
@@ -209,9 +211,9 @@ def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown
     ratio = []
     for plain in (short, long):
         n = len(plain.bin_of)
-        course = TimeProfile(kind="constant", value=np.ones(n))
-        extended = make_design(n_block=n, discrepancy_std=0.5, included=((0, course, 2.0),))
-        y = shifted(plain, 1.5 * course.value, np.random.default_rng(12))
+        time_profile = TimeProfile(kind="constant", value=np.ones(n))
+        extended = make_design(n_block=n, discrepancy_std=0.5, included=((0, time_profile, 2.0),))
+        y = shifted(plain, 1.5 * time_profile.value, np.random.default_rng(12))
         found = gain.contest((plain, y), (extended, y))
         ratio.append(found.elpd / found.elpd_se)
     # with independent blocks four times as many would double it
@@ -221,12 +223,12 @@ def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown
 def test_each_side_of_a_step_is_told_by_other_stretches():
     class One:
         def __init__(self, at):
-            self.course = step_profile(48, at)
+            self.time_profile = step_profile(48, at)
 
     assert gain.how_many(48, []) == gain.how_many(48, [One(24)]) == gain.N_FOLD
     for at in (8, 40):
         n = gain.how_many(48, [One(at)])
-        fold = gain.stretches(48, n)
+        fold = gain.folds(48, n)
         for side in (fold[:at], fold[at:]):
             assert max(np.bincount(side)) <= len(side) / 2 + 1
 
@@ -255,41 +257,43 @@ def test_error_of_a_sum_counts_correlation():
 def test_a_finding_carries_its_gain(stepped):
     """A storey that loosens by a tenth: what it gains, in the keys that outside readers rely on."""
     prepared, data, outcome = stepped
-    (told,) = gain.gains(prepared, outcome)
-    assert told["significant"] is True and told["heldout_elpd"] > 4 * told["heldout_elpd_se"] > 0
+    (found_here,) = gain.gains(prepared, outcome)
+    assert found_here["significant"] is True and found_here["heldout_elpd"] > 4 * found_here["heldout_elpd_se"] > 0
     # 10 % of one of five storeys moves frequencies by about 1 %; blocks are good to 0.1 %
-    assert told["max_frequency_error_after"] < 0.002 < 0.004 < told["max_frequency_error_before"]
-    assert told["crps_frequency_after"] < told["crps_frequency_before"] and told["min_mac_after"] > 0.999
-    assert {s["level"] for s in told["heldout_sensors"]} == set(data.channels)
-    assert told["fatigue"] == {} and set(told["parameter_shifts"]) == {"k1", "k2", "k3", "k4", "k5"}
-    assert "predicted better" in told["statement"]
+    assert found_here["max_frequency_error_after"] < 0.002 < 0.004 < found_here["max_frequency_error_before"]
+    assert found_here["crps_frequency_after"] < found_here["crps_frequency_before"]
+    assert found_here["min_mac_after"] > 0.999
+    assert {s["level"] for s in found_here["heldout_sensors"]} == set(data.channels)
+    assert found_here["fatigue"] == {} and set(found_here["parameter_shifts"]) == {"k1", "k2", "k3", "k4", "k5"}
+    assert "predicted better" in found_here["statement"]
 
 
 def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_linear_way(stepped):
     """The plain way: from where nothing is known the model is fitted to the other blocks alone, and the held-out ones
-    are predicted from there; frequencies of every stretch."""
+    are predicted from there; frequencies of every fold."""
     outcome = stepped[2]
     problem, fitted = outcome.problem, outcome.fitted
     noise, (one,) = fitted.design.noise, fitted.included
     for number in range(gain.N_FOLD):
-        held = gain.stretches(len(problem.blocks)) == number
+        held = gain.folds(len(problem.blocks)) == number
         linear = predict(gain.with_noise(fitted.design, noise), fitted.centred, held)
         train = np.flatnonzero(~held)
-        cut = replace(one, size=0.5 * one.size, course=replace(one.course, value=one.course.value[train]))
+        cut = replace(one, size=0.5 * one.size,
+                      time_profile=replace(one.time_profile, value=one.time_profile.value[train]))
         less = replace(problem, blocks=problem.blocks.taken(train), which=np.zeros((0, 2), int),
-                       courses=(TimeProfile(kind="constant", value=np.ones(len(train))),))
+                       time_profiles=(TimeProfile(kind="constant", value=np.ones(len(train))),))
         again = fit(less, problem.prior.initial, (cut,))
         # it came all the way, and not to the very place
         assert again.settled and abs(again.included[0].size - cut.size) > 0.3 * abs(one.size)
         assert not np.array_equal(again.theta, fitted.theta)
         included = (replace(one, size=again.included[0].size),)
         design = design_at(problem, again.theta, included, noise)
-        seen = departures_at(problem, again.theta, included)
+        seen = residuals_at(problem, again.theta, included)
         refitted = predict(gain.with_noise(design, noise),
-                           centred_departures(problem, design, again.theta, included, seen), held)
+                           centred_residuals(problem, design, again.theta, included, seen), held)
         for q in range(len(seen)):
             # what is predicted: frequencies seen there less what is left of them
-            known = seen[q][held].mean(axis=0)[:3] - fitted.departures[q][held].mean(axis=0)[:3]
+            known = seen[q][held].mean(axis=0)[:3] - fitted.residuals[q][held].mean(axis=0)[:3]
             difference = (refitted.residual[q] - linear.residual[q]).mean(axis=0)[:3]
             # the two linearise at places that differ by `known`: a tenth of it, and a fiftieth of what the mean of
             # eight blocks of 0.1 % is known to

@@ -1,4 +1,4 @@
-"""What is grossly wrong with sensors: found whatever a fit without it makes of it, in the order a signal takes."""
+"""What is far wrong with sensors: found whatever a fit without it makes of it, in the order a signal takes."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def test_exchanged_channels_are_named(prepared, record, first, second):
     found = probupdate.diagnose(prepared, of_sensors(data, lambda s: exchanged(s, *rows)), sampler=False)
     assert found.verdict == "named"
     (one,) = found.findings
-    assert (one.cause, one.location, one.course) == ("swapped channels", f"{first} and {second}", "constant")
+    assert (one.cause, one.location, one.time_profile) == ("swapped channels", f"{first} and {second}", "constant")
 
 
 def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
@@ -138,7 +138,8 @@ def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
 
         problem, theta = diagnosis_problem(prepared, of_sensors(data, change))
         effects = {(e.cause, e.location): e for e in problem.effects}
-        included = [IncludedEffect(effect=effects["sensor gain", channel], course=problem.courses[0], size=0.1)
+        included = [IncludedEffect(effect=effects["sensor gain", channel], time_profile=problem.time_profiles[0],
+                                   size=0.1)
                  for channel in ("x2", "y4")]
         fitted = fit(problem, theta, included)
         # what is there makes the record more probable
@@ -164,11 +165,11 @@ def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
 
 def test_sizes_tried_lie_within_the_bounds_and_reach_them():
     known = dict(kind="measurement", cause="a", location="b", unit="-", tolerance=0.0, observe=lambda s, f, x: (s, 0.0))
-    only = Effect(**known, slab=2.0, lower=-2.0, upper=0.0, discrete=(-2.0,))
+    only = Effect(**known, prior_scale=2.0, lower=-2.0, upper=0.0, discrete=(-2.0,))
     assert sizes_of(only) == [-2.0]
-    gain = Effect(**known, slab=0.1, lower=-0.98, upper=20.0)
+    gain = Effect(**known, prior_scale=0.1, lower=-0.98, upper=20.0)
     np.testing.assert_allclose(sizes_of(gain), [-0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8])
-    free = Effect(**known, slab=1.0)
+    free = Effect(**known, prior_scale=1.0)
     assert sizes_of(free) == sorted(sizes_of(free)) and np.isfinite(sizes_of(free)).all()
 
 
@@ -185,7 +186,7 @@ def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal():
     reference = Reference(tensor=np.diag([0.1, 0.2]), shape=shape)
     for order in (included, included[::-1]):
         np.testing.assert_allclose(observed([reference], order)[0].shape, cable @ sign @ turned @ shape, atol=1e-14)
-        found = [IncludedEffect(effect=e, course=None, size=size) for e, size in order]
+        found = [IncludedEffect(effect=e, time_profile=None, size=size) for e, size in order]
         A, shift = corrections(3, found, np.ones(3), 1.0)
         np.testing.assert_allclose(A, cable @ sign @ turned, atol=1e-14)
         assert shift == 0.0
@@ -201,7 +202,8 @@ def test_a_step_within_a_block_is_told_so(prepared, record):
     (one,) = outcome.fitted.included
     # the third storey, half of whose loss that block has
     assert one.effect.location == "k3"
-    assert one.course.value[17] == 0.0 and one.course.value[19] == 1.0 and 0.2 <= one.course.value[18] <= 0.8
+    value = one.time_profile.value
+    assert value[17] == 0.0 and value[19] == 1.0 and 0.2 <= value[18] <= 0.8
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.3])
@@ -211,10 +213,10 @@ def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor):
     design, rng = outcome.null.design, np.random.default_rng(8)
     noise = replace(design.noise, covariance=tuple(factor * c for c in design.noise.covariance))
     drawn = replace(design, noise=noise)
-    told = [neighbours_dispersion(outcome.problem, design, drawn.simulate(rng)) for _ in range(60)]
+    found_here = [neighbours_dispersion(outcome.problem, design, drawn.simulate(rng)) for _ in range(60)]
     # four standard errors; what is below one counts as one, which lifts the mean by 0.4 standard deviations of a record
-    lifted = 0.4 * np.std(told) if factor == 1.0 else 0.0
-    assert np.mean(told) == pytest.approx(factor + lifted, abs=4 * np.std(told) / np.sqrt(len(told)))
+    lifted = 0.4 * np.std(found_here) if factor == 1.0 else 0.0
+    assert np.mean(found_here) == pytest.approx(factor + lifted, abs=4 * np.std(found_here) / np.sqrt(len(found_here)))
 
 
 def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepared, record):
@@ -227,7 +229,7 @@ def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepar
     outcome = examine(prepared, replace(data, sets=sets))
     reversed_there = [n for n in outcome.fitted.included if n.effect.cause == "sensor polarity"]
     assert [n.effect.location for n in reversed_there] == ["y3"]
-    assert set(reversed_there[0].course.value) == {0.0, 1.0} and reversed_there[0].course.at in (20, 21)
+    assert set(reversed_there[0].time_profile.value) == {0.0, 1.0} and reversed_there[0].time_profile.at in (20, 21)
 
 
 def test_where_no_large_fault_fits_at_its_own_size_the_scores_choose(prepared, record, monkeypatch):
@@ -238,7 +240,7 @@ def test_where_no_large_fault_fits_at_its_own_size_the_scores_choose(prepared, r
 
 def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record, monkeypatch):
     """p of a thousand records drawn from the design: as many below every level as it says, as far as four hundred draws
-    tell a level (0.01 to 0.005)."""
+    show a level (0.01 to 0.005)."""
     outcome = examine(prepared, record(3))
     monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)

@@ -42,17 +42,17 @@ QUICK = (412, 413, 416, 418, 425)
     pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 8, marks=pytest.mark.long, id="others"),
 ])
 def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
-    right, told = 0, []
+    right, found_here = 0, []
     for seed, hidden, cause, location, size, tolerance in (case for case in HIDDEN if case[0] in seeds):
         found = found_in(turbine, seed, hidden)
         first = found.findings[0] if found.findings else None
-        told.append((cause, location, found.verdict, first and (first.cause, first.location, first.size)))
+        found_here.append((cause, location, found.verdict, first and (first.cause, first.location, first.size)))
         if first is None or (cause, location) not in names(first):
             continue
         right += 1
         if size is not None and (first.cause, first.location) == (cause, location):
-            assert first.size == pytest.approx(size, abs=3 * first.size_std + 3 * tolerance + 1e-9), told[-1]
-    assert right >= least, told
+            assert first.size == pytest.approx(size, abs=3 * first.size_std + 3 * tolerance + 1e-9), found_here[-1]
+    assert right >= least, found_here
 
 
 WET = {"kind": "wetted_length", "gain": 1.8}
@@ -68,8 +68,8 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
 ])
 def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted, extend):
     found = found_in(turbine, seed, *hidden, extend=extend)
-    told = set().union(*(names(f) for f in found.findings))
-    assert wanted <= told, (found.verdict, told)
+    found_here = set().union(*(names(f) for f in found.findings))
+    assert wanted <= found_here, (found.verdict, found_here)
 
 
 @pytest.mark.long

@@ -38,11 +38,11 @@ def prepared(tmp_path_factory):
 def test_the_shear_building_has_the_storey_stiffness_and_mass_by_hand():
     K, M = cases.stiffness_of({}, 12), frame.mass(12, False)
     assert K[9:11, 9:11].diagonal() / 1e6 == pytest.approx(STOREY_STIFFNESS, abs=0.005)
-    slabs = 4 * sum(frame.SLAB_KG)
+    prior_scales = 4 * sum(frame.SLAB_KG)
     steel = sum(7800 * {"column": frame.COLUMN, "beam": frame.BEAM, "brace": frame.BRACE}[m.kind][0]
                 * np.linalg.norm(frame.position_m(m.ends[1]) - frame.position_m(m.ends[0]))
                 * (0.5 if m.storey == 1 and m.kind != "beam" else 1.0) for m in frame.members())
-    assert M[0::3, 0::3].sum() == pytest.approx(slabs + steel, rel=1e-12)
+    assert M[0::3, 0::3].sum() == pytest.approx(prior_scales + steel, rel=1e-12)
     heavy = frame.mass(12, True)
     assert heavy[9, 9] - M[9, 9] == pytest.approx(150.0) and heavy[9, 11] == pytest.approx(150 * frame.BAY_M / 2)
 
@@ -88,15 +88,15 @@ def test_frequencies_of_the_frame_are_those_of_opensees():
                         1 if m.kind == "column" else 2)
         length = np.linalg.norm(frame.position_m(m.ends[1]) - frame.position_m(m.ends[0]))
         mass[list(m.ends)] += frame.DENSITY_KGPM3 * area * length / 2
-    for discrepancy_std, slab in enumerate(frame.SLAB_KG):
+    for discrepancy_std, prior_scale in enumerate(frame.SLAB_KG):
         nodes = np.arange(frame.N_PLAN * (discrepancy_std + 1), frame.N_PLAN * (discrepancy_std + 2))
         centre = np.array([frame.BAY_M, frame.BAY_M, frame.STOREY_M * (discrepancy_std + 1)])
         ops.node(100 + discrepancy_std, *centre.tolist())
         ops.fix(100 + discrepancy_std, 0, 0, 1, 1, 1, 0)
         ops.rigidDiaphragm(3, 100 + discrepancy_std, *[int(n) + 1 for n in nodes])
         away = sum(mass[n, 0] * np.sum((frame.position_m(n) - centre) ** 2) for n in nodes)
-        turning = 4 * slab * (frame.BAY_M**2 / 6 + frame.BAY_M**2 / 2) + away
-        along = float(4 * slab + mass[nodes, 0].sum())
+        turning = 4 * prior_scale * (frame.BAY_M**2 / 6 + frame.BAY_M**2 / 2) + away
+        along = float(4 * prior_scale + mass[nodes, 0].sum())
         ops.mass(100 + discrepancy_std, along, along, 0.0, 0.0, 0.0, float(turning))
         for n in nodes:
             ops.mass(int(n) + 1, 0.0, 0.0, float(mass[n, 2]), 1e-6, 1e-6, 0.0)
@@ -129,7 +129,7 @@ def test_the_loose_end_of_a_beam_changes_next_to_nothing():
 
 def test_a_mode_that_falls_by_a_third_and_stays_there_is_kept():
     case, pattern = DEFINED[4, 1]
-    data = cases.record(case, pattern, 1, course="step")
+    data = cases.record(case, pattern, 1, time_profile="step")
     fallen = data.sets[-1].frequency_hz[0] / data.sets[0].frequency_hz[0]
     assert fallen < 0.75
     blocks = gather(data)
@@ -155,10 +155,10 @@ def test_nothing_hidden_nothing_named(prepared, number, pattern, seed):
     assert line["judged"] == "silent"
 
 
-@pytest.mark.parametrize(("number", "pattern", "course"), [(3, 1, "constant"), (4, 6, "step")])
-def test_braces_that_are_lost_are_named(prepared, number, pattern, course):
+@pytest.mark.parametrize(("number", "pattern", "time_profile"), [(3, 1, "constant"), (4, 6, "step")])
+def test_braces_that_are_lost_are_named(prepared, number, pattern, time_profile):
     case, pattern = DEFINED[number, pattern]
-    line = run.run_one(prepared(case), case, pattern, 1, course)
+    line = run.run_one(prepared(case), case, pattern, 1, time_profile)
     assert line["judged"] == "right"
     (one,) = line["findings"]
     assert one["size"] == pytest.approx(run.true_size(pattern, one["location"]), abs=3 * one["std"])
@@ -185,10 +185,10 @@ def test_nothing_is_found_in_twenty_sound_frames(prepared, case):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("course", ["step", "constant"])
+@pytest.mark.parametrize("time_profile", ["step", "constant"])
 @pytest.mark.parametrize("number", [4, 5])
-def test_one_lost_brace_is_named_in_most_of_twenty_records(prepared, number, course):
+def test_one_lost_brace_is_named_in_most_of_twenty_records(prepared, number, time_profile):
     case, pattern = DEFINED[number, 3]
-    lines = [run.run_one(prepared(case), case, pattern, seed, course) for seed in range(1, 21)]
+    lines = [run.run_one(prepared(case), case, pattern, seed, time_profile) for seed in range(1, 21)]
     # at a rate of 95 %, sixteen or fewer of twenty have a probability of 0.016
     assert sum(x["judged"] == "right" for x in lines) >= 17

@@ -27,20 +27,21 @@ def design():
     weights[1][4] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
                   weight=tuple(weights))
-    courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5),
-               TimeProfile(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))
+    time_profiles = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5),
+                     TimeProfile(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))
     which = np.array([(j, c) for j in range(N_EFFECT) for c in range(3)])
     return Design(
         bin_of=bin_of, nuisance=tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES),
         nuisance_std=np.array([0.5, 1.0, 2.0]), discrepancy_std=tuple(np.full(m, 0.3) for m in SIZES),
-        effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), courses=courses, which=which, noise=noise,
+        effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), time_profiles=time_profiles, which=which,
+                  noise=noise,
         included=((1, step_profile(N_BLOCK, 7), 0.8),),
         model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )
 
 
 def dense(design):
-    """X (n, n_candidate), V (n, n) over all measured numbers, and how departures are laid out."""
+    """X (n, n_candidate), V (n, n) over all measured numbers, and how residuals are laid out."""
     columns, blocks, owners = [], [], []
     for q, m in enumerate(SIZES):
         weight = design.noise.weight[q]
@@ -58,17 +59,17 @@ def dense(design):
 
     for k, std in enumerate(design.nuisance_std):
         columns.append(std * stacked(lambda q, b, k=k: design.nuisance[q][design.bin_of[b], :, k]))
-    for effect, course, std in design.included:
+    for effect, time_profile, std in design.included:
         columns.append(std * stacked(
-            lambda q, b, e=effect, c=course: c.value[b] * design.effect[q][design.bin_of[b], :, e]))
+            lambda q, b, e=effect, c=time_profile: c.value[b] * design.effect[q][design.bin_of[b], :, e]))
     for q, m in enumerate(SIZES):
         for r in range(m):
             columns.append(design.discrepancy_std[q][r] * stacked(
                 lambda p, b, q=q, r=r: (np.arange(SIZES[p]) == r) * float(p == q)))
-    for course, spread in design.model_errors:
+    for time_profile, spread in design.model_errors:
         for q, m in enumerate(SIZES):
             for r in range(m):
-                def one(p, b, q=q, r=r, c=course, s=spread):
+                def one(p, b, q=q, r=r, c=time_profile, s=spread):
                     here = (np.arange(SIZES[p]) == r) * float(p == q)
                     return design.error_scale * c.value[b] * here * s[q][design.bin_of[b], r]
 
@@ -77,12 +78,12 @@ def dense(design):
     V += low_rank @ low_rank.T
     X = []
     for j, c in design.which:
-        course = design.courses[c]
+        time_profile = design.time_profiles[c]
 
-        def one(q, b, j=j, course=course):
+        def one(q, b, j=j, time_profile=time_profile):
             weight = design.noise.weight[q]
-            mean = 0.0 if course.kind == "constant" else np.average(course.value, weights=weight)
-            return (course.value[b] - mean) * design.effect[q][design.bin_of[b], :, j]
+            mean = 0.0 if time_profile.kind == "constant" else np.average(time_profile.value, weights=weight)
+            return (time_profile.value[b] - mean) * design.effect[q][design.bin_of[b], :, j]
 
         X.append(stacked(one))
     return np.column_stack(X), V, stacked
@@ -110,8 +111,8 @@ def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
          for q, m in enumerate(SIZES)]
     flat = stacked(lambda q, b: y[q][b])
     assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
-    told = -2 * (design.log_volume + design.log_noise)
-    assert told == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-8)
+    found_here = -2 * (design.log_volume + design.log_noise)
+    assert found_here == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-8)
     noise_alone = sum(
         float(np.sum(np.linalg.slogdet(design.noise.covariance[q])[1] - m * np.log(w[w > 0])))
         for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))
@@ -120,7 +121,7 @@ def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
 
 
 def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(design):
-    """Against scipy's normal density with the covariance written out for each doubt."""
+    """Against scipy's normal density with the covariance written out for each model-error scale."""
     rng = np.random.default_rng(6)
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     densities = []
@@ -128,16 +129,16 @@ def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(desig
         _, V, stacked = dense(replace(design, error_scale=error_scale))
         densities.append(stats.multivariate_normal.logpdf(stacked(lambda q, b: y[q][b]), cov=V))
     powers = 0.5 * len(V) * np.log(2 * np.pi)
-    told = over_error_scales(design, lambda d: linear_evidence(d, y))
-    assert told == pytest.approx(np.log(np.mean(np.exp(densities))) + powers, abs=1e-8)
-    # nothing found, nothing to doubt
+    found_here = over_error_scales(design, lambda d: linear_evidence(d, y))
+    assert found_here == pytest.approx(np.log(np.mean(np.exp(densities))) + powers, abs=1e-8)
+    # nothing found, no model error
     plain = replace(design, model_errors=())
     assert over_error_scales(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
 
 
 def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_not(design):
-    """Twenty times as long a fingerprint that the record follows to a hundredth, and one that leaves three deviations:
-    a doubt of a tenth of its length alone would choose the second."""
+    """Twenty times as long a signature that the record follows to a hundredth, and one that leaves three deviations:
+    a model-error scale of a tenth of its length alone would choose the second."""
     long = tuple(20 * e[:, :, 1] for e in design.effect)
     step = design.model_errors[0][0]
     plain = replace(design, included=(), model_errors=())
@@ -158,7 +159,8 @@ def test_draws_have_the_covariance_of_the_scores(design):
     drawn = design.draw(np.random.default_rng(6), n)
     size = np.sqrt(np.diag(information))
     found = np.cov((drawn / size).T)
-    # an entry of a sample covariance of n unit normals has deviation at most sqrt(2 / n); 78 of them, 4.5 deviations
+    # an entry of a sample covariance of n unit normals has standard deviation at most sqrt(2 / n); 78 of them, 4.5
+    # standard deviations
     assert np.max(np.abs(found - information / np.outer(size, size))) < 4.5 * np.sqrt(2 / n)
     assert np.max(np.abs(drawn.mean(axis=0) / size)) < 4.5 / np.sqrt(n)
 
@@ -177,8 +179,9 @@ def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
 
 
 def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
-    """One of two blocks gone wrong is no step: the other group alone tells of it."""
-    late = replace(design, courses=(*design.courses[:1], step_profile(N_BLOCK, N_BLOCK - 4), *design.courses[2:]))
+    """One of two blocks gone wrong is no step: the other group alone shows of it."""
+    late = replace(design, time_profiles=(*design.time_profiles[:1], step_profile(N_BLOCK, N_BLOCK - 4),
+                                          *design.time_profiles[2:]))
     weight = design.noise.weight[1].copy()
     weight[N_BLOCK - 4 : N_BLOCK - 2] = 0.0
     few = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
@@ -191,8 +194,8 @@ def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
     assert np.all(alone[steps] == 0) and np.all(alone[few.which[:, 1] == 0] != 0)
     # with three it does
     weight[N_BLOCK - 3] = 1.0
-    told = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
-    assert np.all((told._raw(told._sums(changed)) - told._raw(told._sums(y)))[steps] != 0)
+    found_here = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
+    assert np.all((found_here._raw(found_here._sums(changed)) - found_here._raw(found_here._sums(y)))[steps] != 0)
 
 
 def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(design):
@@ -230,9 +233,10 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     own, z = step_profile(N_BLOCK, 7), 60.0
     problem = SimpleNamespace(effects=(None,) * N_EFFECT)
-    strong = SimpleNamespace(effect=SimpleNamespace(kind="structural"), course=own)
+    strong = SimpleNamespace(effect=SimpleNamespace(kind="structural"), time_profile=own)
     u, v = scores_beside(problem, design, y, [strong], [z])
-    along = replace(design, courses=(*design.courses, own), which=np.array([(j, 3) for j in range(N_EFFECT)]))
+    along = replace(design, time_profiles=(*design.time_profiles, own),
+                    which=np.array([(j, 3) for j in range(N_EFFECT)]))
     X, V, stacked = dense(design)
     F, _, _ = dense(along)
     flat = stacked(lambda q, b: y[q][b])
@@ -245,5 +249,5 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
     same = replace(along, which=np.array([(j, 3) for j in range(N_EFFECT)]))
     _, there = scores_beside(problem, same, y, [strong], [z])
     np.testing.assert_allclose(there, same.information / model_error_dispersion(z), rtol=1e-9)
-    sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), course=own)
+    sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), time_profile=own)
     np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)

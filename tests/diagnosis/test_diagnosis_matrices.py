@@ -12,7 +12,7 @@ from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
 from probupdate.diagnosis.crosstalk import crosstalk_effects
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
-from probupdate.diagnosis.expected import departures_at, local_at
+from probupdate.diagnosis.expected import local_at, residuals_at
 from probupdate.diagnosis.fitting import fit, linearised
 from probupdate.diagnosis.hypotheses import Hypothesis, Ranking, log_prior, moves_from, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
@@ -39,17 +39,17 @@ def prepared(frame_file):
 def test_nothing_hidden_nothing_named(prepared, record, seed):
     found = probupdate.diagnose(prepared, record(seed), seed=seed)
     assert found.verdict == "none" and not found.findings and found.p_value > 0.05
-    assert any(x.cause == "sensor gain" and np.isfinite(x.limit) for x in found.limits)
+    assert any(x.cause == "sensor gain" and np.isfinite(x.size) for x in found.detectable_sizes)
 
 
 def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared, record):
     found = probupdate.diagnose(prepared, record(4, storey=2, factor=0.9, from_block=20), sampler=False)
     assert found.verdict == "named"
     (one,) = found.findings
-    assert (one.cause, one.location, one.course) == ("parameter", "k3", "step")
+    assert (one.cause, one.location, one.time_profile) == ("parameter", "k3", "step")
     # k3 itself is drawn with 2 % about 1
     assert one.size == pytest.approx(-0.1, abs=0.006 + 3 * one.size_std)
-    assert one.course_start.startswith("2020-01-06")
+    assert one.time_profile_start.startswith("2020-01-06")
 
 
 def test_a_wrong_gain_is_named_with_its_channel(prepared, record):
@@ -78,7 +78,7 @@ def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record)
 
 @pytest.mark.parametrize("place", ["x3", "y5"])
 def test_a_stay_that_was_always_there_and_is_in_no_row_does_not_pass_for_normal(prepared, record, place):
-    """Every effect of the catalogue leaves an axis its ratio of frequencies: only the frequencies as such tell it."""
+    """Every effect of the catalogue leaves an axis its ratio of frequencies: only the frequencies as such show it."""
     stay = (CHANNELS.index(place), 0.05 * STIFFNESS_X)
     outcome = examine(prepared, record(3, stay=stay))
     found = outcome.diagnosis
@@ -135,7 +135,7 @@ def test_a_gain_that_is_grossly_wrong_is_named_and_not_taken_for_a_reversed_chan
     (one,) = found.findings
     assert (one.cause, one.location) == ("sensor gain", channel)
     assert one.size == pytest.approx(factor - 1, abs=3 * one.size_std)
-    # a tenth of a fingerprint is not known; beyond that a gain is known well
+    # a tenth of a signature is not known; beyond that a gain is known well
     assert one.size_std < 0.15 * abs(factor - 1)
     (known,) = found.extension["joint"]["findings"]
     assert known["identified"] and known["share_of_prior_std"] < 0.1
@@ -145,16 +145,16 @@ def test_a_gain_that_is_grossly_wrong_is_named_and_not_taken_for_a_reversed_chan
 def test_a_fit_ends_where_it_ends_from_wherever_it_starts(prepared, record, factor):
     problem, theta = diagnosis_problem(prepared, record(7, gain=("y2", factor)))
     (gain,) = [e for e in problem.effects if (e.cause, e.location) == ("sensor gain", "y2")]
-    constant = next(c for c in problem.courses if c.kind == "constant")
+    constant = next(c for c in problem.time_profiles if c.kind == "constant")
     for share in (0.6, 1.0, 1.5):
-        fitted = fit(problem, theta, (IncludedEffect(effect=gain, course=constant, size=share * (factor - 1)),))
+        fitted = fit(problem, theta, (IncludedEffect(effect=gain, time_profile=constant, size=share * (factor - 1)),))
         (std,) = sizes_std(problem, fitted)
         assert fitted.settled and fitted.included[0].size == pytest.approx(factor - 1, abs=1.5 * std)
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 9.81])
 def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itself(prepared, record, factor):
-    """Against departures of modes that are measured with a little more of it, and with another channel's on top."""
+    """Against residuals of modes that are measured with a little more of it, and with another channel's on top."""
     problem, theta = diagnosis_problem(prepared, record(1))
     local, _ = local_at(problem.predictor, theta, (), ())
     own, other = (next(e for e in problem.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
@@ -163,27 +163,27 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
         k = len(reference.tensor)
         value, turn = np.linalg.eigh(reference.tensor)
 
-        def departs(effects, reference=reference, axes=axes, value=value, turn=turn):
+        def residuals_of(effects, reference=reference, axes=axes, value=value, turn=turn):
             measured = observed([reference], effects)[0].shape @ turn
             return numbers_of_modes(np.exp(value)[None], measured[None], axes)[0][0]
 
         none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
         prints = effect_signatures([own, other], (), [((reference, *none), axes)], seen)[0]
         for column, more in enumerate((lambda d: [(own, factor - 1 + d)], lambda d: [*seen, (other, d)])):
-            plain = (departs(more(h)) - departs(more(-h))) / (2 * h)
+            plain = (residuals_of(more(h)) - residuals_of(more(-h))) / (2 * h)
             np.testing.assert_allclose(prints[:, column], plain, atol=1e-5 * np.abs(plain).max() + 1e-9)
 
 
-def _candidate(problem, cause, location, course):
+def _candidate(problem, cause, location, time_profile):
     (j,) = [j for j, e in enumerate(problem.effects) if (e.cause, e.location) == (cause, location)]
-    (k,) = [k for k, (i, c) in enumerate(problem.which) if i == j and problem.courses[c] is course]
+    (k,) = [k for k, (i, c) in enumerate(problem.which) if i == j and problem.time_profiles[c] is time_profile]
     return k
 
 
 def test_an_effect_that_can_be_on_the_other_side_only_promises_nothing(prepared, record):
     outcome = examine(prepared, record(5, gain=("y4", 1.12)))
     problem, design = outcome.problem, outcome.null.design
-    candidate = _candidate(problem, "sensor gain", "y4", problem.courses[0])
+    candidate = _candidate(problem, "sensor gain", "y4", problem.time_profiles[0])
     u, v = design.scores(outcome.null.centred), design.information
     gain, size = gains(problem, u, v)
     assert gain[candidate] > 15 and size[candidate] == pytest.approx(0.12, abs=0.05)
@@ -197,10 +197,11 @@ def test_an_effect_that_can_be_on_the_other_side_only_promises_nothing(prepared,
 def _hypothesis(problem, null, *parts):
     """A fitted hypothesis of (cause, location, time profile, size)."""
     included, candidates = [], []
-    for cause, location, course, size in parts:
-        k = _candidate(problem, cause, location, course)
+    for cause, location, time_profile, size in parts:
+        k = _candidate(problem, cause, location, time_profile)
         candidates.append(k)
-        included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], course=course, size=size))
+        included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], time_profile=time_profile,
+                                       size=size))
     fitted = fit(problem, null.theta, included, base=null)
     return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
                       log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted),
@@ -211,17 +212,17 @@ def _hypothesis(problem, null, *parts):
 def loosened(prepared, record):
     """A storey that loosens at block 18: the problem and the model as it is."""
     problem, theta = diagnosis_problem(prepared, record(4, storey=2, factor=0.9, from_block=18, gain=("y4", 1.12)))
-    step = next(c for c in problem.courses if c.kind == "step" and c.at == 18)
+    step = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 18)
     return problem, fit(problem, theta), step
 
 
 def test_what_a_move_promises_is_what_its_fit_finds(loosened):
     """An effect added, left out and exchanged: to first order against the evidence of the fits, at one noise."""
     problem, null, step = loosened
-    one = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1))
+    one = _hypothesis(problem, null, ("sensor gain", "y4", problem.time_profiles[0], 0.1))
     k3, k4 = (("parameter", k, step, -0.05) for k in ("k3", "k4"))
-    both = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1), k3)
-    wrong = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1), k4)
+    both = _hypothesis(problem, null, ("sensor gain", "y4", problem.time_profiles[0], 0.1), k3)
+    wrong = _hypothesis(problem, null, ("sensor gain", "y4", problem.time_profiles[0], 0.1), k4)
     design = one.fitted.design
     gain, size = gains(problem, design.scores(one.fitted.centred), design.information)
     number = _candidate(problem, "parameter", "k3", step)
@@ -243,7 +244,8 @@ def test_the_prior_of_hypotheses_is_shared_out(loosened):
     assert every.sum() == pytest.approx(1)
     # any time of a step is as probable as any other, all together as the constant
     j = problem.which[_candidate(problem, "parameter", "k3", step), 0]
-    own = [[p for p, (i, c) in zip(every, problem.which, strict=True) if i == j and problem.courses[c].kind == kind]
+    own = [[p for p,
+            (i, c) in zip(every, problem.which, strict=True) if i == j and problem.time_profiles[c].kind == kind]
            for kind in ("constant", "step")]
     assert len(own[1]) > 3 and np.ptp(own[1]) < 1e-12 and sum(own[0]) == pytest.approx(sum(own[1]))
 
@@ -291,15 +293,15 @@ def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
 def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     problem, theta = diagnosis_problem(prepared, record(4, storey=2, factor=0.9, from_block=18))
     effect = next(e for e in problem.effects if (e.cause, e.location) == ("parameter", "k3"))
-    course = next(c for c in problem.courses if c.kind == "step" and c.at == 18)
-    fitted = fit(problem, theta, (IncludedEffect(effect=effect, course=course, size=-0.1),))
+    time_profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 18)
+    fitted = fit(problem, theta, (IncludedEffect(effect=effect, time_profile=time_profile, size=-0.1),))
     at_rest = only_promised(problem, fitted)
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.included[0], size=fitted.included[0].size + 5 * std),)
-    design, departures, centred = linearised(
-        problem, fitted.theta, short, fitted.design.noise, departures_at(problem, fitted.theta, short))
-    stalled = replace(fitted, included=short, departures=departures, design=design, centred=centred)
-    # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
+    design, residuals, centred = linearised(
+        problem, fitted.theta, short, fitted.design.noise, residuals_at(problem, fitted.theta, short))
+    stalled = replace(fitted, included=short, residuals=residuals, design=design, centred=centred)
+    # five standard deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
 
 

@@ -1,4 +1,4 @@
-"""What the scatter of blocks is told from, and how surely: against draws of a known covariance."""
+"""What the scatter of blocks is estimated from, and how surely: against draws of a known covariance."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from probupdate.diagnosis.search import exceeded, tail
 
 @pytest.mark.parametrize("mixing", [0.0, 0.3, 1.0, 8.0])
 def test_few_columns_do_not_make_what_is_least_known_look_small(mixing):
-    """Fifteen blocks of twenty columns in sixty dimensions: inverted as it is, such a covariance makes fingerprints
+    """Fifteen blocks of twenty columns in sixty dimensions: inverted as it is, such a covariance makes signatures
     that lean on its small directions too sure by n / (n - m) and more (Hartlap et al. 2007); shrunk to the diagonal it
     loses them where modes mix strongly. Channels' own scatter and six directions of mixing."""
     rng = np.random.default_rng(3)
@@ -21,10 +21,10 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing):
     for _ in range(10):
         sample = rng.standard_normal((300, 60)) @ root.T
         prints = rng.standard_normal((50, 60))
-        for name, told in (("raw", sample.T @ sample / 300), ("factored", factored(sample))):
-            weight = prints @ np.linalg.inv(told)
+        for name, found_here in (("raw", sample.T @ sample / 300), ("factored", factored(sample))):
+            weight = prints @ np.linalg.inv(found_here)
             own, length = np.einsum("ni,ij,nj->n", weight, true, weight), np.einsum("ni,ni->n", weight, prints)
-            # variance that a fingerprint's z really has, and what is left of the largest z that can be had
+            # variance that a signature's z really has, and what is left of the largest z that can be had
             variance.setdefault(name, []).append(own / length)
             power.setdefault(name, []).append(length / np.sqrt(own * np.einsum("ni,ij,nj->n", prints, best, prints)))
     assert np.mean(variance["raw"]) > 1.4
@@ -34,7 +34,7 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing):
 
 @pytest.mark.parametrize(("size", "n_log"), [(1, 1), (2, 3)])
 def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log):
-    """The variance of a scale told from differences of n blocks, over 3000 records, is 2 over its degrees."""
+    """The variance of a scale estimated from differences of n blocks, over 3000 records, is 2 over its degrees."""
     rng = np.random.default_rng(5)
     m = n_log + 8
     pattern = np.diag(np.geomspace(1e-5, 1e-4, m))
@@ -43,8 +43,8 @@ def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log):
     for _ in range(3000):
         y = rng.standard_normal((n, m)) * np.sqrt(np.diag(pattern))
         noise = estimate_noise((y,), (np.ones(n, bool),), (size,), np.ones((n, 1)), np.full(n, ""), [pattern])
-        told = np.diag(noise.covariance[0]) / np.diag(pattern)
-        scales.append([told[0], told[-1]])
+        found_here = np.diag(noise.covariance[0]) / np.diag(pattern)
+        scales.append([found_here[0], found_here[-1]])
         degrees = noise.degrees[0]
     spread = np.var(scales, axis=0) / np.mean(scales, axis=0) ** 2
     # a variance of 3000 draws is known to 3 %; differences far out are cut off, which takes a few per cent
@@ -57,8 +57,8 @@ def test_scales_are_drawn_together_where_they_were_told_together():
     noise = Noise(covariance=(np.eye(3),), precision=(np.eye(3),), weight=(np.ones(4),), degrees=(own,))
     (drawn,) = noise.scales(np.random.default_rng(1), 4000)
     assert np.array_equal(drawn[:, 1], drawn[:, 2]) and not np.allclose(drawn[:, 0], drawn[:, 1])
-    for column, told in ((0, 7.0), (1, 30.0)):
-        assert stats.kstest(told / drawn[:, column] ** 2, "chi2", (told,)).pvalue > 1e-3
+    for column, found_here in ((0, 7.0), (1, 30.0)):
+        assert stats.kstest(found_here / drawn[:, column] ** 2, "chi2", (found_here,)).pvalue > 1e-3
     known = Noise(covariance=(np.eye(3),), precision=(np.eye(3),), weight=(np.ones(4),))
     assert known.scales(np.random.default_rng(1), 4) == []
 
@@ -69,7 +69,7 @@ def test_the_threshold_is_where_the_tail_has_its_share(share):
     limit = exceeded(maxima, share)
     assert tail(maxima, limit * 1.001) <= share * 1.05
     assert tail(maxima, limit * 0.97) > share
-    # 400 draws of a known distribution: its quantile to three of its own deviations
+    # 400 draws of a known distribution: its quantile to three of its own standard deviations
     exact = stats.gumbel_r.isf(share, 3.2, 0.3)
     assert limit == pytest.approx(exact, abs=0.25)
     values = np.sort(np.append(maxima, [4.0, 4.5, 5.5]))
@@ -91,7 +91,7 @@ def test_a_block_gone_wrong_counts_less_and_its_neighbours_as_before(at):
     y, pattern = record(np.random.default_rng(8))
     y[at] *= 3.0
     weight = noise_of(y, pattern).weight[0]
-    # nine times the variance: told from one block of 37 responses, and as the difference to a neighbour
+    # nine times the variance: estimated from one block of 37 responses, and as the difference to a neighbour
     assert 9 / 1.6 < 1 / weight[at] < 9 * 1.6
     assert np.all(np.delete(weight, at) == 1.0)
 

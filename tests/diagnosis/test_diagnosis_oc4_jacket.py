@@ -134,8 +134,8 @@ def test_members_lie_where_their_groups_say(study, described):
         for one, two in (members[:2], members[2:]):
             ends = [np.subtract(*(d.place[j] for j in d.circular[m][:2])) for m in (one, two)]
             assert abs(ends[0] @ ends[1]) > 0.99 * np.linalg.norm(ends[0]) * np.linalg.norm(ends[1])
-    told = [m for members in (*cases.LEG_MEMBERS.values(), *cases.BRACE_MEMBERS.values()) for m in members]
-    assert len(told) == len(set(told))
+    found_here = [m for members in (*cases.LEG_MEMBERS.values(), *cases.BRACE_MEMBERS.values()) for m in members]
+    assert len(found_here) == len(set(found_here))
 
 
 def test_sensor_faults_act_on_the_channels_they_name(study):
@@ -157,9 +157,9 @@ def test_a_case_is_the_same_for_ever(study, described):
 def test_what_sets_state_of_their_scatter_is_the_same_written_otherwise(study, described):
     one = study.cases.record(described, study.cases.make_case("null", 0)).sets[0]
     stated = study.cases.as_stated(one, "std")
-    covariance = one.frequency_hz**2 * np.sum(one.deviation.ln_frequency**2, axis=1)
+    covariance = one.frequency_hz**2 * np.sum(one.covariance_factors.ln_frequency**2, axis=1)
     np.testing.assert_allclose(stated.frequency_std_hz, np.sqrt(covariance))
-    assert stated.deviation is None and np.all(stated.shape_std >= 0)
+    assert stated.covariance_factors is None and np.all(stated.shape_std >= 0)
     assert np.isnan(study.cases.as_stated(one, "none").frequency_std_hz).all()
 
 
@@ -169,7 +169,7 @@ def test_a_record_of_opensees_by_the_command_line(study, described, model, tmp_p
     case = study.cases.make_case(family, number)
     modes, out = tmp_path / "modes.json", tmp_path / "diagnosis.json"
     write_modes(study.cases.record(described, case), modes)
-    assert read_modes(modes).sets[0].deviation is not None
+    assert read_modes(modes).sets[0].covariance_factors is not None
     assert main(["diagnose", "--model", str(model), "--modes", str(modes), "--no-extend", "--out", str(out)]) == 0
     found = json.loads(out.read_text())
     hidden = [study.hidden_row(e, ()) for e in case.effects]

@@ -70,7 +70,7 @@ def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_fi
     outcome = examine(prepared, data)
     (finding,) = outcome.diagnosis.findings
     assert outcome.diagnosis.verdict == "named"
-    assert (finding.kind, finding.cause, finding.course) == (
+    assert (finding.kind, finding.cause, finding.time_profile) == (
         "environmental", "stiffness with temperature", "air_temperature_c")
     assert abs(finding.size + 8e-4) < 3 * finding.size_std < 3e-4
     mean, _ = mean_set(outcome.problem, outcome.fitted)

@@ -30,7 +30,7 @@ def test_a_channel_that_ends_early_takes_no_set_with_it(prepared, record):
     lost[26:, data.channels.index("y1")] = True
     found = probupdate.diagnose(prepared, without(data, lost), sampler=False)
     (one,) = found.findings
-    assert (found.verdict, one.cause, one.location, one.course) == ("named", "parameter", "k3", "step")
+    assert (found.verdict, one.cause, one.location, one.time_profile) == ("named", "parameter", "k3", "step")
     assert any("y1 (there in" in note for note in found.notes)
 
 
@@ -52,10 +52,10 @@ def test_channels_are_left_out_as_long_as_more_numbers_are_kept(record):
         lost = np.zeros((n_set, n_channel), bool)
         lost[:, :3] = rng.random((n_set, 3)) < share
         kept = gather(without(data, lost)).channels
-        told = {subset: np.sum(~lost[:, list(subset)].any(axis=1)) * len(subset)
-                for bits in range(8)
-                for subset in [tuple(k for k in range(n_channel) if k > 2 or bits >> k & 1)]}
-        assert told[tuple(data.channels.index(c) for c in kept)] == max(told.values())
+        found_here = {subset: np.sum(~lost[:, list(subset)].any(axis=1)) * len(subset)
+                      for bits in range(8)
+                      for subset in [tuple(k for k in range(n_channel) if k > 2 or bits >> k & 1)]}
+        assert found_here[tuple(data.channels.index(c) for c in kept)] == max(found_here.values())
 
 
 def test_copies_are_refused(prepared, record):
@@ -97,14 +97,14 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
     from probupdate.effects.catalogue import Effect
 
     prepared = prepare(frame_file)
-    own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, slab=0.1,
-                 parts=(("k1", 1.0),), courses=("water_level_m",))
+    own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, prior_scale=0.1,
+                 parts=(("k1", 1.0),), time_profiles=("water_level_m",))
     prepared = replace(prepared, effects=(*prepared.effects, own))
     data = record(8)
     for known, said in ((len(data.sets), False), (len(data.sets) // 2, True)):
         sets = tuple(s if k < known else replace(s, environment={}) for k, s in enumerate(data.sets))
         notes = diagnosis_problem(prepared, replace(data, sets=sets))[0].blocks.notes
-        assert any("water_level_m is told in" in note for note in notes) is said
+        assert any("water_level_m is stated in" in note for note in notes) is said
 
 
 def test_surroundings_that_are_words_are_not_numbers(record):
@@ -117,6 +117,6 @@ def test_a_single_shape_across_its_axis_tells_nothing():
     """Scaled to its axis it would be as large as one over what lies along it."""
     axes = np.array([[1.0], [0.0], [0.0]])
     shape = np.array([[[np.cos(a)], [np.sin(a)], [0.0]] for a in np.radians([0.0, 50.0, 70.0, 89.99])], complex)
-    numbers, told = numbers_of_modes(np.full((4, 1), 0.3), shape, axes)
-    assert told.tolist() == [True, True, False, False]
+    numbers, found_here = numbers_of_modes(np.full((4, 1), 0.3), shape, axes)
+    assert found_here.tolist() == [True, True, False, False]
     assert np.all(numbers[2:] == 0) and numbers[1, 2] == pytest.approx(np.tan(np.radians(50.0)))

@@ -1,4 +1,5 @@
-"""What remains after a fit: its stated deviations against a dense covariance and drawn records; what is shown."""
+"""What remains after a fit: its stated standard deviations against a dense covariance and drawn records; what is
+shown."""
 
 import json
 from dataclasses import replace
@@ -24,37 +25,37 @@ N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
 
 @pytest.fixture(scope="module")
 def design():
-    """Three nuisances, of which two are fitted; one named effect with a step, whose fingerprint is doubted."""
+    """Three nuisances, of which two are fitted; one named effect with a step, whose signature is uncertain."""
     rng = np.random.default_rng(8)
     covariances = [a @ a.T + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
     weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
     weights[0][3] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
                   weight=tuple(weights))
-    courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5))
+    time_profiles = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5))
     return Design(
         bin_of=rng.integers(0, 2, N_BLOCK), nuisance=tuple(rng.standard_normal((2, m, 3)) for m in SIZES),
         nuisance_std=np.array([0.7, 1.0, 1.5]), discrepancy_std=tuple(np.full(m, 0.4) for m in SIZES),
-        effect=tuple(rng.standard_normal((2, m, 2)) for m in SIZES), courses=courses,
+        effect=tuple(rng.standard_normal((2, m, 2)) for m in SIZES), time_profiles=time_profiles,
         which=np.array([(j, c) for j in range(2) for c in range(2)]), noise=noise,
         included=((1, step_profile(N_BLOCK, 7), 0.9),),
         model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )
 
 
-def fitted(design, departures) -> Residual:
-    """The remainder after the best values of the unknowns HELD are taken off."""
-    solved = design.unknowns(departures)
+def fitted(design, residuals) -> Residual:
+    """The residual after the best values of the unknowns HELD are taken off."""
+    solved = design.unknowns(residuals)
     chosen = np.zeros_like(solved)
     chosen[HELD] = solved[HELD]
     left = tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(departures, design.expected(chosen), design.noise.weight, strict=True))
+                 zip(residuals, design.expected(chosen), design.noise.weight, strict=True))
     return Residual(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
 
 
 def shares(r: Residual, q: int):
-    course = slope_share(r, q, np.sin(np.arange(N_BLOCK)))
-    return {"mean": r.mean_share(q), "slope": course}
+    time_profile = slope_share(r, q, np.sin(np.arange(N_BLOCK)))
+    return {"mean": r.mean_share(q), "slope": time_profile}
 
 
 def test_deviations_are_those_of_the_covariance_written_out(design):
@@ -143,7 +144,7 @@ def test_a_wrong_gain_stands_out_before_and_is_gone_after(prepared, record):
          if row["part"] == "in phase" for k, c in enumerate(row["channels"])}
     worst = max(z, key=lambda key: abs(z[key][0]))
     assert worst[1] == "y4" and abs(z[worst][0]) > 4 and abs(z[worst][1]) < 3
-    gains = next(r for r in found["measurement"] if r["cause"] == "sensor gain" and r["course"] == "constant")
+    gains = next(r for r in found["measurement"] if r["cause"] == "sensor gain" and r["time_profile"] == "constant")
     assert gains["location"] == "y4" and gains["tried"] == 10
     # a month's worth of blocks may be ten times as many; numbers only, no NaN
     assert len(json.dumps(found, allow_nan=False)) < 100_000
@@ -162,10 +163,11 @@ def test_a_step_shows_along_the_record_and_with_no_covariate(prepared, record):
     # 10 % of one of five storeys: some frequency falls by more than half a per cent; 0.1 % of noise, 20 blocks a side
     assert step[:, 0].max() > 0.5 and step[:, 1].max() < 4 * 0.1 * np.sqrt(2 / 20)
     (size,) = found["time"]["sizes"]
-    told, course = np.array(size["size"]), np.array(size["course"])
-    # each block's own size: none before, 0.1 after; 0.1 % of noise in frequencies tells a storey's 10 % well
-    assert told[20:].mean() - told[:20].mean() == pytest.approx(-0.1, abs=0.015)
-    assert course[0] == 0 and course[-1] == pytest.approx(-0.1, abs=0.01) and np.std(told - course) < 0.02
+    found_here, time_profile = np.array(size["size"]), np.array(size["time_profile"])
+    # each block's own size: none before, 0.1 after; 0.1 % of noise in frequencies shows a storey's 10 % well
+    assert found_here[20:].mean() - found_here[:20].mean() == pytest.approx(-0.1, abs=0.015)
+    assert time_profile[0] == 0 and time_profile[-1] == pytest.approx(-0.1, abs=0.01) and np.std(found_here
+                                                                                                 - time_profile) < 0.02
     (tide,) = found["covariates"]
     assert tide["column"] == "water_level_m" and sum(tide["blocks"]) == 40
 
@@ -177,7 +179,8 @@ def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monk
     found = replace(outcome.diagnosis, details={"residuals": residuals(outcome, placed())})
     found.write(tmp_path / "diagnosis.json")
     page = report(tmp_path, tmp_path / "report.html").read_text()
-    for id in ("causes", "moderest", "restmap", "restplace", "calendar", "covariates", "pushed", "limits"):
+    for id in ("causes", "moderest", "restmap", "restplace", "calendar", "covariates", "prior_shift",
+               "detectable_sizes"):
         assert f'id="{id}-' in page
     assert "Something is wrong, and it has a name" in page and "parameter, k3" in page
     # what the directory lacks is named once, not section by section
@@ -196,12 +199,12 @@ def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, recor
     # the floor is wider than what this record's model gets wrong, never narrower
     assert bands["means"]["within_90"] >= bands["means"]["within_90_expected"][0]
     assert bands["means"]["p"] > 1e-3
-    assert found["pushed"]["p_together"][0] > 1e-3
-    assert all(0 <= row["expected"][0] <= 1 for row in found["pushed"]["parameters"])
+    assert found["prior_shift"]["p_together"][0] > 1e-3
+    assert all(0 <= row["expected"][0] <= 1 for row in found["prior_shift"]["parameters"])
 
 
 def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record):
-    """A group that is one parameter by another name cannot be told from it; a neighbour could."""
+    """A group that is one parameter by another name cannot be distinguished from it; a neighbour could."""
     prepared = prepare(frame_file, groups={"second storey": {"k2": 0.1}})
     found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18), sampler=False)
     assert found.verdict == "ambiguous"

@@ -61,7 +61,7 @@ def test_a_month_of_sets_tells_what_the_model_s_theory_leaves_out(tmp_path):
     data = simulate_modes(truth={}, seed=2, n_block=400, days=30.0, states=("idling", "below rated", "rated")).data
     found = diagnose(turbine, data, seed=1)
     assert found.verdict == "none", found.findings
-    (told,) = (note for note in found.notes if note.startswith("shear deformation"))
-    share, own = (float(x) for x in re.search(r": ([\d.]+) \+- ([\d.]+)", told).groups())
-    # all of it is true above the jacket; three deviations
-    assert own < 0.3 and abs(share - 1) < 3 * own and "timoshenko" in told
+    (found_here,) = (note for note in found.notes if note.startswith("shear deformation"))
+    share, own = (float(x) for x in re.search(r": ([\d.]+) \+- ([\d.]+)", found_here).groups())
+    # all of it is true above the jacket; three standard deviations
+    assert own < 0.3 and abs(share - 1) < 3 * own and "timoshenko" in found_here

@@ -79,7 +79,7 @@ def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed
     found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
     assert found.verdict == "named"
     (one,) = found.findings
-    assert (one.cause, one.location, one.course) == ("parameter", "ky1", "constant")
+    assert (one.cause, one.location, one.time_profile) == ("parameter", "ky1", "constant")
     assert one.size == pytest.approx(7.0, abs=3 * one.size_std) and one.size_std < 1.5
     assert found.threshold < SENSIBLE
 
@@ -94,10 +94,10 @@ def test_nothing_is_found_on_a_model_equal_both_ways(model):
 def test_a_fit_bent_far_from_its_priors_names_nothing(model):
     """Six sensors one way, one mode far above its place: no cause but a storey does it, and no fit gets there."""
     found = found_in(model, record(1, storey_y1=8.0, n_mode=12, channels=range(1, 12, 2)))
-    pushed = max(abs(p["pushed_after"]) for p in found.parameters)
+    shifted = max(abs(p["prior_shift_after"]) for p in found.parameters)
     right = [(f.cause, f.location) for f in found.findings] == [("parameter", "ky1")]
     assert right or (found.verdict == "unexplained" and not found.findings)
-    assert right or pushed > FARTHEST
+    assert right or shifted > FARTHEST
 
 
 @pytest.mark.parametrize("n_mode", [4, 6])
@@ -123,8 +123,8 @@ def before_and_after(seed, **how):
 
 def test_a_reference_and_a_present_state(model):
     found = found_in(model, before_and_after(7))
-    assert [(f.cause, f.location, f.course) for f in found.findings] == [("parameter", "ky1", "step")]
-    assert any("2 sets tell nothing of their own scatter" in note for note in found.notes)
+    assert [(f.cause, f.location, f.time_profile) for f in found.findings] == [("parameter", "ky1", "step")]
+    assert any("2 sets say nothing of their own scatter" in note for note in found.notes)
 
 
 def test_two_equal_states_are_silent(model):
@@ -136,7 +136,7 @@ def test_two_equal_states_are_silent(model):
 
 def test_frequencies_before_and_after(model):
     found = found_in(model, before_and_after(9, shapes=False))
-    assert [(f.cause, f.course) for f in found.findings] == [("parameter", "step")]
+    assert [(f.cause, f.time_profile) for f in found.findings] == [("parameter", "step")]
     assert any("frequencies alone" in note for note in found.notes)
     assert found_in(model, record(9, n_set=2, shapes=False)).verdict == "none"
 
@@ -144,7 +144,7 @@ def test_frequencies_before_and_after(model):
 def test_one_channel_of_many_sets_and_of_two(model):
     assert found_in(model, record(10, channels=[11])).verdict == "none"
     found = found_in(model, before_and_after(10, channels=[11]))
-    assert [(f.cause, f.course) for f in found.findings] == [("parameter", "step")]
+    assert [(f.cause, f.time_profile) for f in found.findings] == [("parameter", "step")]
 
 
 def test_few_sets_without_deviations_are_refused(model):

@@ -1,5 +1,5 @@
-"""The diagnosis by data alone: nothing hidden, sensors, surroundings, a structure that changes; records of another kind
-than the code's (two shear chains; the virtual turbine with tolerances)."""
+"""The diagnosis by data alone: nothing hidden, sensors, environmental and operational conditions, a structure that
+changes; records of another kind than the code's (two shear chains; the virtual turbine with tolerances)."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ def turbine(seed, *effects, **options):
     return made.data, made.sensors
 
 
-STEP = {"course": "step", "at_hour": 330.0}
+STEP = {"time_profile": "step", "at_hour": 330.0}
 
 
 def test_nothing_changes_in_the_frame_and_nothing_is_said(record):
@@ -37,7 +37,7 @@ def test_nothing_changes_in_the_frame_and_nothing_is_said(record):
     assert sum(a.verdict != "none" for a in answers) <= 2
     found = next(a for a in answers if a.verdict == "none")
     assert not found.findings and found.p_value > 0.03
-    assert any(x.cause == "step of frequency" and 0 < x.limit < 1 for x in found.limits)
+    assert any(x.cause == "step of frequency" and 0 < x.size < 1 for x in found.detectable_sizes)
     assert any("model" in note for note in found.notes)
 
 
@@ -51,7 +51,7 @@ def test_frequencies_that_follow_the_tide_are_the_surroundings(record):
     found = diagnose_without_model(record(4, level=0.02))
     (one,) = found.findings
     assert found.verdict == "named" and one.kind == "environmental"
-    assert (one.cause, one.course) == ("wetted length", "water_level_m") and one.size < 0
+    assert (one.cause, one.time_profile) == ("wetted length", "water_level_m") and one.size < 0
 
 
 def test_two_columns_that_say_the_same_are_ambiguous(record):
@@ -70,7 +70,7 @@ def test_a_storey_that_loosens_is_unexplained_with_its_time_and_modes(record):
     found = diagnose_without_model(record(5, storey=2, factor=0.9, from_block=20))
     assert found.verdict == "unexplained" and not found.findings
     (change,) = found.details["changes"]
-    assert change["course"] == "step" and change["since"].startswith("2020-01-06")
+    assert change["time_profile"] == "step" and change["since"].startswith("2020-01-06")
     moved = {m["mode"]: m["change_percent"] for m in change["frequencies"]}
     # a tenth of one of five storeys: by Rayleigh's quotient between nothing and 2.5 % of a frequency
     assert -2.6 < moved["all modes"] < -0.3
@@ -87,20 +87,21 @@ def test_a_gain_that_changes_is_named_with_its_channel():
 @pytest.mark.parametrize("channel", ["TP-B-y", "T90-y"])
 def test_a_channel_reversed_half_way_is_named_with_its_time(channel):
     """Over the whole record it has no mean, and at the tower's top the pairs' axes turn with it."""
-    data, sensors = turbine(27, {"kind": "sensor_gain", "channel": channel, "factor": -1.0, "course": "step",
+    data, sensors = turbine(27, {"kind": "sensor_gain", "channel": channel, "factor": -1.0, "time_profile": "step",
                                  "at_hour": 360.0})
     found = diagnose_without_model(data, sensors)
     (one,) = found.findings
     assert (found.verdict, one.cause, one.location, one.size) == ("named", "sensor polarity", channel, -2.0)
     first = next(s.id for s in data.sets if pd.Timestamp(s.id) >= pd.Timestamp(data.sets[0].id[:8] + "01T00:00:00Z")
                  + pd.Timedelta(hours=360))
-    assert one.course_start == first
+    assert one.time_profile_start == first
 
 
 def test_constant_gain_on_a_rigid_level_is_named():
     found = diagnose_without_model(*turbine(24, {"kind": "sensor_gain", "channel": "TP-B-y", "factor": 0.8}))
     (one,) = found.findings
-    assert found.verdict == "named" and (one.cause, one.location, one.course) == ("sensor gain", "TP-B-y", "constant")
+    assert found.verdict == "named" and (one.cause, one.location, one.time_profile) == ("sensor gain", "TP-B-y",
+                                                                                        "constant")
     assert one.size == pytest.approx(-0.2, abs=4 * one.size_std)
 
 
@@ -111,8 +112,9 @@ def crosstalk(shape, frequency_hz, size):
     return seen, 0.0
 
 
-CROSSTALK = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0, slab=0.1,
-                   observe=crosstalk, step_of_size=1e-3, courses=("constant", "step"))
+CROSSTALK = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0,
+                   prior_scale=0.1,
+                   observe=crosstalk, step_of_size=1e-3, time_profiles=("constant", "step"))
 
 
 @pytest.fixture
@@ -142,7 +144,7 @@ def test_the_command_takes_modes_alone(record, tmp_path, capsys):
     write_modes(record(1), tmp_path / "modes.json")
     assert main(["diagnose", "--modes", str(tmp_path / "modes.json"), "--out", str(tmp_path / "d.json")]) == 0
     content = json.loads((tmp_path / "d.json").read_text())
-    assert content["verdict"] == "none" and content["adequacy_p"] is None and content["limits"]
+    assert content["verdict"] == "none" and content["adequacy_p"] is None and content["detectable_sizes"]
     with pytest.raises(InputError, match="no model"):
         probupdate.diagnose(None, record(1), groups={"a": {"k1": 0.1}})
 
@@ -153,11 +155,11 @@ def test_same_seed_same_answer(record):
 
 
 def test_scores_are_those_of_plain_generalised_least_squares():
-    """No slow error, equal weights: the score of a step is the difference of two means over its deviation."""
+    """No slow error, equal weights: the score of a step is the difference of two means over its standard deviation."""
     rng = np.random.default_rng(1)
     y = rng.standard_normal((500, 1, 60))
-    courses = [step_profile(60, 20)]
-    contrasts = make_contrasts(np.ones((1, 60)), np.ones((60, 1)), courses, np.arange(60.0))
+    time_profiles = [step_profile(60, 20)]
+    contrasts = make_contrasts(np.ones((1, 60)), np.ones((60, 1)), time_profiles, np.arange(60.0))
     found = score(contrasts, y, [[0]])
     plain = y[:, 0, 20:].mean(axis=1) - y[:, 0, :20].mean(axis=1)
     np.testing.assert_allclose(found.size[:, 0, 0], plain, atol=1e-12)
@@ -192,7 +194,7 @@ def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
 
 
 def test_a_covariate_that_steps_hides_no_step():
-    """Where a column and a step are one and the same neither is told from the other."""
+    """Where a column and a step are one and the same neither is distinguishable from the other."""
     column = TimeProfile(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
     nuisance = np.column_stack([np.ones(60), column.value])
     assert not make_contrasts(np.ones((1, 60)), nuisance, [step_profile(60, 20)], np.arange(60.0)).usable[0, 0]

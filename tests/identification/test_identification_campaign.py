@@ -38,7 +38,7 @@ def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign):
     error = np.array([(s.frequency_hz - jacket.frequency_hz) / s.frequency_std_hz for s in result.data.sets])
     damping = np.array([(s.damping_ratio - jacket.damping_ratio) / s.damping_ratio_std for s in result.data.sets])
     assert 0.25 < np.median(np.abs(error)) < 1.2 and 0.25 < np.median(np.abs(damping)) < 1.2
-    assert all(np.isfinite(s.shape_std).all() and s.deviation.n_column == 30 for s in result.data.sets)
+    assert all(np.isfinite(s.shape_std).all() and s.covariance_factors.n_column == 30 for s in result.data.sets)
     assert [s.environment["rms_mps2"] for s in result.data.sets] == pytest.approx(
         [np.sqrt(np.mean(np.var(jacket.record(9000, seed=k).astype(np.float32), axis=0))) for k in range(4)], rel=1e-6)
     assert "no nacelle heading in SCADA" in result.summary and "no rotor speed in SCADA" in result.summary
@@ -78,8 +78,9 @@ def test_blocks_that_cannot_be_used_stay_with_their_reason(jacket, reference, wr
     files = result.write(tmp_path / "modes.json")
     assert [f.name for f in files] == ["modes.json", "modes.deviations.h5", "modes.poles.csv"]
     again = read_modes(files[0])
-    assert again.sets[0].deviation.ln_frequency == pytest.approx(good.deviation.ln_frequency, rel=1e-6)
-    assert again.sets[1].deviation is None
+    assert again.sets[0].covariance_factors.ln_frequency == pytest.approx(good.covariance_factors.ln_frequency,
+                                                                          rel=1e-6)
+    assert again.sets[1].covariance_factors is None
     assert again.sets[1].environment["excluded"] == gap.environment["excluded"]
     assert again.sets[0].frequency_hz == pytest.approx(good.frequency_hz)
     table = pd.read_csv(files[-1])

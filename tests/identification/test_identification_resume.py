@@ -24,7 +24,7 @@ from probupdate.identification.classification import PoleStack
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.io import files
-from probupdate.modal.modes import ModalDeviation, StoredDeviation
+from probupdate.modal.modes import CovarianceFactors, StoredFactors
 from probupdate.runtime import executors
 from probupdate.runtime.executors import completed
 from probupdate.structure.load import REFERENCE_STATES, reference_model
@@ -340,8 +340,8 @@ def test_without_a_store_the_result_is_the_same_and_covariance_factors_are_in_it
     for ending in ("json", "deviations.h5", "poles.csv"):
         assert (tmp_path / f"modes.{ending}").read_bytes() == undisturbed.with_name(f"modes.{ending}").read_bytes()
     kept = identify(campaign, rough, settings=settings, store=f"{undisturbed}.blocks")
-    for result, kind in ((alone, ModalDeviation), (kept, StoredDeviation)):
-        there = [s.deviation for s in result.data.sets if s.deviation]
+    for result, kind in ((alone, CovarianceFactors), (kept, StoredFactors)):
+        there = [s.covariance_factors for s in result.data.sets if s.covariance_factors]
         assert len(there) > N_BLOCK / 2 and all(isinstance(one, kind) for one in there)
 
 

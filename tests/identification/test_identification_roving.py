@@ -13,7 +13,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.roving import Setup, merge_setups
-from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, mac, plane_mac, read_modes, unit_largest
+from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, mac, plane_mac, read_modes, unit_largest
 
 # references at one leg and the highest tower level; three setups share out the other fourteen channels
 REFERENCES = [0, 1, 16, 17]
@@ -32,8 +32,9 @@ def made_set(shape, frequency, rng, size=1e-3, n_column=6, id="a") -> ModalSet:
     return ModalSet(
         id=id, frequency_hz=frequency * (1 + size * rng.standard_normal(n_mode)), damping_ratio=np.full(n_mode, 0.01),
         shape=shape, frequency_std_hz=nan(n_mode), shape_std=nan(n_channel, n_mode),
-        deviation=ModalDeviation(ln_frequency=size * rng.standard_normal((n_mode, n_column)),
-                                 damping_ratio=size * rng.standard_normal((n_mode, n_column)), shape=d_shape),
+        covariance_factors=CovarianceFactors(ln_frequency=size * rng.standard_normal((n_mode, n_column)),
+                                             damping_ratio=size * rng.standard_normal((n_mode, n_column)),
+                                             shape=d_shape),
     )
 
 
@@ -58,7 +59,7 @@ def moved(setups, column: int, step: float):
     for setup in setups:
         sets = []
         for s in setup.data.sets:
-            d = s.deviation
+            d = s.covariance_factors
             if first <= column < first + d.n_column:
                 k = column - first
                 s = replace(
@@ -78,7 +79,7 @@ def test_deviations_of_the_merged_set_are_finite_differences(jacket, sensor_list
                          why="rounding; weights of shapes are taken as constant, of the largest")
     frequency = np.array([0.32, 0.32 * (1 + apart), 1.3, 1.93, 1.93 * (1 + apart)])
     setups = made_setups(jacket, sensor_list, frequency)
-    merged = merge_setups(setups).data.sets[0].deviation
+    merged = merge_setups(setups).data.sets[0].covariance_factors
     assert merged.n_column == 36
     for column in (0, 8, 17, 35):
         ends = [merge_setups(moved(setups, column, step)).data.sets[0] for step in (1e-3, -1e-3)]
@@ -119,8 +120,9 @@ def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
     less = tuple(replace(s, **{key: value[..., 1:] for key, value in {
         "frequency_hz": s.frequency_hz, "damping_ratio": s.damping_ratio, "shape": s.shape, "shape_std": s.shape_std,
         "frequency_std_hz": s.frequency_std_hz, "damping_ratio_std": s.damping_ratio_std}.items()},
-        deviation=ModalDeviation(ln_frequency=s.deviation.ln_frequency[1:], damping_ratio=s.deviation.damping_ratio[1:],
-                                 shape=s.deviation.shape[:, 1:])) for s in data.sets)
+        covariance_factors=CovarianceFactors(ln_frequency=s.covariance_factors.ln_frequency[1:],
+                                             damping_ratio=s.covariance_factors.damping_ratio[1:],
+                                             shape=s.covariance_factors.shape[:, 1:])) for s in data.sets)
     setups[1] = replace(setups[1], data=replace(data, sets=less, labels=("1", "2", "3", "4")))
     result = merge_setups(setups)
     assert result.data.labels == ("1", "2", "3", "4", "5")
@@ -135,7 +137,8 @@ def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
     few = [replace(x, sensors=x.sensors[:3], data=ModalData(
         channels=x.data.channels[:3], labels=x.data.labels, sets=tuple(replace(
             s, shape=s.shape[:3], shape_std=s.shape_std[:3],
-            deviation=replace(s.deviation, shape=s.deviation.shape[:3])) for s in x.data.sets)))
+            covariance_factors=replace(s.covariance_factors, shape=s.covariance_factors.shape[:3]))
+                                                                       for s in x.data.sets)))
         for x in made_setups(jacket, sensor_list, jacket.frequency_hz, labels=("1", "2", "3", "4", "5"),
                              roving=([2, 3], [5, 6], [8, 9]))]
     assert merge_setups(few).data.n_mode == 5
@@ -164,7 +167,7 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
     apart = replace(setups[1], data=replace(setups[1].data, channels=names))
     with pytest.raises(InputError, match="have no channel in common"):
         merge_setups([setups[0], apart])
-    bare = tuple(replace(s, deviation=None) for s in setups[1].data.sets)
+    bare = tuple(replace(s, covariance_factors=None) for s in setups[1].data.sets)
     with pytest.raises(InputError, match="setup1: a block has no standard deviations"):
         merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
 

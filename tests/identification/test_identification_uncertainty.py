@@ -73,12 +73,12 @@ def test_deviations_of_asked_orders_are_those_among_all_orders(data, validation)
             row.error((std - other_std) / np.maximum(other_std, 1e-3), below=1e-6)
 
 
-def peer_factors(ssi, toeplitz, deviation, block_rows, order):
+def peer_factors(ssi, toeplitz, covariance_factors, block_rows, order):
     """(f, zeta, std f, std zeta) of its poles at `order`, ascending in f, from that matrix and those columns."""
     with np.errstate():
         obs, state, output, _ = ssi.SSI_fast(toeplitz, block_rows, order, step=1)
         f, zeta, _, eigenvalue, f_std, zeta_std, _ = ssi.SSI_poles(
-            obs, state, output, order, 1 / RATE, step=1, HC=False, calc_unc=True, H=toeplitz, T=deviation)
+            obs, state, output, order, 1 / RATE, step=1, HC=False, calc_unc=True, H=toeplitz, T=covariance_factors)
     column = np.flatnonzero(eigenvalue[:, order].imag > 0)
     column = column[np.argsort(f[column, order])]
     return tuple(table[column, order] for table in (f, zeta, f_std, zeta_std))
@@ -123,7 +123,7 @@ def test_covariances_of_parts_are_the_direct_sums(n, parts):
     """Products that start in a part, those over its end included; parts' lengths differ by one where they must."""
     data = np.random.default_rng(1).standard_normal((n, 3)).cumsum(axis=0)
     n_lag, reference = 19, np.array([[1.0, 0.0], [0.0, 1.0], [0.5, -1.0]])
-    covariance, deviation = sub_record_covariances(data, n_lag, parts, reference)
+    covariance, covariance_factors = sub_record_covariances(data, n_lag, parts, reference)
     edges = [round(n * j / parts) for j in range(parts + 1)]
     past = data @ reference
     for k in range(n_lag + 1):
@@ -133,16 +133,16 @@ def test_covariances_of_parts_are_the_direct_sums(n, parts):
             a, b = edges[j], min(edges[j + 1], n - k)
             product = data[a + k: b + k].T @ past[a:b] - (b - a) * whole
             expected = product / (n - k) * np.sqrt(parts / (parts - 1))
-            assert deviation[j, k] == pytest.approx(expected, abs=1e-11 * abs(whole).max())
+            assert covariance_factors[j, k] == pytest.approx(expected, abs=1e-11 * abs(whole).max())
 
 
 @pytest.mark.parametrize(("m", "r", "block_rows"), [(4, 4, 7), (5, 2, 6), (3, 3, 2)])
 def test_products_with_the_toeplitz_matrix_are_those_of_the_matrix(m, r, block_rows):
     rng = np.random.default_rng(2)
-    deviation = rng.standard_normal((6, 2 * block_rows, m, r))
+    covariance_factors = rng.standard_normal((6, 2 * block_rows, m, r))
     right, left = rng.standard_normal((r * block_rows, 3)), rng.standard_normal((m * block_rows, 3))
-    forward, back = toeplitz_products(deviation, block_rows, right, left)
-    for j, one in enumerate(deviation):
+    forward, back = toeplitz_products(covariance_factors, block_rows, right, left)
+    for j, one in enumerate(covariance_factors):
         matrix = block_toeplitz(one, block_rows)
         assert forward[:, :, j] == pytest.approx(matrix @ right, abs=1e-12)
         assert back[:, :, j] == pytest.approx(matrix.T @ left, abs=1e-12)
@@ -194,13 +194,13 @@ def scatter_ratio(structure, channels, n_record):
                        (stated.ln_frequency[None], stated.damping_ratio[None], moved.real, moved.imag)]),
         ))
     value, variance = (np.array(a) for a in zip(*found, strict=True))  # (n_record, 2 + 2 n_channel, n_mode)
-    deviation, stated = value.std(axis=0, ddof=1), np.sqrt(variance.mean(axis=0))
+    covariance_factors, stated = value.std(axis=0, ddof=1), np.sqrt(variance.mean(axis=0))
     # Left out: the component that scales the shape, and imaginary parts that hardly move. Those of a close pair's own
     # direction do so by the product of two standard deviations of the other direction, real and imaginary: of second
     # order, where a first order taken at the estimate states sqrt(2) too much.
-    moves, half = deviation > 1e-9, 2 + len(channels)
-    moves[half:] &= deviation[half:] > 0.2 * deviation[2:].max(axis=0)
-    ratio = np.where(moves, stated / np.where(moves, deviation, 1), np.nan)
+    moves, half = covariance_factors > 1e-9, 2 + len(channels)
+    moves[half:] &= covariance_factors[half:] > 0.2 * covariance_factors[2:].max(axis=0)
+    ratio = np.where(moves, stated / np.where(moves, covariance_factors, 1), np.nan)
     return ratio[0], ratio[1], ratio[2:]
 
 
@@ -228,9 +228,9 @@ def test_another_order_where_poles_of_the_noise_lie_close(jacket):
                                  block_rows=BLOCK_ROWS, spread=SPREAD, sub_records=30)
         index = np.array([np.argmin(abs(record.poles.frequency_hz - f)) for f in jacket.frequency_hz[2:]])
         best, known = record.most_certain(index), record.factors(index)
-        here = np.linalg.norm(best.deviation.ln_frequency, axis=1)
+        here = np.linalg.norm(best.covariance_factors.ln_frequency, axis=1)
         size = np.sqrt(np.sum(known.ln_frequency**2 + known.damping_ratio**2, axis=1))
-        assert np.all(np.sqrt(here**2 + np.sum(best.deviation.damping_ratio**2, axis=1)) <= size * (1 + 1e-9))
+        assert np.all(np.sqrt(here**2 + np.sum(best.covariance_factors.damping_ratio**2, axis=1)) <= size * (1 + 1e-9))
         error.append(np.log(best.frequency_hz / jacket.frequency_hz[2:]) / here)
         plain.append(np.log(record.poles.frequency_hz[index] / best.frequency_hz))
     assert np.any(np.array(plain) != 0)
@@ -244,7 +244,7 @@ def test_absent_modes_are_nan_and_wrong_poles_are_refused(data):
     record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=10)
     found, best = record.factors(np.array([2, -1, 0])), record.most_certain(np.array([2, -1, 0]))
     assert found.n_column == 10
-    for one in (found, best.deviation):
+    for one in (found, best.covariance_factors):
         assert np.all(np.isnan(one.ln_frequency[1])) and np.all(np.isnan(one.shape[:, 1]))
         assert np.all(np.isfinite(one.ln_frequency[[0, 2]])) and np.all(np.isfinite(one.shape[:, [0, 2]]))
     assert best.index[1] == -1 and np.isnan(best.frequency_hz[1])

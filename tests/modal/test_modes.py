@@ -11,10 +11,10 @@ import pytest
 from probupdate.errors import InputError
 from probupdate.io.files import write_json, write_json_rows
 from probupdate.modal.modes import (
+    CovarianceFactors,
     ModalData,
-    ModalDeviation,
     ModalSet,
-    StoredDeviation,
+    StoredFactors,
     mac,
     modal_phase_collinearity,
     normalise,
@@ -161,7 +161,7 @@ def data_with_factors(ids=("2019-06-03T10:00Z", "a/b")):
         sets.append(ModalSet(
             id=name, frequency_hz=frequency, shape=complex_shape(3, 2), damping_ratio=np.array([0.01, 0.02]),
             frequency_std_hz=np.full(2, np.nan), shape_std=np.full((3, 2), np.nan),
-            deviation=ModalDeviation(ln_frequency=columns, damping_ratio=columns / 4, shape=shape),
+            covariance_factors=CovarianceFactors(ln_frequency=columns, damping_ratio=columns / 4, shape=shape),
         ))
     return ModalData(channels=("a", "b", "c"), sets=tuple(sets))
 
@@ -170,10 +170,10 @@ def test_standard_deviations_are_the_columns_root_sum_of_squares():
     one = data_with_factors().sets[0]
     for j in range(2):
         assert one.frequency_std_hz[j] == pytest.approx(
-            one.frequency_hz[j] * np.linalg.norm(one.deviation.ln_frequency[j]))
-        assert one.damping_ratio_std[j] == pytest.approx(np.linalg.norm(one.deviation.damping_ratio[j]))
+            one.frequency_hz[j] * np.linalg.norm(one.covariance_factors.ln_frequency[j]))
+        assert one.damping_ratio_std[j] == pytest.approx(np.linalg.norm(one.covariance_factors.damping_ratio[j]))
         for c in range(3):
-            assert one.shape_std[c, j] == pytest.approx(np.linalg.norm(one.deviation.shape[c, j].real))
+            assert one.shape_std[c, j] == pytest.approx(np.linalg.norm(one.covariance_factors.shape[c, j].real))
 
 
 def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
@@ -181,7 +181,7 @@ def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
     kept = dataclasses.replace(one, frequency_std_hz=np.array([0.5, np.nan]))
     assert kept.frequency_std_hz == pytest.approx([0.5, one.frequency_std_hz[1]])
     assert np.all(np.isnan(sample_data().sets[0].damping_ratio_std))
-    assert sample_data().sets[0].deviation is None
+    assert sample_data().sets[0].covariance_factors is None
 
 
 def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_path):
@@ -191,7 +191,8 @@ def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_pa
     again = read_modes(tmp_path / "m.json")
     for one, two in zip(data.sets, again.sets, strict=True):
         for name in ("ln_frequency", "damping_ratio", "shape"):
-            assert np.array_equal(getattr(one.deviation, name), getattr(two.deviation, name), equal_nan=True)
+            assert np.array_equal(getattr(one.covariance_factors, name), getattr(two.covariance_factors, name),
+                                  equal_nan=True)
         for name in ("frequency_std_hz", "damping_ratio_std", "shape_std"):
             assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
     write_modes(again, tmp_path / "m.json")
@@ -203,7 +204,7 @@ def test_any_id_is_a_group_of_its_own(tmp_path, ids):
     data = data_with_factors(ids=ids)
     write_modes(data, tmp_path / "m.json")
     for one, two in zip(data.sets, read_modes(tmp_path / "m.json").sets, strict=True):
-        assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
+        assert np.array_equal(one.covariance_factors.shape, two.covariance_factors.shape, equal_nan=True)
 
 
 def test_mistakes_with_deviations_are_named(tmp_path):
@@ -218,7 +219,7 @@ def test_mistakes_with_deviations_are_named(tmp_path):
     with pytest.raises(InputError, match=r"set a/b: its covariance is of \(3, 2\) channels and modes"):
         read_modes(write(tmp_path, fewer))
     with pytest.raises(InputError, match="do not belong together"):
-        ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
+        CovarianceFactors(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
     content["sets"][0]["damping_ratio_std"] = [-1.0, None]
     with pytest.raises(InputError, match="damping_ratio_std: a standard deviation is negative"):
         read_modes(write(tmp_path, content))
@@ -228,7 +229,7 @@ def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
     write_modes(data_with_factors(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
     content["sets"].append(content["sets"][0] | {"id": "mine"})
-    assert read_modes(write(tmp_path, content)).sets[2].deviation is None
+    assert read_modes(write(tmp_path, content)).sets[2].covariance_factors is None
 
 
 def test_columns_read_when_asked_are_those_in_memory(tmp_path):
@@ -236,10 +237,10 @@ def test_columns_read_when_asked_are_those_in_memory(tmp_path):
 
     def read(k):
         reads.append(k)
-        return data.sets[k].deviation
+        return data.sets[k].covariance_factors
 
     stored = dataclasses.replace(data, sets=tuple(
-        dataclasses.replace(s, deviation=StoredDeviation(read=functools.partial(read, k)))
+        dataclasses.replace(s, covariance_factors=StoredFactors(read=functools.partial(read, k)))
         for k, s in enumerate(data.sets)))
     write_modes(data, tmp_path / "m.json")
     write_modes(stored, tmp_path / "s.json")
@@ -248,8 +249,9 @@ def test_columns_read_when_asked_are_those_in_memory(tmp_path):
     assert sorted(reads) == sorted([*range(len(data.sets))] * 2)
     one, two = (x.of_modes([1, -1]).sets[0] for x in (data, stored))
     for name in ("ln_frequency", "damping_ratio", "shape"):
-        assert np.array_equal(getattr(one.deviation, name), getattr(two.deviation, name), equal_nan=True)
-        assert np.isnan(np.moveaxis(getattr(two.deviation, name), -2, 0)[1]).all()
+        assert np.array_equal(getattr(one.covariance_factors, name), getattr(two.covariance_factors, name),
+                              equal_nan=True)
+        assert np.isnan(np.moveaxis(getattr(two.covariance_factors, name), -2, 0)[1]).all()
 
 
 def test_modes_json_written_set_by_set_is_that_of_the_whole(tmp_path):
@@ -293,6 +295,6 @@ def test_a_set_goes_to_another_process_and_stays_read_only():
         assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
         assert not getattr(two, name).flags.writeable
     assert dict(two.environment) == dict(one.environment)
-    assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
+    assert np.array_equal(one.covariance_factors.shape, two.covariance_factors.shape, equal_nan=True)
     with pytest.raises(TypeError):
         two.environment["state"] = "rated"

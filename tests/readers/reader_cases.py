@@ -42,15 +42,15 @@ def update_record():
 
 
 def modes(folder: Path) -> Made:
-    from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
+    from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, read_modes, write_modes
 
     rng = np.random.default_rng(1)
     sets = [ModalSet(id=f"2019-06-03T0{k}:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]),
                      shape=rng.standard_normal((4, 3)), damping_ratio=np.full(3, 0.01),
                      frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02),
                      environment={"wind_speed_mps": 5.0, "state": "idling"},
-                     deviation=ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.ones((3, 5)),
-                                              shape=np.ones((4, 3, 5), complex)))
+                     covariance_factors=CovarianceFactors(ln_frequency=np.ones((3, 5)), damping_ratio=np.ones((3, 5)),
+                                                          shape=np.ones((4, 3, 5), complex)))
             for k in range(3)]
     data = ModalData(channels=("a", "b", "c", "d"), sets=tuple(sets), labels=("FA1", "SS1", "T1"),
                      reference_set=sets[0].id)

@@ -243,19 +243,20 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
 
     findings = [
         {"kind": "structural", "cause": "joints loosened", "location": "face AB, bay 2", "size": -0.62,
-         "size_std": 0.04, "unit": "-", "posterior_probability": 0.81, "course": "step", "since": "2019-06-03T12:00Z",
+         "size_std": 0.04, "unit": "-", "posterior_probability": 0.81, "time_profile": "step",
+         "since": "2019-06-03T12:00Z",
          "z": -14.2, "check": "inspect the weld toes", "alternatives": [
              {"cause": "brace stiffness lost", "location": "face AB, bay 2", "posterior_probability": 0.19}],
          "gain": {"heldout_elpd": 41.2, "heldout_elpd_se": 6.0, "max_frequency_error_before": 0.021,
                   "max_frequency_error_after": 0.003}},
         {"kind": "measurement", "cause": "sensor gain", "location": channels[3], "size": 0.1, "size_std": 0.012,
-         "unit": "-", "posterior_probability": 1.0, "course": "constant", "since": "", "z": 8.0,
+         "unit": "-", "posterior_probability": 1.0, "time_profile": "constant", "since": "", "z": 8.0,
          "check": "calibrate the channel", "alternatives": [], "gain": {}},
     ]
-    limits = [
-        {"kind": kind, "cause": cause, "location": place, "course": course, "limit": limit, "unit": unit,
+    entries = [
+        {"kind": kind, "cause": cause, "location": place, "time_profile": time_profile, "size": entry, "unit": unit,
          "share_left": 0.3, "z": 0.5}
-        for kind, cause, place, course, limit, unit in (
+        for kind, cause, place, time_profile, entry, unit in (
             ("structural", "scour", "all legs", "constant", 1.8, "m"), ("structural", "scour", "all legs", "step",
                                                                         0.05, "m"),
             ("structural", "nacelle mass", "nacelle", "constant", 9.1e3, "kg"),
@@ -275,25 +276,29 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
         "time": {"start": "2019-06-03T00:00Z", "hours": hours, "blocks_a_point": 1.0, "by_chance": 4.4,
                  "series": [line(k, N_BLOCK, moved_z=None) for k in range(4)],
                  "sizes": [{"cause": "joints loosened", "location": "face AB, bay 2", "unit": "-", "hours": hours,
-                            "size": numbers(N_BLOCK), "size_std": [0.1] * N_BLOCK, "course": [0.0] * N_BLOCK,
-                            "course_name": "step", "against": None, "against_unit": None}]},
+                            "size": numbers(N_BLOCK), "size_std": [0.1] * N_BLOCK, "time_profile": [0.0] * N_BLOCK,
+                            "time_profile_name": "step", "against": None, "against_unit": None}]},
         "covariates": [{"column": c, "unit": u, "centre": [0.1 * k for k in range(8)], "blocks": [6] * 8,
                         "series": [line(k, 8, slope_z=[5.0 - k, 0.4], slope_percent=[0.1, 0.0]) for k in range(4)]}
                        for c, u in (("water_level_m", "m"), ("air_temperature_c", "degC"), ("rms_mps2", "m/s2"))],
-        "pushed": {"parameters": [{"name": n, "pushed": [2.4, 0.3], "expected": [0.9, 0.9]} for n in NAMES[:3]],
-                   "p_together": [0.002, 0.6]},
+        "prior_shift": {"parameters": [{"name": n, "prior_shift": [2.4, 0.3], "expected": [0.9, 0.9]}
+                                       for n in NAMES[:3]],
+                        "p_together": [0.002, 0.6]},
         "sensors": [{"channel": s.channel, "level": s.level, "position_m": [float(x) for x in s.position_m],
                      "direction": [float(x) for x in s.direction]} for s in sensors],
-        "measurement": [{"cause": "clock offset", "course": "constant", "location": "all of TP", "z": 0.7, "size": 0.27,
+        "measurement": [{"cause": "clock offset", "time_profile": "constant", "location": "all of TP", "z": 0.7,
+                         "size": 0.27,
                          "size_std": 0.36, "unit": "ms", "tolerance": 0.1, "tried": 8}],
     }
     named = verdict in ("named", "ambiguous")
     return {
         "verdict": verdict, "p_value": 2e-7 if verdict != "none" else 0.4, "findings": findings if named else [],
         "extended_model": "diagnosis.model.toml" if named else None, "threshold": 4.1, "adequacy_p": 0.3,
-        "splits": ["telling joints from braces asks |z| of 23"] if verdict == "ambiguous" else [], "limits": limits,
+        "splits": ["telling joints from braces asks |z| of 23"] if verdict == "ambiguous" else [],
+            "detectable_sizes": entries,
         "parameters": [{"name": n, "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1,
-                        "pushed": 2.4, "value_after": 1.05, "std_after": 0.1, "pushed_after": 0.3} for n in NAMES[:3]],
+                        "prior_shift": 2.4, "value_after": 1.05, "std_after": 0.1, "prior_shift_after": 0.3}
+                       for n in NAMES[:3]],
         "notes": ["4 blocks left out in which the nacelle turned"],
         "details": {"residuals": shown, "nearest": ["scour, leg A"] if verdict == "unexplained" else []},
     }

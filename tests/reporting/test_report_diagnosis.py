@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from probupdate.diagnosis import wording
+from probupdate.diagnosis import results, wording
 from probupdate.errors import InputError
-from probupdate.reporting.diagnosis_section import chosen_limits, diagnosis_section
-from probupdate.reporting.figures_diagnosis import limit_text
+from probupdate.reporting.diagnosis_section import chosen_sizes, diagnosis_section
+from probupdate.reporting.figures_diagnosis import size_text
 from probupdate.reporting.findings import findings
 from probupdate.reporting.page import render
 from probupdate.reporting.run_files import read_run
@@ -27,7 +27,8 @@ def section_text(run) -> str:
                "diagnosis.model", "log score better by 41.2 ± 6.0")),
     ("ambiguous", ("which of several, is open", "telling joints from braces", "0.19")),
     ("unexplained", ("no listed cause explains", "Do not read the updated parameters", "scour, leg A")),
-    ("none", ("Nothing beyond tolerances was found", "below the limits", "1 candidate would not be seen",
+    ("none",
+     ("Nothing beyond tolerances was found", "below the minimum detectable sizes", "1 candidate would not be seen",
               "1 exchanged or reversed channel tested for: each would be seen.")),
 ])
 def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdict, words):
@@ -59,9 +60,9 @@ def test_the_verdict_of_the_page_mentions_a_finding_before_its_numbers(full_run,
 
 def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagnosis_of, unfigured):
     content = diagnosis_of("named")
-    content |= {"parameters": [], "limits": [], "adequacy_p": None,
+    content |= {"parameters": [], "detectable_sizes": [], "adequacy_p": None,
                 "details": {"measurement": [{"test": "clock of T90", "p": 0.3, "wrong": False}],
-                            "changes": [{"course": "step", "since": "2020-01-05T00:00Z", "frequencies": [
+                            "changes": [{"time_profile": "step", "since": "2020-01-05T00:00Z", "frequencies": [
                                 {"mode": "T1", "change_percent": -0.79, "std_percent": 0.04, "z": -20.0}]}]}}
     text = section_text(replace(full_run, diagnosis=content, model=None))
     assert "Tests of the raw records" in text and "clock of T90" in text and "no" in text
@@ -161,14 +162,14 @@ def test_raw_records_are_told_apart_by_suspicion(full_run, diagnosis_of, unfigur
 
 
 def test_limits_drawn_are_of_every_kind_and_cause_first():
-    rows = [{"kind": kind, "cause": f"{kind} {c}", "location": str(k), "course": "constant", "limit": 1.0 + k + c,
+    rows = [{"kind": kind, "cause": f"{kind} {c}", "location": str(k), "time_profile": "constant", "size": 1.0 + k + c,
              "unit": "m"} for kind in ("structural", "measurement") for c in range(3) for k in range(9)]
-    rows.append({**rows[0], "cause": "beyond reach", "limit": None})
-    chosen = chosen_limits(rows, most=12)
+    rows.append({**rows[0], "cause": "beyond reach", "size": None})
+    chosen = chosen_sizes(rows, most=12)
     assert len(chosen) == 8 and {x["cause"] for x in chosen} == {x["cause"] for x in rows[:-1]}
     for cause in {x["cause"] for x in chosen}:
-        best = min(x["limit"] for x in rows if x["cause"] == cause and x["limit"])
-        assert best in [x["limit"] for x in chosen if x["cause"] == cause]
+        best = min(x["size"] for x in rows if x["cause"] == cause and x["size"])
+        assert best in [x["size"] for x in chosen if x["cause"] == cause]
 
 
 @pytest.mark.parametrize(("value", "std", "unit", "cause", "text"), [
@@ -191,6 +192,24 @@ def test_a_gain_within_two_errors_is_said_to_be_none():
 
 
 def test_limits_have_their_unit():
-    assert limit_text({"limit": -0.56, "unit": "-", "cause": "brace stiffness lost"}) == "56 %"
-    assert limit_text({"limit": 42000.0, "unit": "kg", "cause": "nacelle mass"}) == "42\u202f000 kg"
-    assert limit_text({"limit": 1.3, "unit": "-", "cause": "parameter"}) == "1.3"
+    assert size_text({"size": -0.56, "unit": "-", "cause": "brace stiffness lost"}) == "56 %"
+    assert size_text({"size": 42000.0, "unit": "kg", "cause": "nacelle mass"}) == "42\u202f000 kg"
+    assert size_text({"size": 1.3, "unit": "-", "cause": "parameter"}) == "1.3"
+
+
+def test_a_file_with_former_keys_is_read(diagnosis_of, tmp_path):
+    """As before `format`: course, limits with limit, pushed."""
+    former = {new: old for old, new in results.FORMER_KEYS.items() if old != "limit"}
+
+    def with_former(value):
+        if isinstance(value, dict):
+            return {former.get(k, k): with_former(v) for k, v in value.items()}
+        return [with_former(v) for v in value] if isinstance(value, list) else value
+
+    content = json.loads(json.dumps(diagnosis_of("named"))) | {"format": results.FORMAT}
+    old = with_former({k: v for k, v in content.items() if k != "format"})
+    old["limits"] = [{"limit" if k == "size" else k: v for k, v in x.items()} for x in old["limits"]]
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    assert "course" in old["findings"][0] and "limit" in old["limits"][0]
+    (tmp_path / "new.json").write_text(json.dumps(content))
+    assert results.read_diagnosis(tmp_path / "old.json") | {"format": 2} == results.read_diagnosis(tmp_path / "new.json")

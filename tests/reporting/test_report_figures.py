@@ -40,8 +40,8 @@ def _built(run) -> dict[str, Figure]:
         "residual_layout": figures.residual_layout(shown["sensors"], shown["channels"], states),
         "calendar": figures.calendar(shown["time"], states, ["2019-06-03T12:00Z"]),
         "against_covariates": figures.against_covariates(shown["covariates"], states, ["water_level_m"]),
-        "prior_shifts": figures.prior_shifts(shown["pushed"]["parameters"], states),
-        "detectable_sizes": figures.detectable_sizes([x for x in content["limits"] if x["limit"]],
+        "prior_shifts": figures.prior_shifts(shown["prior_shift"]["parameters"], states),
+        "detectable_sizes": figures.detectable_sizes([x for x in content["detectable_sizes"] if x["size"]],
                                                      {("scour", "all legs"): 0.05}),
         "estimate_paths": figures.estimate_paths(
             update.parameters.items, [(0, 1)], posterior.draws, update.scheme("step").theta, 0,

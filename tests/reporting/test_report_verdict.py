@@ -65,9 +65,9 @@ def test_a_model_that_fits_is_said_to_fit_with_its_worst_frequency(sound):
 
 def shifted(run, p: float, size: float):
     """The same with one parameter shifted by that many prior standard deviations where +-0.9 is expected."""
-    changed = {"parameters": [{"name": "k_t", "pushed": [size], "expected": [0.9]}], "p_together": [p]}
-    rows = [{"name": "k_t", "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1, "pushed": size}]
-    content = dict(run.diagnosis, parameters=rows, details={"residuals": {"states": ["best"], "pushed": changed}})
+    changed = {"parameters": [{"name": "k_t", "prior_shift": [size], "expected": [0.9]}], "p_together": [p]}
+    rows = [{"name": "k_t", "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1, "prior_shift": size}]
+    content = dict(run.diagnosis, parameters=rows, details={"residuals": {"states": ["best"], "prior_shift": changed}})
     return replace(run, diagnosis=content)
 
 

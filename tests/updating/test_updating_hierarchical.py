@@ -7,7 +7,7 @@ from scipy import integrate, stats
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, arviz_psislw, linear_data, linear_model
 
 from probupdate.errors import InputError
-from probupdate.modal.modes import ModalData, ModalDeviation
+from probupdate.modal.modes import CovarianceFactors, ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.sets_section import information_section, sets_section
 from probupdate.reporting.values import Run
@@ -225,8 +225,9 @@ def with_deviations(data, cov):
     n = data.n_mode
     sets = tuple(type(s)(**{k: getattr(s, k) for k in ("id", "frequency_hz", "shape", "damping_ratio",
                                                        "frequency_std_hz", "shape_std")},
-                         deviation=ModalDeviation(ln_frequency=np.full((n, 1), cov), damping_ratio=np.ones((n, 1)),
-                                                  shape=np.zeros((*s.shape.shape, 1)))) for s in data.sets)
+                         covariance_factors=CovarianceFactors(ln_frequency=np.full((n, 1), cov),
+                                                              damping_ratio=np.ones((n, 1)),
+                                                              shape=np.zeros((*s.shape.shape, 1)))) for s in data.sets)
     return ModalData(channels=data.channels, sets=sets)
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, turned
 
 from probupdate.errors import InputError
-from probupdate.modal.modes import ModalData, ModalDeviation, mac
+from probupdate.modal.modes import CovarianceFactors, ModalData, mac
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
 
@@ -42,11 +42,12 @@ def correlated(seed: int, root=None, theta=CHAIN_TRUTH) -> ModalData:
     one = data.sets[0]
     noise = root @ np.random.default_rng(seed).standard_normal(root.shape[1])
     shape = one.shape + noise[4:].reshape(10, 4)
-    deviation = ModalDeviation(
+    covariance_factors = CovarianceFactors(
         ln_frequency=root[:4], damping_ratio=np.zeros((4, root.shape[1])),
         shape=root[4:].reshape(10, 4, -1).astype(complex),
     )
-    changed = replace(one, frequency_hz=one.frequency_hz * np.exp(noise[:4]), shape=shape, deviation=deviation)
+    changed = replace(one, frequency_hz=one.frequency_hz * np.exp(noise[:4]), shape=shape,
+                      covariance_factors=covariance_factors)
     return replace(data, sets=(changed,))
 
 
@@ -158,14 +159,14 @@ def test_a_pair_and_its_deviations_turned_in_their_plane_change_nothing():
     data = correlated(3)
     one = data.sets[0]
     size = np.max(np.abs(one.shape), axis=0)
-    shape, spread = one.shape / size, one.deviation.shape / size[None, :, None]
+    shape, spread = one.shape / size, one.covariance_factors.shape / size[None, :, None]
     angle = 0.6
     c, s = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
     turn[:2, :2] = [[c, -s], [s, c]]
     # the plane's basis is set up from shapes of equal largest component: rescale neither
     other = replace(one, shape=shape @ turn,
-                    deviation=replace(one.deviation, shape=np.einsum("cjp,jk->ckp", spread, turn)))
+                    covariance_factors=replace(one.covariance_factors, shape=np.einsum("cjp,jk->ckp", spread, turn)))
     a, b = (build_problem(chain_model(), replace(data, sets=(x,)), weights=Weights(covariance=True))
             for x in (one, other))
     for theta in POINTS:
@@ -184,9 +185,9 @@ def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
     std = Weights(frequency_cov=(COV,) * 4, shape_std=False, shape_factor=0.04 / COV)
     plain = build_problem(chain_model(), data, weights=std)
     a, b = (maximum_a_posteriori(p, [CHAIN_TRUTH]) for p in (joint, plain))
-    deviation = np.sqrt(np.diag(b.covariance))
-    assert np.abs(a.theta - b.theta) / deviation == pytest.approx(np.zeros(4), abs=0.1)
-    assert np.sqrt(np.diag(a.covariance)) / deviation == pytest.approx(np.ones(4), abs=0.05)
+    covariance_factors = np.sqrt(np.diag(b.covariance))
+    assert np.abs(a.theta - b.theta) / covariance_factors == pytest.approx(np.zeros(4), abs=0.1)
+    assert np.sqrt(np.diag(a.covariance)) / covariance_factors == pytest.approx(np.ones(4), abs=0.05)
     assert a.misfit == pytest.approx(b.misfit, rel=0.05)
 
 

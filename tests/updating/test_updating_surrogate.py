@@ -121,8 +121,8 @@ def test_draws_follow_the_density_on_ridges_and_far_out(correlation, n_param, lo
     error = weight.std() / weight.mean() / np.sqrt(N_DRAW) + (3e-3 if correlation < 0 else 1e-6)
     assert abs(np.log(weight.mean()) - constant - expected) < LIMIT * error
     first = np.sum(weight * theta[:, 0]) / weight.sum()
-    deviation = np.sqrt(np.sum(weight**2 * (theta[:, 0] - first) ** 2)) / weight.sum()
-    assert abs(first - exact_first) < LIMIT * (deviation + (1e-3 if correlation < 0 else 1e-6))
+    covariance_factors = np.sqrt(np.sum(weight**2 * (theta[:, 0] - first) ** 2)) / weight.sum()
+    assert abs(first - exact_first) < LIMIT * (covariance_factors + (1e-3 if correlation < 0 else 1e-6))
 
 
 @pytest.mark.parametrize(

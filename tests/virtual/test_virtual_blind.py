@@ -59,10 +59,10 @@ def test_severities_keep_to_the_stated_limits(cases):
     found = [words for pair in drawn if pair is not None for words in pair[1:]]
     assert len(found) > 8 and {w["location"] for w in found} == {"T66-x"}
     for words in found:
-        assert limits[f"sensor gain | T66-x | {words['course']}"] < words["size"] <= kind.high
+        assert limits[f"sensor gain | T66-x | {words['time_profile']}"] < words["size"] <= kind.high
     below = [cases.draw_effect(rng, kind, limits, below=True) for _ in range(400)]
-    sizes = [(pair[1]["size"], pair[1]["course"]) for pair in below if pair and pair[1]["location"] == "T66-x"]
-    assert sizes and all(size < 0.7 * limits[f"sensor gain | T66-x | {course}"] for size, course in sizes)
+    sizes = [(pair[1]["size"], pair[1]["time_profile"]) for pair in below if pair and pair[1]["location"] == "T66-x"]
+    assert sizes and all(size < 0.7 * limits[f"sensor gain | T66-x | {time_profile}"] for size, time_profile in sizes)
 
 
 def test_rates_have_exact_intervals(tables):
@@ -75,7 +75,7 @@ def test_rates_have_exact_intervals(tables):
 
 
 def test_answers_are_judged_by_cause_and_place(tables):
-    effect = {"cause": "scour", "also": [], "location": "leg B", "course": "step", "size": 1.0}
+    effect = {"cause": "scour", "also": [], "location": "leg B", "time_profile": "step", "size": 1.0}
     right = {"cause": "scour", "location": "leg B", "alternatives": [], "size": 1.1, "size_std": 0.1}
     elsewhere = {"cause": "scour", "location": "leg C", "alternatives": [["scour", "leg B"]]}
     assert tables.is_named(right, effect) and not tables.is_named(elsewhere, effect)
@@ -90,7 +90,7 @@ def test_answers_are_judged_by_cause_and_place(tables):
 
 def test_what_cannot_be_told_apart_is_counted_by_itself(tables):
     """ln(0.95 / 0.05) = 2.944 between two rows is what a name asks for."""
-    effect = {"cause": "scour", "location": "leg B", "course": "step", "size": 1.0, "above_stated_limit": True}
+    effect = {"cause": "scour", "location": "leg B", "time_profile": "step", "size": 1.0, "above_stated_limit": True}
     right = {"cause": "scour", "location": "leg B", "alternatives": [], "size": 1.1, "size_std": 0.1}
     wrong = {**right, "cause": "lateral soil stiffness", "alternatives": [["scour", "leg B"]]}
     line = {"family": "single", "hidden": [{"kind": "scour"}], "verdict": "ambiguous", "cpu_s": 1.0}

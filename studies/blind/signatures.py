@@ -1,6 +1,6 @@
 """How far the model's signatures are those of the virtual turbine: effects at their true size, put into the model.
 
-python studies/blind/fingerprints.py [--each 3]
+python studies/blind/signatures.py [--each 3]
 
 A line for each effect: length of what it does to the modes in standard deviations of a block's noise and model form,
 the share of it that is left when the model has the effect at its true size, and the share left at the factor on the
@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from cases import KINDS, draw_effect
 from run import prepared
 
-from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.virtual.modal_blocks import simulate_modes
 
@@ -43,21 +43,21 @@ def main() -> None:
 
     def shift(own, included=()) -> np.ndarray:
         """What lies between a record and the plain one, in standard deviations."""
-        found, plain = departures_at(own, theta, included), departures_at(problem, theta, ())
+        found, plain = residuals_at(own, theta, included), residuals_at(problem, theta, ())
         return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
 
     rng, shares = np.random.default_rng(3), []
     for kind in KINDS:
-        if kind.klass == "environmental" or "constant" not in kind.courses:
+        if kind.klass == "environmental" or "constant" not in kind.time_profiles:
             continue
         for _ in range(each):
             hidden, words = draw_effect(rng, kind)
-            hidden = {k: v for k, v in hidden.items() if k not in ("course", "at_hour", "from_hour", "to_hour")}
+            hidden = {k: v for k, v in hidden.items() if k not in ("time_profile", "at_hour", "from_hour", "to_hour")}
             (effect,) = [e for e in problem.effects if (e.cause, e.location) == (kind.cause, words["location"])]
             record = simulate_modes(truth={"effect": [hidden]}, **BASE)
             own = dataclasses.replace(diagnosis_problem(model, record.data)[0], field=problem.predictor)
             length = np.linalg.norm(shift(own))
-            left = {f: np.linalg.norm(shift(own, (IncludedEffect(effect=effect, course=problem.courses[0],
+            left = {f: np.linalg.norm(shift(own, (IncludedEffect(effect=effect, time_profile=problem.time_profiles[0],
                                                         size=f * words["size"]),))) for f in FACTORS}
             best = min(left, key=left.get)
             shares.append(left[1.0] / length)

@@ -1,6 +1,6 @@
 """Which hidden effects can be distinguished from their nearest alternative at all, whatever is then said about them.
 
-python studies/blind/told_apart.py LINES.jsonl
+python studies/blind/distinguishable.py LINES.jsonl
 
 Adds to every effect of the lines `nearest`, the row of the catalogue that would explain most of it instead, and
 `apart`, how much log evidence lies between the two for a record without noise, the error of a fingerprint counted as
@@ -28,8 +28,8 @@ OWN = {"soil softens with amplitude": ("rms_mps2", -100.0), "wetted length": ("w
 
 def row_of(problem: DiagnosisProblem, fitted: Fit, effect: dict) -> int | None:
     """The candidate that the hidden effect is, a step at the block where it is told best."""
-    name = OWN[effect["cause"]][0] if effect["course"] == "own" else effect["course"]
-    rows = [k for k, (j, c) in enumerate(problem.which) if problem.courses[c].name == name
+    name = OWN[effect["cause"]][0] if effect["time_profile"] == "own" else effect["time_profile"]
+    rows = [k for k, (j, c) in enumerate(problem.which) if problem.time_profiles[c].name == name
             and (problem.effects[j].cause, problem.effects[j].location) == (effect["cause"], effect["location"])]
     return max(rows, key=lambda k: fitted.design.information[k], default=None)
 
@@ -44,14 +44,15 @@ def nearest(problem: DiagnosisProblem, fitted: Fit, effect: dict) -> tuple[str, 
     best, apart = "", np.inf
     others = np.flatnonzero((problem.which[:, 0] != problem.which[k, 0]) & (design.share_left > 1e-3))
     for other, r in zip(others, design.overlap([k], others)[0] / (unit[k] * unit[others]), strict=True):
-        rival, course = problem.effects[problem.which[other, 0]], problem.courses[problem.which[other, 1]]
-        sizes = rival.discrete or np.clip(
-            r * z / unit[other], *IncludedEffect(effect=rival, course=course, size=0.0).bounds
+        competitor, time_profile = problem.effects[problem.which[other, 0]], problem.time_profiles[problem.which[other,
+                                                                                                                 1]]
+        sizes = competitor.discrete or np.clip(
+            r * z / unit[other], *IncludedEffect(effect=competitor, time_profile=time_profile, size=0.0).bounds
         )
         for own in np.atleast_1d(sizes) * unit[other]:
             loss = 0.5 * (z**2 + own**2 - 2 * r * z * own)
             if loss < apart:
-                best, apart = rival.name, loss
+                best, apart = competitor.name, loss
     return best, float(apart / model_error_dispersion(z))
 
 
