@@ -213,15 +213,16 @@ class Design:
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Per candidate its cross terms B with the unknowns (n_candidate, n_unknown), the same solved, its information
         before and after the unknowns have taken their part (n_candidate,)."""
-        n_effect, n_course = self.effect[0].shape[2], len(self.courses)
-        cross = np.zeros((n_course, n_effect, self.n_unknown))
+        n_course, (effect, course) = len(self.courses), self.which.T
+        B = np.zeros((len(self.which), self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_course):
             weighted = self.noise.precision[q] @ self.effect[q]
             for row, number, made in sorted_unknowns:
                 shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
-                cross[:, :, number] += np.tensordot(self._times[q][:, :n_course, row], shared, (0, 0))
-        effect, course = self.which.T
-        B, raw = cross[course, effect], self._along_time[effect, course, course]
+                # of all pairs for one kind of unknowns at a time: few effects follow all time profiles
+                cross = np.tensordot(self._times[q][:, :n_course, row], shared, (0, 0))
+                B[:, number] += cross[course, effect]
+        raw = self._along_time[effect, course, course]
         solved = self._solve(B.T).T
         return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
 
