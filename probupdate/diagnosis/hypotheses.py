@@ -259,6 +259,8 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
 def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
     n_searched = len(problem.which)
+    # what a design is asked for is as large as all else together, and goes with the search that asked for it
+    null = replace(null, design=replace(null.design))
     start = hypothesis_of(problem, (), (), null)
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}

@@ -218,15 +218,16 @@ class Design:
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Per candidate its cross terms B with the unknowns (n_candidate, n_unknown), the same solved, its information
         before and after the unknowns have taken their part (n_candidate,)."""
-        n_effect, n_profile = self.effect[0].shape[2], len(self.time_profiles)
-        cross = np.zeros((n_profile, n_effect, self.n_unknown))
+        n_profile, (effect, time_profile) = len(self.time_profiles), self.which.T
+        B = np.zeros((len(self.which), self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = self.noise.precision[q] @ self.effect[q]
             for row, number, made in sorted_unknowns:
                 shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
-                cross[:, :, number] += np.tensordot(self._times[q][:, :n_profile, row], shared, (0, 0))
-        effect, time_profile = self.which.T
-        B, raw = cross[time_profile, effect], self._along_time[effect, time_profile, time_profile]
+                # of all pairs for one kind of unknowns at a time: few effects follow all time profiles
+                cross = np.tensordot(self._times[q][:, :n_profile, row], shared, (0, 0))
+                B[:, number] += cross[time_profile, effect]
+        raw = self._along_time[effect, time_profile, time_profile]
         solved = self._solve(B.T).T
         return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
 

@@ -9,7 +9,11 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis import hypotheses
+from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.fitting import noise_of, turning_freely
+from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.problem import diagnosis_problem
 from probupdate.diagnosis.run import _read_groups
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
@@ -44,6 +48,37 @@ def test_one_channel_has_no_pairs_of_shapes(family, tmp_path):
         (one,) = found.findings
         assert record.places <= {(one.cause, one.location), *((a.cause, a.location) for a in one.alternatives)}
         assert one.size == pytest.approx(record.size, abs=2 * one.size_std)
+
+
+def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, validation):
+    """Storeys nearly alike in x and y of which the upper mode of a pair is missing: shapes turned by a tenth of a
+    radian in the plane of both, against the written-out inverse with the turn's variance."""
+    row = validation(what="noise of a mode that may turn towards one that was not measured",
+                     reference="the inverse written out; shapes turned by 0.1 rad", why="rounding")
+    record = draw_record("null", 8)
+    prepared = prepare(record.world.write(tmp_path), sensors=record.world.sensors)
+    problem, theta = diagnosis_problem(prepared, record.data)
+    predictor = problem.predictor
+    local = predictor.small.at(theta)
+    modes_there = local.solve(0.0, predictor.small.n_search)
+    shape, groups = predictor._members(local, modes_there)
+    (q,) = [q for q, members in enumerate(groups) if len(members) > len(problem.blocks.groups[q])]
+    plain = noise_of(problem, departures_at(problem, theta, ()))
+    turned = turning_freely(problem, plain, theta, ())
+    made, std = predictor.unknown_turns(local, 0.0)[q]
+    expected = np.linalg.inv(np.linalg.inv(plain.precision[q]) + (made * std**2) @ made.T)
+    row.error((turned.precision[q] - expected) / np.abs(expected).max(), 1e-6, "inverse")
+    assert all(turned.precision[p] is plain.precision[p] for p in range(len(groups)) if p != q)
+    axes, members = predictor.axes[q], list(groups[q])
+    along, across = (shape[:, members] @ x for x in np.linalg.svd(np.linalg.pinv(shape[:, members]) @ axes)[0].T)
+    f = np.full((2, 1), modes_there.frequency_hz[members[0]])
+    both = np.stack([along, np.cos(0.1) * along + np.sin(0.1) * across])[:, :, None].astype(complex)
+    numbers, sure = numbers_of_modes(f, both, axes)
+    change = numbers[1] - numbers[0]
+    assert sure.all() and np.abs(change).max() > 0.01
+    # what is left is of the turn's own prior, 0.1 of 10 rad
+    assert change @ turned.precision[q] @ change == pytest.approx((np.tan(0.1) / 10) ** 2, rel=0.05)
+    assert change @ plain.precision[q] @ change > 100
 
 
 def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch):
