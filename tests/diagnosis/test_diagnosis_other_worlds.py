@@ -9,7 +9,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis import hypotheses
-from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import noise_of, turning_freely
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
@@ -63,7 +63,7 @@ def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, va
     modes_there = local.solve(0.0, predictor.small.n_search)
     shape, groups = predictor._members(local, modes_there)
     (q,) = [q for q, members in enumerate(groups) if len(members) > len(problem.blocks.groups[q])]
-    plain = noise_of(problem, departures_at(problem, theta, ()))
+    plain = noise_of(problem, residuals_at(problem, theta, ()))
     turned = turning_freely(problem, plain, theta, ())
     made, std = predictor.unknown_turns(local, 0.0)[q]
     expected = np.linalg.inv(np.linalg.inv(plain.precision[q]) + (made * std**2) @ made.T)
