@@ -212,4 +212,5 @@ def test_a_file_with_former_keys_is_read(diagnosis_of, tmp_path):
     (tmp_path / "old.json").write_text(json.dumps(old))
     assert "course" in old["findings"][0] and "limit" in old["limits"][0]
     (tmp_path / "new.json").write_text(json.dumps(content))
-    assert results.read_diagnosis(tmp_path / "old.json") | {"format": 2} == results.read_diagnosis(tmp_path / "new.json")
+    again = results.read_diagnosis(tmp_path / "old.json") | {"format": results.FORMAT}
+    assert again == results.read_diagnosis(tmp_path / "new.json")
