@@ -6,12 +6,16 @@ in local axes and depend on the length L only; what multiplies them (EA, EI, GJ,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache, wraps
+from typing import TypeVar
 
 import numpy as np
 
 from probupdate.structure.coefficient import Values
+
+_Matrices = TypeVar("_Matrices", Mapping[str, np.ndarray], np.ndarray)
 
 AXIAL = np.array([0, 6])
 TORSION = np.array([3, 9])
@@ -104,6 +108,21 @@ def _integrate(product: np.ndarray) -> np.ndarray:
     return product @ (1.0 / np.arange(1, product.shape[2] + 1))
 
 
+def _of_length(matrices: Callable[[float], _Matrices]) -> Callable[[float], _Matrices]:
+    """Kept by length, read-only: elements of one length are many, and a turbine is assembled at several headings."""
+
+    @lru_cache(maxsize=1024)
+    @wraps(matrices)
+    def kept(length_m: float) -> _Matrices:
+        found = matrices(length_m)
+        for array in found.values() if isinstance(found, Mapping) else (found,):
+            array.setflags(write=False)
+        return found
+
+    return kept
+
+
+@_of_length
 def stiffness_matrices(length_m: float) -> Mapping[str, np.ndarray]:
     """K = EA axial + GJ torsion + EI / (1 + phi) (bending + phi shear), phi = 0 for Bernoulli-Euler."""
     rod = np.array([[1.0, -1.0], [-1.0, 1.0]]) / length_m
@@ -118,11 +137,13 @@ def stiffness_matrices(length_m: float) -> Mapping[str, np.ndarray]:
     }
 
 
+@_of_length
 def axial_mass(length_m: float) -> np.ndarray:
     """Times mass per metre: what moves along the member."""
     return _pair(AXIAL, np.array([[2.0, 1.0], [1.0, 2.0]]) * length_m / 6)
 
 
+@_of_length
 def torsional_mass(length_m: float) -> np.ndarray:
     """Times rho J: what spins about the member's axis."""
     return _pair(TORSION, np.array([[2.0, 1.0], [1.0, 2.0]]) * length_m / 6)
@@ -140,11 +161,13 @@ _ROTARY = _by_shear(_ROTATION, _ROTATION_SHEAR)
 _MOMENTS = np.moveaxis(_product(_DEFLECTION, _DEFLECTION), 2, 0)
 
 
+@_of_length
 def transverse_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times mass per metre and phi^0, phi^1, phi^2 over (1 + phi)^2."""
     return _both_planes(_TRANSVERSE * np.outer(_scale(length_m), _scale(length_m)) * length_m)
 
 
+@_of_length
 def rotary_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times rho I and phi^0, phi^1, phi^2 over (1 + phi)^2, rotation of the cross-sections."""
     return _both_planes(_ROTARY * np.outer(_scale(length_m), _scale(length_m)) / length_m)
@@ -155,11 +178,13 @@ def geometric_stiffness(length_m: float) -> np.ndarray:
     return rotary_mass(length_m)[0]
 
 
+@_of_length
 def transverse_moments(length_m: float) -> np.ndarray:
     """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi), mu_m = int q xi^m dx, 0 <= xi <= 1."""
     return _both_planes(_MOMENTS * np.outer(_scale(length_m), _scale(length_m)))
 
 
+@_of_length
 def axial_moments(length_m: float) -> np.ndarray:
     """(3, 12, 12): as `transverse_moments` for a density along the member."""
     rod = np.array([[1.0, -1.0], [0.0, 1.0]])
