@@ -96,8 +96,8 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explored:
     """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
-    (the model as it is) and that at the most probable one. `one_more`: whether one more effect would make the record
-    more probable there, to first order. `problem` with the crosstalks that were taken up."""
+    (the model as it is) and that at the most probable one. `one_more`: whether one more effect may make the record more
+    probable there: it promises to, and was not shown not to. `problem` with the crosstalks that were taken up."""
 
     problem: DiagnosisProblem
     hypotheses: tuple[Hypothesis, ...]
@@ -295,10 +295,11 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
-        if add:
-            # a score that nothing known makes probable is chance
-            one_more[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
         _fit_moves(problem, here, moves, known, noise_anew=large)
+        if add:
+            # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
+            one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
+                                if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
     if keys[0] not in searches:
@@ -307,6 +308,12 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         one_more[keys[0]] = bool(found.statistic.max() > found.threshold)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
                     first=first, last=searches[keys[0]], one_more=one_more[keys[0]])
+
+
+def _may_be_more(fitted: Hypothesis | None) -> bool:
+    """Whether a hypothesis that promised more than one with an effect less, and is not the most probable, may yet be
+    more: it could not be fitted, or stands where its fit stopped."""
+    return fitted is None or not fitted.fitted.settled
 
 
 def _next_looked_at(
