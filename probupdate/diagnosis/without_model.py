@@ -29,11 +29,15 @@ from probupdate.diagnosis.empirical_search import (
 )
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
+from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
+from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
+# false alarms of a search that follows a change, over the first one's, as with a model
+NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
 # effects that explain nearly as much (share of the best one's) are tried, at most so many
@@ -454,7 +458,9 @@ def _taken_out(
     def looked_at(number: int) -> tuple[Followed, Found]:
         progress("diagnosing", number, MOST_CHANGES + 1)
         followed = watch(blocks, rows, placed, known)
-        return followed, search(followed, time_profiles, known, seed, share)
+        # after a change as beside a model's findings: the searches that follow have half of the false alarms
+        own = share * NEXT_SHARE if number else share
+        return followed, search(followed, time_profiles, known, seed, own)
 
     changes: list[Change] = []
     followed, found = first = looked_at(0)
