@@ -309,9 +309,9 @@ def _foreign(findings: Sequence[Finding]) -> list[str]:
     for f in findings:
         part = next((a for a in f.alternatives if a.cause in PART_CAUSES), None)
         if part is not None and part.posterior_probability > f.posterior_probability:
-            result.append(f"{f.cause}, {f.location}, is less probable ({f.posterior_probability:.2g}) than a "
-                          f"{part.cause}, {part.location} ({part.posterior_probability:.2g}): no row of the catalogue "
-                          "describes what is there")
+            result.append(f"{f.cause}, {f.location}, is less probable ({f.posterior_probability:.2g}) than an "
+                          f"elementary part, {part.cause}: {part.location} ({part.posterior_probability:.2g}); no row "
+                          "of the catalogue describes what is there")
     return result
 
 

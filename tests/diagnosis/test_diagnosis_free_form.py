@@ -78,6 +78,25 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
 
 
+@pytest.mark.parametrize(("hidden", "nearest", "part"), [
+    ({"spring": 3e4}, "parameter, k2", "spring to ground: (0.0, 0.0, 12.0) m, along 0 deg"),
+    ({"mass": 60.0, "storey": 2}, "parameter, k2", "added mass at a point: (0.0, 0.0, 9.0) m"),
+])
+def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, nearest, part):
+    """Small enough for stiffness of storeys to come near; the part is at its place, among all of its kind."""
+    found = examine(frame, record(11, **hidden)).diagnosis
+    (note,) = [n for n in found.notes if n.startswith(nearest)]
+    assert found.verdict == "unexplained" and f"an elementary part, {part}" in note
+
+
+def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, stepped):
+    _, data, alone = stepped
+    found = examine(frame, data).diagnosis
+    (finding,), (before,) = found.findings, alone.diagnosis.findings
+    assert found.verdict == "named" and (finding.cause, finding.location) == (before.cause, before.location)
+    assert sum(a.posterior_probability for a in finding.alternatives if a.cause in PART_CAUSES) < 0.05
+
+
 def test_nothing_is_added_where_nothing_is_hidden(frame):
     data = record(4)
     assert free_form(frame, examine(frame, data), data) is None
