@@ -204,7 +204,8 @@ def _bordered(matrix, border, right):
         border = sparse.csc_matrix(border)
         whole = sparse.bmat([[matrix, border], [border.T, None]], format="csc")
         return sparse_linalg.splu(whole, permc_spec="COLAMD").solve(np.vstack([right, below]))[: len(right)]
-    # the border in units of the matrix: stiffnesses are 1e9 where masses are 1
-    border = border * (np.max(np.abs(matrix)) / np.max(np.abs(border), axis=0))
+    # the border in units of the matrix: stiffnesses are 1e9 where masses are 1; of a single degree of freedom nothing
+    # is left of the matrix
+    border = border * ((np.max(np.abs(matrix)) or 1.0) / np.max(np.abs(border), axis=0))
     whole = np.block([[matrix, border], [border.T, np.zeros((border.shape[1],) * 2)]])
     return linalg.solve(whole, np.vstack([right, below]))[: len(right)]
