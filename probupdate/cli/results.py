@@ -52,7 +52,8 @@ def run_report(a: argparse.Namespace, progress: Progress) -> None:
 
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
-    p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
+    p = verb("diagnose", run_diagnose,
+             "what the simulation or the measurement gets wrong: cause, place, size, and what would not be seen")
     p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")

@@ -156,6 +156,12 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     kept_channels, more = _used_channels(data.channels, frequency, shape)
     notes += more
     shape = shape[:, kept_channels]
+    still = np.flatnonzero(~np.any(np.nan_to_num(shape) != 0, axis=(0, 1))) if len(kept_channels) else []
+    measured = np.isfinite(shape).any(axis=(0, 1)) if len(kept_channels) else []
+    if any(measured[j] for j in still):
+        number = next(j for j in still if measured[j]) + 1
+        raise InputError(where, f"the shape of mode {number} is zero at every channel in every set",
+                         "leave shapes that were not measured out (null)")
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     kept, more = _used_modes(labels, frequency, shape, expected_hz)
     notes += more

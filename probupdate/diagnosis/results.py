@@ -119,7 +119,8 @@ class Diagnosis:
         detectable_sizes = wording.best_detectable(content, 5)
         if detectable_sizes:
             count = sum(x["size"] is not None for x in content["detectable_sizes"])
-            lines.append(f"seen best, each cause at its best place ({count} limits in the file and the report):")
+            lines.append(f"seen best, each cause at its best place ({count} minimum detectable sizes in the file and the "
+                         "report):")
             lines += [f"  {wording.detectable_words(x)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
@@ -240,6 +241,9 @@ def read_diagnosis(path: str | Path) -> dict:
     content = read_json_table(path, again, absent=again)
     if "format" not in content:
         content = _with_present_keys(content)
+    elif content["format"] != FORMAT:
+        raise InputError(f"{path}, format", f"is {content['format']!r}; {FORMAT} is the newest known",
+                         "read it with the version of probupdate that wrote it, or write it again")
     checked_table(DiagnosisTable, content, path, "write it again with `probupdate diagnose`")
     if content["verdict"] not in VERDICTS:
         raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",

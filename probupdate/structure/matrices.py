@@ -230,8 +230,12 @@ def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, 
     dof_node, direction = np.asarray(content["dof_node"]), np.asarray(content["dof_direction"])
     if node.ndim != 2 or node.shape[1] != 3:
         raise InputError(f"{path}, node_position_m", f"has shape {node.shape}", "give (n_node, 3)")
-    if dof_node.shape != (n,) or direction.shape != (n,):
-        raise InputError(f"{path}, dof_node", "does not have one entry per row of K0", f"give {n} numbers")
+    if not np.all(np.isfinite(node)):
+        raise InputError(f"{path}, node_position_m", "holds NaN or infinite places", "give every node's place in m")
+    for key, numbers in (("dof_node", dof_node), ("dof_direction", direction)):
+        if numbers.shape != (n,) or numbers.dtype.kind not in "iuf":
+            raise InputError(f"{path}, {key}", f"is not one number for each of the {n} rows of K0",
+                             "give whole numbers: a node's row; 0, 1, 2 for motion along x, y, z (3, 4, 5 rotation)")
     if dof_node.dtype.kind not in "iu" or np.any((dof_node < 0) | (dof_node >= len(node))):
         raise InputError(f"{path}, dof_node", f"is not a row of node_position_m, 0..{len(node) - 1}", "count from zero")
     rows = np.flatnonzero((direction >= 0) & (direction < 3))

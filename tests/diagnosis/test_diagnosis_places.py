@@ -8,6 +8,7 @@ import pytest
 from probupdate.diagnosis.diagnose import diagnose, examine
 from probupdate.diagnosis.extension import mean_set
 from probupdate.diagnosis.prepare import prepare
+from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.matrices import channel_places, load_matrices
@@ -76,3 +77,10 @@ def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_fi
     mean, _ = mean_set(outcome.problem, outcome.fitted)
     measured = np.exp(np.mean([np.log(s.frequency_hz) for s in sets], axis=0))
     assert mean.frequency_hz == pytest.approx(measured, rel=5e-4)
+
+
+def test_shapes_that_are_zero_everywhere_are_refused_by_their_mode(frame_file, record):
+    """They had ended in a division by zero."""
+    sets = tuple(replace(one, shape=0 * np.array(one.shape)) for one in record(3).sets)
+    with pytest.raises(InputError, match="mode 1 is zero at every channel"):
+        diagnose(prepare(frame_file), ModalData(channels=CHANNELS, sets=sets))
