@@ -119,8 +119,8 @@ class Diagnosis:
         detectable_sizes = wording.best_detectable(content, 5)
         if detectable_sizes:
             count = sum(x["size"] is not None for x in content["detectable_sizes"])
-            lines.append(f"seen best, each cause at its best place ({count} minimum detectable sizes in the file and the "
-                         "report):")
+            lines.append(f"seen best, each cause at its best place ({count} minimum detectable sizes in the file and "
+                         "the report):")
             lines += [f"  {wording.detectable_words(x)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
