@@ -134,6 +134,15 @@ def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
     return (times - times.min()) / np.timedelta64(1, "h")
 
 
+def _refuse_zero_shapes(where: str, shape: np.ndarray) -> None:
+    """Shapes (n_set, n_channel, n_mode), NaN where they were not measured."""
+    measured = np.isfinite(shape)
+    zero = np.any(measured, axis=(0, 1)) & ~np.any(measured & (shape != 0), axis=(0, 1))
+    if zero.any():
+        raise InputError(where, f"the shape of mode {int(np.argmax(zero)) + 1} is zero at every channel in every set",
+                         "leave shapes that were not measured out (null)")
+
+
 def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None) -> Blocks:
     """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left.
 
@@ -156,12 +165,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     kept_channels, more = _used_channels(data.channels, frequency, shape)
     notes += more
     shape = shape[:, kept_channels]
-    still = np.flatnonzero(~np.any(np.nan_to_num(shape) != 0, axis=(0, 1))) if len(kept_channels) else []
-    measured = np.isfinite(shape).any(axis=(0, 1)) if len(kept_channels) else []
-    if any(measured[j] for j in still):
-        number = next(j for j in still if measured[j]) + 1
-        raise InputError(where, f"the shape of mode {number} is zero at every channel in every set",
-                         "leave shapes that were not measured out (null)")
+    _refuse_zero_shapes(where, shape)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     kept, more = _used_modes(labels, frequency, shape, expected_hz)
     notes += more
