@@ -175,7 +175,10 @@ def whitened(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (n, ...) along the covariance's own directions, over their standard deviations; directions that rounding
     alone fills are left out. Each is scaled by its own standard deviation first, as frequencies and shapes are powers
     of ten apart."""
-    std = np.sqrt(np.diag(covariance))
+    variance = np.diag(covariance)
+    # beside a turn of which nothing is known what remains of a variance may be rounding
+    there = variance > 0
+    covariance, values, std = covariance[np.ix_(there, there)], values[there], np.sqrt(variance[there])
     scaled = values / std.reshape(-1, *[1] * (values.ndim - 1))
     value, turn = np.linalg.eigh(covariance / np.outer(std, std))
     kept = value > 1e-9 * value[-1]
