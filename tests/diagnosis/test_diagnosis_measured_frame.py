@@ -50,8 +50,8 @@ def test_the_braced_storey_is_nearest_from_a_uniform_frame_and_nothing_is_named_
         pytest.skip("the frame's records are not beside the repository")
     data = study.floor_modes(study.DATA)
     found = study.asked(study.write_frame(tmp_path / "frame"), data, 1.0)
-    # The braced storey alone is taken in, at 4.2 where the frequencies in y alone say 7.9; the third pair is then 9 % off,
-    # which the test of the mean frequencies does not pass since it is made (before: named, 7.9 within 3 deviations).
+    # The braced storey alone is taken in, at 4.2 where the frequencies in y alone say 7.9; the third pair is then 9 %
+    # off, which the test of the mean frequencies does not pass (before: named, 7.9 within 3 standard deviations).
     ((cause, location, size),) = found["taken_in"]
     assert (cause, location) == ("parameter", "brace_y1") and size > 2
     assert found["verdict"] == "unexplained" and any("mode 5/mode 6" in note for note in found["notes"])
