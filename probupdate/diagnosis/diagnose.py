@@ -11,8 +11,8 @@ from scipy import special
 
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
 from probupdate.diagnosis.elementary import PART_CAUSES, in_place_of, parts_of
-from probupdate.diagnosis.evidence import sizes_std
-from probupdate.diagnosis.fitting import Fit, design_at, fit
+from probupdate.diagnosis.evidence import log_evidence, sizes_std
+from probupdate.diagnosis.fitting import Fit, design_at, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import (
@@ -38,8 +38,9 @@ POWER = 1.2815515655446004
 # a cause is named from this probability among its competing hypotheses; a residual as unlikely as this is not
 # explained
 SURE, ADEQUATE = 0.95, 0.01
-# of the standard deviations of what a model leaves out, where a few sets show nothing of them
-DISCREPANCY_SCALES = (1.0, 2.0, 4.0, 8.0)
+# of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
+# frequencies beside shapes
+DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0, 16.0)
 # share of a stiffness from which it is lost altogether
 GONE = 0.9
 # standard deviations from zero at which something within its tolerance is said; within which nothing is left of a size
@@ -142,28 +143,62 @@ def _explored(
 ) -> tuple[Fit, Explored]:
     """The model as it is, fitted, and all that was fitted beside it. A few sets show no scatter that would say by how
     much the model is wrong everywhere: the scale of its discrepancy is then an unknown too, alike before the data, and
-    the one with the most probable hypothesis is kept."""
+    the one with the most probable hypothesis is kept; of frequencies, whose share of it differs from one structure to
+    another, once more beside that of the shapes."""
     if not problem.blocks.few:
         null = fit(problem, theta)
         return null, explore(problem, null, most=most, seed=seed, progress=progress)
-    tried, failures = [], []
-    for scale in DISCREPANCY_SCALES:
-        scaled = replace(
-            problem,
-            discrepancy_std=tuple(scale * std for std in problem.discrepancy_std),
-            blocks=problem.blocks if scale == 1 else replace(problem.blocks, notes=(
-                *problem.blocks.notes, f"what the model leaves out is taken {scale:g} times as large as usual "
-                f"({100 * scale * DISCREPANCY_LOG:.2g} % of a frequency, {100 * scale * DISCREPANCY_SHAPE:.2g} % of a "
-                "shape's largest component): so the measured modes are most probable")),
-        )
+    tried: dict[tuple[float, float], tuple[Fit, Explored]] = {}
+    failures = []
+
+    def explore_at(frequencies: float, shapes: float) -> None:
+        scaled = _scaled(problem, frequencies, shapes)
         try:
             null = fit(scaled, theta)
-            tried.append((null, explore(scaled, null, most=most, seed=seed, progress=progress)))
+            tried[frequencies, shapes] = null, explore(scaled, null, most=most, seed=seed, progress=progress)
         except ConvergenceError as error:
             failures.append(error)
+
+    for scale in DISCREPANCY_SCALES:
+        explore_at(scale, scale)
     if not tried:
         raise failures[-1]
-    return max(tried, key=lambda pair: pair[1].hypotheses[0].log_posterior)
+    common, shapes = _most_probable(tried)
+    best = tried[common, shapes][1].hypotheses[0].fitted
+    alone = {f: log_evidence(problem, fitted) for f in FREQUENCY_SCALES
+             if (fitted := _fitted_at(_scaled(problem, f, shapes), best)) is not None}
+    frequencies = max(alone, key=lambda f: alone[f], default=common)
+    if frequencies != common:
+        explore_at(frequencies, shapes)
+    return tried[_most_probable(tried)]
+
+
+def _most_probable(tried: Mapping[tuple[float, float], tuple[Fit, Explored]]) -> tuple[float, float]:
+    return max(tried, key=lambda scales: tried[scales][1].hypotheses[0].log_posterior)
+
+
+def _fitted_at(problem: DiagnosisProblem, nearby: Fit) -> Fit | None:
+    try:
+        return fitted_without_candidates(problem, nearby.theta, nearby.included)
+    except ConvergenceError:
+        return None
+
+
+def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> DiagnosisProblem:
+    """The problem with so many times the usual discrepancy of frequencies and of shapes, and a note that says so."""
+    if frequencies == shapes == 1:
+        return problem
+    times = f"{shapes:g}" if frequencies == shapes else f"{frequencies:g} and {shapes:g}"
+    note = (f"what the model leaves out is taken {times} times as large as usual "
+            f"({100 * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, {100 * shapes * DISCREPANCY_SHAPE:.2g} % "
+            "of a shape's largest component): so the measured modes are most probable")
+    n_channel = len(problem.blocks.channels)
+    scaled = []
+    for std, group in zip(problem.discrepancy_std, problem.blocks.groups, strict=True):
+        n_shape = 2 * n_channel * len(group)
+        scaled.append(std * np.repeat([frequencies, shapes], [len(std) - n_shape, n_shape]))
+    return replace(problem, discrepancy_std=tuple(scaled),
+                   blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
 def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.fitting import Fit, design_with_more, fit
+from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
     Explored,
@@ -265,7 +265,7 @@ def _compared(
     n = IncludedEffect(effect=part[0], time_profile=profile, size=0.0)
     begun = replace(n, size=float(np.clip(size, *np.multiply(0.6, n.bounds))))
     try:
-        found = fit(problem, base.theta, (*rest.included, begun), base=base)
+        found = fitted_without_candidates(problem, base.theta, (*rest.included, begun), base=base)
     except ConvergenceError:
         return None
     candidates = (*(c for i, c in enumerate(best.candidates) if i != number), len(problem.which) - 1)

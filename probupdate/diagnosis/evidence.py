@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.expected import residuals_at, signatures_at
-from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, linearised, penalty
+from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, about, design_without_candidates, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -89,7 +89,8 @@ def marginal_evidence(
 ) -> float:
     """ln p(blocks | included effects near their sizes) with all parameters to first order about theta, but for a
     constant of record and noise."""
-    design, _, centred = linearised(problem, theta, included, noise, residuals_at(problem, theta, included))
+    design = design_without_candidates(problem, theta, included, noise)
+    _, centred = about(problem, design, theta, included, residuals_at(problem, theta, included))
     return log_size_prior(included) + over_error_scales(design, lambda d: linear_evidence(d, centred))
 
 

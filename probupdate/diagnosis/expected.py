@@ -54,33 +54,48 @@ def residuals_at(
 ) -> tuple[np.ndarray, ...]:
     """Per group residuals (n_block, n_response) of the measured numbers from the model's with all that is included,
     zero where nothing is measured. `answers`: what the model was asked for before, kept between calls."""
-    expected = _expected(problem, theta, included, answers or ModelAnswers(problem.predictor))
+    return tuple(y[0] for y in residuals_of_sizes(problem, theta, [included], answers))
+
+
+def residuals_of_sizes(
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    each: Sequence[Sequence[IncludedEffect]],
+    answers: ModelAnswers | None = None,
+) -> tuple[np.ndarray, ...]:
+    """`residuals_at` (n, n_block, n_response) of n times the same effects with the same time profiles, whose sizes
+    alone differ."""
+    expected = _expected(problem, theta, each, answers or ModelAnswers(problem.predictor))
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
                  zip(*problem.measured, expected, strict=True))
 
 
 def _expected(
-    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], answers: ModelAnswers
+    problem: DiagnosisProblem, theta: np.ndarray, each: Sequence[Sequence[IncludedEffect]], answers: ModelAnswers
 ) -> list[np.ndarray]:
-    """Per group the numbers of the expected modes in every block (n_block, n_response), as the sensors see them."""
-    exact, linear = [n for n in included if n.exact], [n for n in included if not n.exact]
-    levels = np.column_stack([*(n.time_profile.value for n in exact), problem.angles])
+    """Per group the numbers of the expected modes in every block (n, n_block, n_response), as the sensors see them."""
+    exact = [[n for n in included if n.exact] for included in each]
+    levels = np.column_stack([*(n.time_profile.value for n in exact[0]), problem.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
     place = place.ravel()
-    # the levels of one state, which come one after the other, are seen alike
-    seen_there: list[tuple[Reference, ...]] = []
     n_group = len(problem.predictor.axes)
-    for value, levels_there in groupby(found, key=lambda level: tuple(level[:-1])):
-        moved, seen = _state(problem.predictor, theta, exact, value)
-        there = observed([r for level in levels_there for r in answers.references(moved, level[-1])], seen)
-        seen_there += [tuple(there[k : k + n_group]) for k in range(0, len(there), n_group)]
+    # the levels of one state, which come one after the other, are seen alike
+    states = [(value, list(there)) for value, there in groupby(found, key=lambda level: tuple(level[:-1]))]
+    seen_there: list[Reference] = []
+    for included in exact:
+        for value, levels_there in states:
+            moved, seen = _state(problem.predictor, theta, included, value)
+            seen_there += observed([r for level in levels_there for r in answers.references(moved, level[-1])], seen)
     result = []
     for q, axes in enumerate(problem.predictor.axes):
-        own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
-                        shape=np.array([r[q].shape for r in seen_there]))
-        result.append(numbers_of(own, axes)[place])
-    if linear:
-        _add_linear(problem, theta, exact, linear, answers, result)
+        own = seen_there[q::n_group]
+        numbers = numbers_of(Reference(tensor=np.array([r.tensor for r in own]),
+                                       shape=np.array([r.shape for r in own])), axes)
+        result.append(numbers.reshape(len(each), len(found), -1)[:, place])
+    for k, included in enumerate(each):
+        linear = [n for n in included if not n.exact]
+        if linear:
+            _add_linear(problem, theta, exact[k], linear, answers, [y[k] for y in result])
     return result
 
 

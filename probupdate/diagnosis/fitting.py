@@ -65,11 +65,31 @@ def design_at(
     theta: np.ndarray,
     included: Sequence[IncludedEffect],
     noise: Noise,
-    before: Design | None = None,
 ) -> Design:
     """Signatures at theta and the included effects, a bin of blocks for each angle before and after each step: an error
-    of a few per cent that changes sign with the step looks like the step, which is known better than that.
-    With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
+    of a few per cent that changes sign with the step looks like the step, which is known better than that."""
+    return _design(problem, theta, included, noise, range(len(problem.effects)), None)
+
+
+def design_without_candidates(
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    included: Sequence[IncludedEffect],
+    noise: Noise,
+    before: Design | None = None,
+) -> Design:
+    """`design_at` for all but scores: of the catalogue it has the tolerances and the effects that are included. With
+    the design of a point nearby (`before`), only the signatures of the updated parameters are computed anew."""
+    scattering = (j for j, _, _ in _members_scatter(problem, included))
+    needed = sorted({_number(problem, n) for n in included}.union(scattering))
+    return _design(problem, theta, included, noise, needed, before)
+
+
+def _design(
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], noise: Noise,
+    catalogue: Sequence[int], before: Design | None,
+) -> Design:
+    """With the signatures of the effects of these numbers, candidates where they are all there are."""
     names = problem.predictor.parameters.names
     exact = [n for n in included if n.exact]
     levels = np.column_stack([*(n.time_profile.value for n in exact), problem.bins[1]])
@@ -77,35 +97,44 @@ def design_at(
     bin_of = bin_of.ravel()
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, prior_scale=1.0,
                   parameter=names[k]) for k in problem.updated]
-    n_own = len(own)
+    n_own, whole = len(own), len(catalogue) == len(problem.effects)
     if before is not None:
         chosen = tuple(names[k] for k in problem.updated)
         prints = _signatures_of_bins(problem, theta, exact, bins, own, chosen)
         same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
         nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
                          for p, old in zip(prints, before.nuisance, strict=True))
-        effect = tuple(e[same] for e in before.effect)
-    else:
+        columns = catalogue if len(before.which) else range(len(catalogue))
+        effect = tuple(e[same][:, :, list(columns)] for e in before.effect)
+    elif whole:
         prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
         tolerated = [n_own + j for j in problem.tolerated]
         nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
+    else:
+        rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
+        moved = {name for e in rows for name, _ in e.increments}
+        prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
+        n_nuisance = n_own + len(problem.tolerated)
+        nuisance = tuple(p[:, :, :n_nuisance] for p in prints)
+        effect = tuple(p[:, :, n_nuisance:] for p in prints)
     prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
-    scatter = _members_scatter(problem, included)
-    std = np.array([*prior, *(problem.effects[j].tolerance for j in problem.tolerated)])
+    column = {j: k for k, j in enumerate(catalogue)}
+    scatter = [(column[j], profile, std) for j, profile, std in _members_scatter(problem, included)]
     return Design(
         bin_of=bin_of,
         nuisance=nuisance,
-        nuisance_std=std,
+        nuisance_std=np.array([*prior, *(problem.effects[j].tolerance for j in problem.tolerated)]),
         discrepancy_std=problem.discrepancy_std,
         effect=effect,
         time_profiles=problem.time_profiles,
-        which=problem.which,
+        which=problem.which if whole else np.zeros((0, 2), int),
         noise=noise,
-        included=(*((_number(problem, n), n.time_profile, n.prior_std) for n in included if not n.effect.discrete),
-                  *scatter),
+        included=(*((column[_number(problem, n)], n.time_profile, n.prior_std)
+                    for n in included if not n.effect.discrete), *scatter),
         n_scatter=len(scatter),
-        model_errors=tuple((n.time_profile, _model_errors(problem, n, effect)) for n in included),
+        model_errors=tuple((n.time_profile, _model_errors(problem, n, [e[:, :, column[_number(problem, n)]]
+                                                                       for e in effect])) for n in included),
     )
 
 
@@ -168,11 +197,8 @@ def _signatures_of_bins(
 def _model_errors(
     problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
-    """Per group (n_bin, n_response) the model error of an included effect, of signatures `effect` (n_bin, n_response,
-    n_effect)."""
-    number = _number(problem, included)
-    return tuple(_model_error_std(problem, q, MODEL_ERROR_SCALE * included.size * e[:, :, number])
-                 for q, e in enumerate(effect))
+    """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
+    return tuple(_model_error_std(problem, q, MODEL_ERROR_SCALE * included.size * e) for q, e in enumerate(effect))
 
 
 def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
@@ -219,7 +245,17 @@ def _left(problem: DiagnosisProblem, design: Design, theta: np.ndarray, included
     return tuple(y - m for y, m in zip(residuals, made, strict=True))
 
 
-def fit(
+def fit(problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect] = ()) -> Fit:
+    """`fitted_without_candidates`, with scores of the whole catalogue at hand."""
+    return with_candidates(problem, fitted_without_candidates(problem, theta, included))
+
+
+def with_candidates(problem: DiagnosisProblem, fitted: Fit) -> Fit:
+    """The fit with the design that scores the problem's candidates."""
+    return replace(fitted, design=design_at(problem, fitted.theta, fitted.included, fitted.design.noise))
+
+
+def fitted_without_candidates(
     problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect] = (), *, base: Fit | None = None
 ) -> Fit:
     """Gauss-Newton to the most probable parameters and sizes, with all tolerances and model form marginalised. `base`:
@@ -232,10 +268,10 @@ def fit(
     here = residuals_at(problem, theta, included)
     if base is None:
         noise = turning_freely(problem, noise_of(problem, here), theta, included)
-        design = design_at(problem, theta, included, noise)
+        design = design_without_candidates(problem, theta, included, noise)
     else:
         noise = base.design.noise
-        design = design_at(problem, theta, included, noise, base.design)
+        design = design_without_candidates(problem, theta, included, noise, base.design)
     fresh, renewed, leaps, step = base is None, base is not None, 0, np.inf
     for number in range(MOST_STEPS):
         ended = step < SETTLED
@@ -248,7 +284,7 @@ def fit(
             # what has settled with the signatures of another point need not have with those of its own
             fresh = ended or number % REFRESH == (0 if base is None else REFRESH - 1)
             if fresh or step > FAR:
-                design = design_at(problem, theta, included, noise, None if fresh else design)
+                design = design_without_candidates(problem, theta, included, noise, None if fresh else design)
             else:
                 design = replace(design, noise=noise)
         residuals = kept(here, noise)
@@ -388,9 +424,18 @@ def _ended(
     number: int,
 ) -> Fit:
     """The fit where it stopped without having settled."""
-    design, residuals, centred = linearised(problem, theta, included, noise, here)
+    design = design_without_candidates(problem, theta, included, noise)
+    residuals, centred = about(problem, design, theta, included, here)
     return Fit(theta=theta, included=included, residuals=residuals, design=design, steps=number, last_step=np.inf,
                short=np.zeros(len(included)), centred=centred)
+
+
+def about(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Residuals from theta and the included effects as far as they count, and less what the prior's centre makes."""
+    residuals = kept(residuals, design.noise)
+    return residuals, centred_residuals(problem, design, theta, included, residuals)
 
 
 def linearised(
@@ -402,8 +447,8 @@ def linearised(
 ) -> tuple[Design, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """The design at theta and the included effects, with residuals from there as far as they count and less what the
     prior's centre makes."""
-    design, residuals = design_at(problem, theta, included, noise), kept(residuals, noise)
-    return design, residuals, centred_residuals(problem, design, theta, included, residuals)
+    design = design_at(problem, theta, included, noise)
+    return design, *about(problem, design, theta, included, residuals)
 
 
 def noise_of(problem: DiagnosisProblem, residuals: Sequence[np.ndarray]) -> Noise:

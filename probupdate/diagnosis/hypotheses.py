@@ -23,7 +23,7 @@ from probupdate.diagnosis.evidence import (
     over_error_scales,
 )
 from probupdate.diagnosis.expected import residuals_at
-from probupdate.diagnosis.fitting import Fit, design_at, fit, linearised
+from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -373,7 +373,7 @@ def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew:
     theta = here.fitted.theta if move.theta is None else move.theta
     try:
         # what is very wrong makes the noise of the fit without it wrong too
-        fitted = fit(problem, theta, move.included, base=None if noise_anew else here.fitted)
+        fitted = fitted_without_candidates(problem, theta, move.included, base=None if noise_anew else here.fitted)
     except ConvergenceError:
         return None
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.prior_scale for n in fitted.included):
@@ -394,13 +394,13 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     """The same with its own noise, as what a strong effect does to the shapes changes how they scatter, and with the
     times of its steps found anew; where the model then has no modes, as it was, marked as not settled."""
     try:
-        fitted = fit(problem, here.fitted.theta, here.fitted.included)
+        fitted = fitted_without_candidates(problem, here.fitted.theta, here.fitted.included)
         included = sharpened_again(problem, fitted)
         same = all(
             np.array_equal(a.time_profile.value, b.time_profile.value) for a,
                    b in zip(included, fitted.included, strict=True)
         )
-        fitted = fitted if same else fit(problem, fitted.theta, included)
+        fitted = fitted if same else fitted_without_candidates(problem, fitted.theta, included)
     except ConvergenceError:
         fitted = replace(here.with_design(problem).fitted, last_step=np.inf)
     return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.expected import ModelAnswers, residuals_at
+from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -62,21 +62,21 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
         int(np.count_nonzero(w > 0)) * f.size for w, f in zip(noise.weight, problem.discrepancy_std, strict=True)
     )
 
-    def surprise(tried: Sequence[IncludedEffect]) -> float:
+    def surprise(each: Sequence[Sequence[IncludedEffect]]) -> np.ndarray:
         """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
-        left = kept(residuals_at(problem, theta, tried, answers), noise)
-        return count * np.log(design.misfit(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
+        left = kept(residuals_of_sizes(problem, theta, each, answers), noise)
+        return count * np.log(design.misfits(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
 
-    misfit, before = design.misfit(centred, []), surprise(included)
+    misfit, before = design.misfit(centred, []), surprise([included])[0]
     size, lower = _linear(problem, design, centred)
     linear = count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
 
     def at_its_size(k: int, sizes: Sequence[float]) -> Tried:
         effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
-        gains = {s: before - surprise((*included, IncludedEffect(effect=effect, time_profile=time_profile, size=s)))
-                 for s in sizes}
-        best = max(gains, key=lambda s: gains[s])
-        return Tried(candidate=k, size=best, gain=float(gains[best]), whole=True)
+        gain = before - surprise([(*included, IncludedEffect(effect=effect, time_profile=time_profile, size=s))
+                                  for s in sizes])
+        best = int(np.argmax(gain))
+        return Tried(candidate=k, size=sizes[best], gain=float(gain[best]), whole=True)
 
     result, structural = [], []
     for rows in _by_effect_and_kind(problem, candidates):

@@ -130,17 +130,18 @@ class Design:
     @cached_property
     def _by_profile(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
         """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, their
-        numbers (n,) and what one of each makes (n_bin, n_response, n)."""
+        numbers (n,) and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each response has its
+        own."""
         n_c, n_profile = self.nuisance_std.size, len(self.time_profiles)
         total = sum(f.size for f in self.discrepancy_std)
         result = []
         for q, rows in enumerate(self._offsets):
-            offsets, unit = np.arange(rows.start, rows.stop), np.eye(rows.stop - rows.start)
+            offsets = np.arange(rows.start, rows.stop)
             own = [(n_profile, np.arange(n_c), self.nuisance[q])]
             own += [(n_profile + 1 + k, np.array([n_c + k]), self.effect[q][:, :, [effect]])
                     for k, (effect, _, _) in enumerate(self.included)]
-            own.append((n_profile, offsets, np.broadcast_to(unit, (self.n_bin, *unit.shape))))
-            own += [(n_profile + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q][:, :, None] * unit)
+            own.append((n_profile, offsets, np.ones((self.n_bin, len(offsets)))))
+            own += [(n_profile + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q])
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
@@ -153,10 +154,8 @@ class Design:
             seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
             parts = [(row, number, made[seen]) for row, number, made in sorted_unknowns]
             for k, (row, number, made) in enumerate(parts):
-                weighted = self.noise.precision[q] @ made
                 for other, its, there in parts[: k + 1]:
-                    shared = self._times[q][seen, row, other][:, None, None] * there
-                    total = weighted.reshape(-1, len(number)).T @ shared.reshape(-1, len(its))
+                    total = _product(made, self.noise.precision[q], there, self._times[q][seen, row, other])
                     information[np.ix_(number, its)] += total
                     if its is not number:
                         information[np.ix_(its, number)] += total.T
@@ -223,7 +222,8 @@ class Design:
         for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = self.noise.precision[q] @ self.effect[q]
             for row, number, made in sorted_unknowns:
-                shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
+                shared = (weighted.transpose(0, 2, 1) * made[:, None] if made.ndim == 2 else
+                          np.einsum("gme,gmu->geu", weighted, made, optimize=True))
                 # of all pairs for one kind of unknowns at a time: few effects follow all time profiles
                 cross = np.tensordot(self._times[q][:, :n_profile, row], shared, (0, 0))
                 B[:, number] += cross[time_profile, effect]
@@ -279,7 +279,8 @@ class Design:
             weighted = known[q] @ self.noise.precision[q]
             for row, number, made in sorted_unknowns:
                 own = weighted[..., row - len(self.time_profiles), :, :]
-                right[..., number] += own.reshape(*own.shape[:-2], -1) @ made.reshape(-1, made.shape[-1])
+                right[..., number] += (np.sum(own * made, axis=-2) if made.ndim == 2 else
+                                       own.reshape(*own.shape[:-2], -1) @ made.reshape(-1, made.shape[-1]))
         return right
 
     def unknowns(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
@@ -288,14 +289,18 @@ class Design:
 
     def misfit(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
+        return float(self.misfits([y[None] for y in residuals], held)[0])
+
+    def misfits(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> np.ndarray:
+        """`misfit` (n,) of residuals (n, n_block, n_response) per group."""
         right = self._right(self._sums(residuals, len(self.time_profiles)))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
-        right = self.prior_std[free] * right[free]
+        right = (self.prior_std[free] * right[:, free]).T
         solved = linalg.cho_solve(self._factor_without(tuple(held)), right)
         # searching for the order of so small products costs more than they do
-        total = sum(float(w @ np.sum((y @ P) * y, axis=1)) for w, y, P in
+        total = sum(np.sum((y @ P) * y, axis=2) @ w for w, y, P in
                     zip(self.noise.weight, residuals, self.noise.precision, strict=True))
-        return total - float(right @ solved)
+        return total - np.sum(right * solved, axis=0)
 
     @cached_property
     def log_volume(self) -> float:
@@ -324,7 +329,8 @@ class Design:
         ):
             y = np.zeros((len(self.bin_of), discrepancy_std.size))
             for row, number, made in sorted_unknowns:
-                y += h[row][:, None] * (made @ unknowns[number])[self.bin_of]
+                here = made * unknowns[number] if made.ndim == 2 else made @ unknowns[number]
+                y += h[row][:, None] * here[self.bin_of]
             result.append(y)
         return result
 
@@ -401,3 +407,16 @@ class Design:
                     self._raw(sums) + unknown[part] @ B.T - right @ solved.T)
         result.setflags(write=False)
         return result
+
+
+def _product(made: np.ndarray, precision: np.ndarray, there: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """sum_g weight_g made_g^T P there_g (n, m) of what two kinds of unknowns make in each bin, P the `precision`
+    (n_response, n_response); what has two axes stands for a diagonal."""
+    if made.ndim == 2 and there.ndim == 2:
+        return precision * ((weight[:, None] * made).T @ there)
+    if made.ndim == 2:
+        return np.einsum("gm,gmn->mn", weight[:, None] * made, precision @ there)
+    if there.ndim == 2:
+        return _product(there, precision, made, weight).T
+    left = (weight[:, None, None] * made).reshape(-1, made.shape[2])
+    return left.T @ (precision @ there).reshape(-1, there.shape[2])

@@ -44,7 +44,7 @@ def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
     problem = outcome.problem
     n_own = len(problem.updated)
     before = residual_of(outcome.null, n_own)
-    after = residual_of(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
+    after = residual_of(outcome.fitted, n_own) if outcome.fitted.included else None
     both = [before] if after is None else [before, after]
     words = _words(problem, sensors)
     return {

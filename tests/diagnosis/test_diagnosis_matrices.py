@@ -12,8 +12,15 @@ from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
 from probupdate.diagnosis.crosstalk import crosstalk_effects
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
-from probupdate.diagnosis.expected import local_at, residuals_at
-from probupdate.diagnosis.fitting import fit, linearised
+from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
+from probupdate.diagnosis.fitting import (
+    design_at,
+    design_without_candidates,
+    fit,
+    fitted_without_candidates,
+    linearised,
+    with_candidates,
+)
 from probupdate.diagnosis.hypotheses import Hypothesis, Ranking, log_prior, moves_from, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
@@ -202,7 +209,7 @@ def _hypothesis(problem, null, *parts):
         candidates.append(k)
         included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], time_profile=time_profile,
                                        size=size))
-    fitted = fit(problem, null.theta, included, base=null)
+    fitted = with_candidates(problem, fitted_without_candidates(problem, null.theta, included, base=null))
     return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
                       log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted),
                       promised=only_promised(problem, fitted))
@@ -214,6 +221,37 @@ def loosened(prepared, record):
     problem, theta = diagnosis_problem(prepared, record(4, storey=2, factor=0.9, from_block=18, gain=("y4", 1.12)))
     step = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 18)
     return problem, fit(problem, theta), step
+
+
+def test_many_sizes_at_once_are_each_by_itself(loosened):
+    problem, null, step = loosened
+    gain = problem.effects[problem.which[_candidate(problem, "sensor gain", "y4", step), 0]]
+    storey = problem.effects[problem.which[_candidate(problem, "parameter", "k3", step), 0]]
+    each = [(IncludedEffect(effect=storey, time_profile=step, size=-0.1),
+             IncludedEffect(effect=gain, time_profile=step, size=size)) for size in (-0.5, 0.1, 3.0)]
+    together = residuals_of_sizes(problem, null.theta, each)
+    for k, included in enumerate(each):
+        for some, alone in zip(together, residuals_at(problem, null.theta, included), strict=True):
+            assert np.abs(some[k] - alone).max() <= 1e-12 * np.abs(alone).max()
+    kept = [np.where(w[:, None] > 0, y, 0.0) for w, y in zip(null.design.noise.weight, together, strict=True)]
+    expected = [null.design.misfit([y[k] for y in kept], []) for k in range(len(each))]
+    assert null.design.misfits(kept, []) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_design_without_candidates_has_the_misfit_of_the_whole_one(loosened):
+    problem, null, step = loosened
+    for cause, location, size in (("sensor gain", "y4", 0.1), ("parameter", "k3", -0.1)):
+        effect = problem.effects[problem.which[_candidate(problem, cause, location, step), 0]]
+        included = (IncludedEffect(effect=effect, time_profile=step, size=size),)
+        noise = null.design.noise
+        whole = design_at(problem, null.theta, included, noise)
+        # made anew, and from the one of a point nearby
+        for lean in (design_without_candidates(problem, null.theta, included, noise),
+                     design_without_candidates(problem, null.theta, included, noise, whole)):
+            assert lean.effect[0].shape[2] == 1 < whole.effect[0].shape[2]
+            assert lean.misfit(null.residuals, []) == pytest.approx(whole.misfit(null.residuals, []), rel=1e-10)
+            assert lean.log_volume == pytest.approx(whole.log_volume, rel=1e-10)
+            assert np.allclose(lean.unknowns(null.centred), whole.unknowns(null.centred), rtol=1e-8, atol=1e-12)
 
 
 def test_what_a_move_promises_is_what_its_fit_finds(loosened):
