@@ -90,34 +90,12 @@ def _design(
     catalogue: Sequence[int], before: Design | None,
 ) -> Design:
     """With the signatures of the effects of these numbers, candidates where they are all there are."""
-    names = problem.predictor.parameters.names
     exact = [n for n in included if n.exact]
     levels = np.column_stack([*(n.time_profile.value for n in exact), problem.bins[1]])
     bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
     bin_of = bin_of.ravel()
-    own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, prior_scale=1.0,
-                  parameter=names[k]) for k in problem.updated]
-    n_own, whole = len(own), len(catalogue) == len(problem.effects)
-    if before is not None:
-        chosen = tuple(names[k] for k in problem.updated)
-        prints = _signatures_of_bins(problem, theta, exact, bins, own, chosen)
-        same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
-        nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
-                         for p, old in zip(prints, before.nuisance, strict=True))
-        columns = catalogue if len(before.which) else range(len(catalogue))
-        effect = tuple(e[same][:, :, list(columns)] for e in before.effect)
-    elif whole:
-        prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
-        tolerated = [n_own + j for j in problem.tolerated]
-        nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
-        effect = tuple(p[:, :, n_own:] for p in prints)
-    else:
-        rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
-        moved = {name for e in rows for name, _ in e.increments}
-        prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
-        n_nuisance = n_own + len(problem.tolerated)
-        nuisance = tuple(p[:, :, :n_nuisance] for p in prints)
-        effect = tuple(p[:, :, n_nuisance:] for p in prints)
+    known = None if before is None else (before, before.bin_of[np.unique(bin_of, return_index=True)[1]])
+    nuisance, effect = _nuisance_and_effects(problem, theta, exact, bins, catalogue, known)
     prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
     column = {j: k for k, j in enumerate(catalogue)}
     scatter = [(column[j], profile, std) for j, profile, std in _members_scatter(problem, included)]
@@ -128,7 +106,7 @@ def _design(
         discrepancy_std=problem.discrepancy_std,
         effect=effect,
         time_profiles=problem.time_profiles,
-        which=problem.which if whole else np.zeros((0, 2), int),
+        which=problem.which if len(catalogue) == len(problem.effects) else np.zeros((0, 2), int),
         noise=noise,
         included=(*((column[_number(problem, n)], n.time_profile, n.prior_std)
                     for n in included if not n.effect.discrete), *scatter),
@@ -136,6 +114,36 @@ def _design(
         model_errors=tuple((n.time_profile, _model_errors(problem, n, [e[:, :, column[_number(problem, n)]]
                                                                        for e in effect])) for n in included),
     )
+
+
+def _nuisance_and_effects(
+    problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], bins: np.ndarray,
+    catalogue: Sequence[int], known: tuple[Design, np.ndarray] | None,
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Per group the signatures (n_bin, n_response, n) of updated parameters and tolerances, and of the effects with
+    these numbers. `known`: a design of a point nearby and its bin for each of these, from which all but the updated
+    parameters' are taken."""
+    names = problem.predictor.parameters.names
+    own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, prior_scale=1.0,
+                  parameter=names[k]) for k in problem.updated]
+    n_own = len(own)
+    if known is not None:
+        before, same = known
+        chosen = tuple(names[k] for k in problem.updated)
+        prints = _signatures_of_bins(problem, theta, exact, bins, own, chosen)
+        columns = list(catalogue if len(before.which) else range(len(catalogue)))
+        return (tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
+                      for p, old in zip(prints, before.nuisance, strict=True)),
+                tuple(e[same][:, :, columns] for e in before.effect))
+    if len(catalogue) == len(problem.effects):
+        prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
+        tolerated = [n_own + j for j in problem.tolerated]
+        return tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints), tuple(p[:, :, n_own:] for p in prints)
+    rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
+    moved = {name for e in rows for name, _ in e.increments}
+    prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
+    n_nuisance = n_own + len(problem.tolerated)
+    return tuple(p[:, :, :n_nuisance] for p in prints), tuple(p[:, :, n_nuisance:] for p in prints)
 
 
 def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Design:
