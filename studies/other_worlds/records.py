@@ -89,7 +89,7 @@ def measured(
     sound = sound or state(0)
     chosen = _seen(world, *sound)
     known: dict[bytes, tuple] = {}
-    last, sets = sound, []
+    sets = []
     for k in range(n):
         here = state(k)
         key = here[0].tobytes() + here[1].tobytes()

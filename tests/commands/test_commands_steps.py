@@ -134,7 +134,8 @@ def test_a_callable_gives_what_the_matrices_give(estimated, tmp_path):
     # derivatives by differences: they steer the iteration, its end is where the residual's projection vanishes
     assert np.allclose(record.map_theta, here.map_theta, atol=1e-3 * np.sqrt(np.diag(here.map_covariance)))
     assert record.map_misfit == pytest.approx(here.map_misfit, rel=1e-6)
-    posterior = probupdate.sample(function, modes, tmp_path / "p.nc", max_steps=200)
+    posterior = probupdate.sample(
+        function, modes, tmp_path / "p.nc", settings=probupdate.SamplerSettings(max_steps=200))
     drawn, other = posterior.draws, read_posterior(estimated / "posterior.nc").draws
     # two chains of some hundred effective draws: means within 0.3 standard deviations
     assert np.all(np.abs(drawn.mean(axis=0) - other.mean(axis=0)) < 0.3 * other.std(axis=0))

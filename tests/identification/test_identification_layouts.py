@@ -139,7 +139,8 @@ def test_without_a_model_rate_order_and_rows_are_proposed_from_the_record(tmp_pa
     low = propose([campaign], rate_hz=50.0)
     assert low.target_rate_hz == 50.0 and len(low.peaks_hz) == np.sum(frequency < 25)
     assert high.sentence.startswith("settings proposed from the record: rate 200 Hz, order 22")
-    result = probupdate.identify(tmp_path, rate_hz=80.0, store=tmp_path / "blocks")
+    settings = probupdate.IdentificationSettings(rate_hz=80.0)
+    result = probupdate.identify(tmp_path, settings=settings, store=tmp_path / "blocks")
     assert "settings proposed from the record: rate 80 Hz" in result.summary
     rng = np.random.default_rng(1)
     (tmp_path / "noise").mkdir()

@@ -10,7 +10,7 @@ from probupdate import verbs
 from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
-from probupdate.updating.discrepancy import estimate_discrepancy, expected_misfit
+from probupdate.updating.discrepancy import LikelihoodSettings, estimate_discrepancy, expected_misfit
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.responses import SHAPE_FACTOR
@@ -77,10 +77,10 @@ def test_it_is_added_in_squares():
 
 def test_a_stated_one_goes_through_the_steps_and_wrong_ones_are_refused(capsys):
     data = disturbed(1, MISSED)
-    record = verbs.update(chain_model(), data, weights=(STATED,) * 4, discrepancy=0.004)
+    record = verbs.update(chain_model(), data, likelihood=LikelihoodSettings(weights=(STATED,) * 4, discrepancy=0.004))
     assert "discrepancy of 0.4 % of each frequency" in record.settings["weights"]
     with pytest.raises(InputError, match="auto"):
-        verbs.update(chain_model(), data, discrepancy="much")
+        verbs.update(chain_model(), data, likelihood=LikelihoodSettings(discrepancy="much"))
     with pytest.raises(InputError, match="no share"):
         Weights(discrepancy=-0.1)
     with pytest.raises(SystemExit) as left:
@@ -90,7 +90,8 @@ def test_a_stated_one_goes_through_the_steps_and_wrong_ones_are_refused(capsys):
 
 def test_inform_says_where_it_was_evaluated():
     data = disturbed(1, MISSED)
-    first, there = (verbs.inform(chain_model(), data, weights=(STATED,) * 4, at=at) for at in ("initial", "map"))
+    likelihood = LikelihoodSettings(weights=(STATED,) * 4)
+    first, there = (verbs.inform(chain_model(), data, likelihood=likelihood, at=at) for at in ("initial", "map"))
     assert first.settings["evaluated at"] == "the initial parameters" and "maximum" in there.summary
     problem = build_problem(chain_model(), data, weights=WEIGHTS)
     top = maximum_a_posteriori(problem, [CHAIN_TRUTH])

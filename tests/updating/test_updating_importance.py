@@ -11,6 +11,7 @@ from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.ensemble import _first_state, nested_r_hat
 from probupdate.updating.importance import (
     Mixture,
@@ -22,6 +23,7 @@ from probupdate.updating.importance import (
 )
 from probupdate.updating.laplace import distinct_maxima, maximum_a_posteriori, trust_region
 from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.settings import SamplerSettings
 from probupdate.updating.surrogate import Proposal, fit_surrogate, from_laplace
 
 OFFSET, N_CHANNEL = 20.0, 6
@@ -87,7 +89,8 @@ def test_two_separate_maxima_are_both_sampled(case):
 def test_the_chain_visits_both_maxima_and_says_so(tmp_path):
     """P(a < 0) was 0.000 for 0.352 and the chain 'converged'."""
     model, data = two_modes(*CASES[0])
-    posterior = verbs.sample(model, data, tmp_path / "p.nc", weights=Weights(shapes="none"), target_ess=400, seed=5)
+    posterior = verbs.sample(model, data, tmp_path / "p.nc", settings=SamplerSettings(target_ess=400, seed=5),
+                             likelihood=LikelihoodSettings(weights=Weights(shapes="none")))
     share, log_evidence = quadrature(*CASES[0])
     draws = posterior.draws[:, 0]
     # four standard errors at the effective size the chain claims

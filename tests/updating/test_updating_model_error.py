@@ -19,7 +19,7 @@ from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.model.uncertainty import ErrorSource, marginal_root
 from probupdate.structure.load import load_model, reference_model
 from probupdate.updating.components import variance_components
-from probupdate.updating.discrepancy import state_model_error
+from probupdate.updating.discrepancy import LikelihoodSettings, state_model_error
 from probupdate.updating.hierarchical import Population, coordinates_of, linearise
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
@@ -217,7 +217,7 @@ def test_stating_the_error_twice_gives_the_same_numbers():
 
 def test_the_papers_weights_stay_what_they_are():
     data = measured_chain(noise=0.004, seed=3)
-    record = verbs.update(chain_model(), data, weights="paper")
+    record = verbs.update(chain_model(), data, likelihood=LikelihoodSettings(weights="paper"))
     assert "tolerances" not in record.settings["weights"] and "discrepancy" not in record.settings["weights"]
     assert "tolerances" in verbs.update(chain_model(), data).settings["weights"]
 
