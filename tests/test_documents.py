@@ -232,6 +232,24 @@ def test_a_row_holds_what_was_asserted_and_the_worst_of_all_cases():
         written(page, {"tests/a.py::c": measured["tests/a.py::b"]})
 
 
+def test_a_row_holds_bounds_from_below_ranges_and_counts():
+    one, two = (Row(what="gains", reference="planted", unit="deg") for _ in range(2))
+    for row, mac_, angle, right in ((one, 0.99, [0.4, 0.7], 19), (two, 0.985, [0.5], 20)):
+        row.least(mac_, above=0.98, of="MAC")
+        row.between(angle, 0.2, 1.2, of="angle")
+        row.count(right, 20, least=18, of="found")
+        row.equal(np.arange(3), np.arange(3), of="names")
+    page = "| gains | by hand | | | `tests/a.py::b` |"
+    assert written(page, {"tests/a.py::b": [row for _, row in properties([one, two])]}) == (
+        "| gains | planted | at least 0.98 (MAC), 0.2 to 1.2 deg (angle), 36 of 40 at least (found), equal (names) | "
+        f"0.985, 0.4 to 0.7 deg, 39 of 40, equal {MARK} | `tests/a.py::b` |")
+    for wrong in (lambda: one.least(0.97, above=0.98, of="MAC"), lambda: one.between(1.3, 0.2, 1.2, of="angle"),
+                  lambda: one.count(17, 20, least=18, of="found"), lambda: one.equal([1], [2], of="names"),
+                  lambda: one.least(0.99, above=0.9, of="MAC")):
+        with pytest.raises(AssertionError, match="gains, "):
+            wrong()
+
+
 @pytest.mark.parametrize("name", (*PAPERS, *PAGES))
 def test_links_lead_somewhere(name):
     for target in re.findall(r"\]\(([^)]+)\)", text(name)):

@@ -6,7 +6,6 @@ import pytest
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import STAY, TAKEN_OUT
 from probupdate.identification.classification import ClassifierSettings, PoleStack
-from probupdate.identification.identify import harmonics_removed
 from probupdate.identification.physical import (
     MOST_BLOCKS,
     PersistenceSettings,
@@ -15,6 +14,7 @@ from probupdate.identification.physical import (
     gathered,
     physical_modes,
 )
+from probupdate.identification.summary import harmonics_removed
 from probupdate.modal.modes import mac, plane_mac
 
 MODES_HZ, N_BLOCK, ORDERS = (0.33, 1.25, 1.9), 30, (14, 16, 18, 20, 22)

@@ -19,22 +19,12 @@ from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import assembled_file
 from probupdate.structure.subdyn_values import applied
 from probupdate.updating.posterior_file import Posterior, write_posterior
-from tests.subdyn_text import STEEL, subdyn
+from tests.subdyn_text import FRAME_GROUPS, FRAME_SENSORS, STEEL, subdyn
 
-TOML = """name = "a frame"
+TOML = f"""name = "a frame"
 [subdyn]
 file = "structure.dat"
-[group.legs]
-property_sets = [1]
-[group.brace]
-members = [3]
-[group.soil]
-reactions = [1]
-[group.top]
-masses = [4]
-[group.deck]
-joints = [3]
-"""
+{FRAME_GROUPS}"""
 ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0),
         "t": ("thickness", "legs", "-", 1.0), "loss": ("wall_loss", "brace", "m", 0.002),
         "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
@@ -53,10 +43,7 @@ def run(tmp_path):
     for name, (acts, on, unit, value) in ACTS.items():
         text += f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "{unit}"\ninitial = {value}\n'
         text += f"cov = 0.1\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
-                                      ("C", 3, "[0.0, 1.0, 0.0]")):
-        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
-    (tmp_path / "model.toml").write_text(text)
+    (tmp_path / "model.toml").write_text(text + FRAME_SENSORS)
     return tmp_path
 
 

@@ -22,7 +22,7 @@ from probupdate.structure.subdyn_frame import (
     rigid_body_mass,
     tube,
 )
-from tests.subdyn_text import STEEL, subdyn
+from tests.subdyn_text import FRAME_GROUPS, FRAME_SENSORS, STEEL, subdyn
 
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
 CLAMPED = "1 1 1 1 1 1 1"
@@ -281,22 +281,12 @@ def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
 
 # parameters --------------------------------------------------------------------------------------------------------
 
-TOML = """
+TOML = f"""
 name = "a frame"
 [subdyn]
 file = "structure.dat"
 nacelle = [4]
-[group.legs]
-property_sets = [1]
-[group.brace]
-members = [3]
-[group.soil]
-reactions = [1]
-[group.top]
-masses = [4]
-[group.deck]
-joints = [3]
-"""
+{FRAME_GROUPS}"""
 PARAMETERS = {
     "stiffness": ("legs", "-", 1.1), "density": ("brace", "-", 1.2), "thickness": ("legs", "-", 0.9),
     "wall_loss": ("brace", "m", 0.002), "line_mass": ("legs", "kg/m", 30.0), "mass": ("top", "-", 1.3),
@@ -315,11 +305,8 @@ def framed(tmp_path):
     for acts, (group, unit, value) in PARAMETERS.items():
         text += f'[[parameter]]\nname = "p_{acts}"\nacts = "{acts}"\non = "{group}"\nunit = "{unit}"\n'
         text += f"initial = {value}\nstd = {0.1 * value}\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
-                                      ("C", 3, "[0.0, 1.0, 0.0]")):
-        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
     path = tmp_path / "model.toml"
-    path.write_text(text)
+    path.write_text(text + FRAME_SENSORS)
     return path
 
 
