@@ -142,7 +142,9 @@ def test_files_of_a_run_and_keys_of_its_head_are_named():
         assert f"`{key}`" in page, key
 
 
-def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys):
+def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys, validation):
+    row = validation(what="posterior of the README's example, two masses and two parameters: means, variances",
+                     reference="quadrature over a grid", unit="standard errors")
     (code,) = blocks("README.md", "python")
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "example"}
@@ -160,9 +162,9 @@ def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_pat
     variance = weight @ (theta - mean) ** 2
     draws = posterior.draws
     error = np.sqrt(variance / posterior.ess)
-    assert np.all(np.abs(draws.mean(axis=0) - mean) < 4 * error)
+    row.error((draws.mean(axis=0) - mean) / error, below=4, of="means")
     # a normal's variance of n draws is known to sqrt(2 / n) of itself
-    assert np.all(np.abs(draws.var(axis=0) / variance - 1) < 4 * np.sqrt(2 / posterior.ess))
+    row.error((draws.var(axis=0) / variance - 1) / np.sqrt(2 / posterior.ess), below=4, of="variances")
 
 
 def test_floors_of_the_design_are_those_of_the_layering_test():

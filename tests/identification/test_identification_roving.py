@@ -172,8 +172,10 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
         merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
 
 
-def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path):
+def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path, validation):
     """Records of three setups, ten minutes twice each: all eighteen channels within their standard deviations."""
+    row = validation(what="roving records of three setups: planes and MAC; frequencies in stated standard deviations",
+                     reference="truth")
     rate, half = 5.0, 3000
     setups = []
     for number, own in enumerate(ROVING):
@@ -198,10 +200,10 @@ def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp
     channels = merge_setups(setups).data.channels
     truth = jacket.shape[[place.index(c) for c in channels]]
     for pair in ([0, 1], [3, 4]):
-        assert plane_mac(s.shape[:, pair], truth[:, pair]) > 0.98
-    assert mac(s.shape[:, [2]], truth[:, [2]])[0, 0] > 0.98
+        row.least(plane_mac(s.shape[:, pair], truth[:, pair]), above=0.98, of="shapes")
+    row.least(mac(s.shape[:, [2]], truth[:, [2]])[0, 0], above=0.98, of="shapes")
     error = (s.frequency_hz / jacket.frequency_hz - 1) / (s.frequency_std_hz / s.frequency_hz)
-    assert np.all(np.abs(error) < 4)
+    row.error(error, below=4, of="frequencies")
     # torsion, which no neighbour turns: every component within its own standard deviations, the largest sets the scale
     scaled = truth[:, 2] / truth[np.argmax(np.abs(s.shape[:, 2])), 2]
     ratio = np.abs(s.shape[:, 2].real - scaled) / np.maximum(s.shape_std[:, 2], 1e-3)
@@ -213,18 +215,22 @@ FRAME = Path(__file__).parents[2].parent / "shared" / "data" / "weimar_frame"
 
 
 def ten_modes(setups, **options):
-    merged = probupdate.identify_setups([FRAME / f"s{k:02d}" for k in setups], **options)
+    settings = probupdate.IdentificationSettings(**options)
+    merged = probupdate.identify_setups([FRAME / f"s{k:02d}" for k in setups], settings=settings)
     found = merged.data.sets[0].frequency_hz
     return merged, [float(found[np.argmin(np.abs(found - f))] / f - 1) for f in KNOWN_HZ]
 
 
 @pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
-def test_a_measured_frame_in_five_roving_setups_shows_its_ten_modes():
+def test_a_measured_frame_in_five_roving_setups_shows_its_ten_modes(validation):
     """A laboratory frame, lasers and accelerometers; ten modes known from an independent identification of all setups.
     One setup's frequencies scatter by 0.1 % or so, five by half of it."""
+    row = validation(what="a measured frame, five of its fifteen roving setups, settings proposed from the record",
+                     reference="ten modes of an independent identification of all setups",
+                     why="half the scatter of single setups")
     merged, error = ten_modes((1, 4, 7, 10, 13))
     assert "settings proposed from the record" in merged.summary
-    assert np.all(np.abs(error) < 2e-3)
+    row.error(error, below=2e-3)
     assert np.all(np.isfinite(merged.data.sets[0].frequency_std_hz)) and len(merged.data.channels) == 17
 
 
