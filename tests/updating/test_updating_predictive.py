@@ -83,7 +83,7 @@ def test_on_a_chain_with_close_pairs_and_shapes_it_stays_calibrated(validation):
 
 @pytest.mark.parametrize("width, shift", [(1.0, 0.0), (0.5, 0.3), (0.02, 1.0), (0.8, -1.5)])
 def test_bits_are_those_of_two_gaussians(width, shift, validation):
-    row = validation(what="bits gained, from draws, over 0.3 bit more than there are",
+    row = validation(what="bits gained, from draws: error over the bits and a third",
                      reference="two Gaussians in closed form", why="sixty bins")
     n = 20_000
     draws = shift + width * np.random.default_rng(7).standard_normal(n)
