@@ -216,8 +216,8 @@ def findings_of(
             others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
         if number in refuted and None in others:
             nothing = others.index(None)
-            others, evidence, prior = ([x for k, x in enumerate(row) if k != nothing]
-                                       for row in (others, evidence, prior))
+            for row in (others, evidence, prior):
+                del row[nothing]
         dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
         probability = special.softmax(np.array(evidence) / dispersion + prior)
         alternatives = tuple(

@@ -344,10 +344,11 @@ class Design:
     @cached_property
     def _along_time(self) -> np.ndarray:
         """(n_effect, n_profile, n_profile) X^T R^-1 X of each effect between its time profiles, R the noise alone."""
-        n_profile, total = len(self.time_profiles), 0.0
+        n_profile = len(self.time_profiles)
+        total = np.zeros((self.effect[0].shape[2], n_profile, n_profile))
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
             alone = np.einsum("gme,gme->eg", precision @ E, E)
-            total = total + np.tensordot(alone, times[:, :n_profile, :n_profile], 1)
+            total += np.tensordot(alone, times[:, :n_profile, :n_profile], 1)
         return total
 
     def score_correlation(self, rows: Rows) -> np.ndarray:

@@ -227,11 +227,15 @@ class DiagnosisTable:
     format: int = FORMAT
 
 
-def _with_present_keys(value):
-    """Tables of a file without a format, as the format of today has them."""
+def _with_present_keys(table: Mapping) -> dict:
+    """A table of a file without a format, as the format of today has it."""
+    return {FORMER_KEYS.get(k, k): _values_with_present_keys(v) for k, v in table.items()}
+
+
+def _values_with_present_keys(value):
     if isinstance(value, Mapping):
-        return {FORMER_KEYS.get(k, k): _with_present_keys(v) for k, v in value.items()}
-    return [_with_present_keys(v) for v in value] if isinstance(value, list) else value
+        return _with_present_keys(value)
+    return [_values_with_present_keys(v) for v in value] if isinstance(value, list) else value
 
 
 def read_diagnosis(path: str | Path) -> dict:

@@ -189,7 +189,7 @@ def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monk
 
 def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, record):
     outcome = examine(prepared, record(2))
-    assert outcome.fitted is outcome.null
+    assert outcome.fitted.included == () and outcome.diagnosis.verdict == "none"
     found = residuals(outcome)
     assert found["states"] == ["before"] and found["sensors"] == []
     (bands,) = found["bands"]
