@@ -172,26 +172,28 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
         merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
 
 
+def setup_campaign(folder, sensors, record, *, block_minutes):
+    """A campaign of one setup at 5 Hz, written and read."""
+    (folder / "acceleration").mkdir(parents=True)
+    lines = [f'name = "Setup"\nsampling_rate_hz = 5.0\nblock_minutes = {block_minutes}\n']
+    lines += [f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = {s.position_m.tolist()}\n'
+              f'direction = {s.direction.tolist()}\nunit = "m/s2"\n' for s in sensors]
+    (folder / "campaign.toml").write_text("".join(lines))
+    with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
+        data = file.create_dataset("data", data=record)
+        data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", 5.0
+    return read_campaign(folder)
+
+
 def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path, validation):
     """Records of three setups, ten minutes twice each: all eighteen channels within their standard deviations."""
     row = validation(what="roving records of three setups: planes and MAC; frequencies in stated standard deviations",
                      reference="truth")
-    rate, half = 5.0, 3000
     setups = []
     for number, own in enumerate(ROVING):
         rows = [*REFERENCES, *own]
-        folder = tmp_path / f"setup{number}"
-        (folder / "acceleration").mkdir(parents=True)
-        lines = [f'name = "Setup"\nsampling_rate_hz = {rate}\nblock_minutes = 10\n']
-        for k in rows:
-            s = sensor_list[k]
-            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
-        (folder / "campaign.toml").write_text("".join(lines))
-        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
-            data = file.create_dataset("data", data=jacket.record(2 * half, seed=40 + number)[:, rows])
-            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", rate
-        campaign = read_campaign(folder)
+        campaign = setup_campaign(tmp_path / f"setup{number}", [sensor_list[k] for k in rows],
+                                  jacket.record(6000, seed=40 + number)[:, rows], block_minutes=10)
         found = identify(campaign, replace(reference, shape=reference.shape[rows]),
                          settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))
         setups.append(Setup(name=f"setup{number}", sensors=campaign.sensors, data=found.data))
@@ -255,18 +257,8 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
     campaigns = []
     for number, own in enumerate(ROVING[:2]):
         rows = [*REFERENCES, *own]
-        folder = tmp_path / f"setup{number}"
-        (folder / "acceleration").mkdir(parents=True)
-        lines = ['name = "Setup"\nsampling_rate_hz = 5.0\nblock_minutes = 15\n']
-        for k in rows:
-            s = sensor_list[k]
-            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
-        (folder / "campaign.toml").write_text("".join(lines))
-        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
-            data = file.create_dataset("data", data=jacket.record(9000, seed=60 + number)[:, rows])
-            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", 5.0
-        campaigns.append(read_campaign(folder))
+        campaigns.append(setup_campaign(tmp_path / f"setup{number}", [sensor_list[k] for k in rows],
+                                        jacket.record(9000, seed=60 + number)[:, rows], block_minutes=15))
     names = ("FA1", "SS1", "T1", "FA2", "SS2")
     model = ReferenceModes(labels=names, frequency_hz=jacket.frequency_hz * 0.9, shape=jacket.shape,
                            pairs=((0, 1), (3, 4)))
