@@ -21,7 +21,7 @@ from probupdate.updating.posterior_file import Posterior, read_posterior, write_
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model
+from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model, refuse_other_value
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
@@ -76,6 +76,7 @@ class Case:
         progress: Progress = silent,
     ) -> Case:
         refuse_other_kinds(model, modes)
+        refuse_other_value("likelihood", likelihood, LikelihoodSettings)
         data, model_at = compared_modes(modes, set_id, every_mode), ModelAt(model, parameters, str(modes))
         weights = likelihood.stated_for(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
         return cls(data=data, set_id=set_id, model_at=model_at, weights=weights)
@@ -134,6 +135,7 @@ def update(
     """
     from probupdate.updating.runs import deterministic_update
 
+    refuse_other_value("settings", settings, UpdateSettings)
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
@@ -164,6 +166,7 @@ def sample(
     the `ensembles`; the numbers are the same on any."""
     from probupdate.updating.runs import sample_posterior
 
+    refuse_other_value("settings", settings, SamplerSettings)
     out = Path(out)
     chain = out.with_name(out.name + ".chain")
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,

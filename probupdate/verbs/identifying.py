@@ -30,7 +30,7 @@ from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.subdyn_model import is_subdyn
-from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model
+from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import reference_modes
 
@@ -132,6 +132,7 @@ def ssi_settings(
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to
     be said of that."""
+    refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []

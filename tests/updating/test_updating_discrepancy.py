@@ -14,6 +14,7 @@ from probupdate.updating.discrepancy import LikelihoodSettings, estimate_discrep
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.responses import SHAPE_FACTOR
+from probupdate.updating.settings import SamplerSettings
 
 STATED, MISSED = 1e-3, 6e-3
 
@@ -102,3 +103,13 @@ def test_inform_says_where_it_was_evaluated():
     assert [r.cov for r in there.rows] == [r.cov for r in first.rows]
     with pytest.raises(InputError, match="choose from initial, map"):
         verbs.inform(chain_model(), data, at="mean")
+
+
+def test_what_is_no_settings_value_is_refused_by_name():
+    data = measured_chain(noise=0.003, seed=1)
+    with pytest.raises(InputError, match=r"likelihood: a str is no LikelihoodSettings; give probupdate\.Likelihood"):
+        verbs.sets(chain_model(), data, likelihood="paper")
+    with pytest.raises(InputError, match="settings: a SamplerSettings is no UpdateSettings"):
+        verbs.update(chain_model(), data, settings=SamplerSettings())
+    with pytest.raises(TypeError, match="weights"):
+        verbs.update(chain_model(), data, weights="paper")
