@@ -14,10 +14,11 @@ PAGE = Path(__file__).parent / "reference" / "settings.md"
 HEAD = """# Settings
 
 Every number and word that decides something in identification and updating, as it stands in the program; this page is
-written from the values themselves by `python docs/settings_page.py`. What a step is given comes first: its keywords and
-options have these defaults. Constants are read when a module is loaded and are no options. A value without a source is
-this program's own choice. Thresholds of the classifiers that a script may change are `ClassifierSettings` and
-`PersistenceSettings` in [identification](identification.md).
+written from the values themselves by `python docs/settings_page.py`. What a step is given comes first: a value that a
+script makes, as `probupdate.SamplerSettings(seed=3)`, and gives to the step, and that the command makes of its options.
+Constants are read when a module is loaded and are no options. A value without a source is this program's own choice.
+Thresholds of the classifiers that a script may change are `ClassifierSettings` and `PersistenceSettings` in
+[identification](identification.md).
 """
 GIVEN = {
     "What is compared": LikelihoodSettings(), "The update": UpdateSettings(), "The sampler": SamplerSettings(),

@@ -1,7 +1,8 @@
 """Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, modes, export, farm. They are loaded when first used, so that importing the package stays light.
+compare, report, demo, modes, export, farm; beside them stand the settings that they take. All are loaded when first
+used, so that importing the package stays light.
 """
 
 from typing import TYPE_CHECKING
@@ -10,6 +11,9 @@ if TYPE_CHECKING:
     # type checkers and editors see the functions themselves, not what `__getattr__` may return
     from probupdate.demonstration import demo
     from probupdate.farms import farm
+    from probupdate.identification.settings import IdentificationSettings
+    from probupdate.updating.discrepancy import LikelihoodSettings
+    from probupdate.updating.settings import SamplerSettings, UpdateSettings
     from probupdate.verbs import (
         check,
         check_setups,
@@ -37,32 +41,28 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "__version__", "check", "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures",
-    "identify", "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress",
-    "report", "sample", "select", "sets", "simulate", "update",
+    "IdentificationSettings", "LikelihoodSettings", "SamplerSettings", "UpdateSettings", "__version__", "check",
+    "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
+    "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress", "report", "sample",
+    "select", "sets", "simulate", "update",
 ]
-# those that go by their name in `verbs`
-_STEPS = tuple(name for name in __all__ if name not in ("__version__", "demo", "farm", "modes"))
+# where those are that do not go by their name in `verbs`: module, name there
+_ELSEWHERE = {
+    "IdentificationSettings": ("identification.settings", "IdentificationSettings"),
+    "LikelihoodSettings": ("updating.discrepancy", "LikelihoodSettings"),
+    "SamplerSettings": ("updating.settings", "SamplerSettings"),
+    "UpdateSettings": ("updating.settings", "UpdateSettings"),
+    "demo": ("demonstration", "demo"), "farm": ("farms", "farm"), "modes": ("verbs", "model_modes"),
+}
 
 
 def __getattr__(name: str) -> object:
-    if name == "demo":
-        from probupdate.demonstration import demo
+    if name not in __all__:
+        raise AttributeError(f"module 'probupdate' has no attribute '{name}'")
+    from importlib import import_module
 
-        return demo
-    if name == "farm":
-        from probupdate.farms import farm
-
-        return farm
-    if name == "modes":
-        from probupdate.verbs import model_modes
-
-        return model_modes
-    if name in _STEPS:
-        from probupdate import verbs
-
-        return getattr(verbs, name)
-    raise AttributeError(f"module 'probupdate' has no attribute '{name}'")
+    module, there = _ELSEWHERE.get(name, ("verbs", name))
+    return getattr(import_module(f"probupdate.{module}"), there)
 
 
 def __dir__():

@@ -20,7 +20,8 @@ from probupdate.reporting import report as write_report
 from probupdate.runtime.executors import Executor, beside, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
-from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.discrepancy import LikelihoodSettings
+from probupdate.updating.settings import SamplerSettings
 from probupdate.virtual.effects import hidden_words
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 # the virtual turbine stands in the updated state; the model that is updated starts from the as-built one
 TRUTH_STATE, START_STATE = "updated", "as_built"
-WEIGHTS = "paper"
+LIKELIHOOD = LikelihoodSettings(weights="paper")
 # hidden unless the caller says otherwise: one effect of the structure, one of a sensor
 HIDDEN = """\
 # hidden in the demonstration's virtual turbine; as `probupdate simulate --truth` reads it
@@ -164,13 +165,14 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
 
 
 def _update(model: Path, nine: Path, out: Path, progress: Progress = silent) -> str:
-    updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
+    updated = verbs.update(model, nine, likelihood=LIKELIHOOD, progress=progress)
     updated.write(out)
     return updated.summary
 
 
 def _sample(model: Path, nine: Path, out: Path, seed: int, progress: Progress = silent) -> str:
-    return verbs.sample(model, nine, out, weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS, progress=progress).summary
+    settings = SamplerSettings(seed=seed, target_ess=TARGET_ESS)
+    return verbs.sample(model, nine, out, likelihood=LIKELIHOOD, settings=settings, progress=progress).summary
 
 
 def _diagnose(

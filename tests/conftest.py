@@ -45,8 +45,8 @@ def pytest_configure(config):
 
 @pytest.fixture
 def validation(request):
-    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` asserts and
-    keeps."""
+    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` and
+    others assert and keep."""
     rows = []
 
     def row(**words: str) -> Row:

@@ -45,6 +45,22 @@ TABLES = {
     "mass": "JOINT ADDITIONAL CONCENTRATED MASSES",
 }
 STEEL = "2.1e11 8.076923e10 7850"
+# of a model.toml: groups of a frame of two legs on joints 1 to 4, and what is measured of it
+FRAME_GROUPS = """[group.legs]
+property_sets = [1]
+[group.brace]
+members = [3]
+[group.soil]
+reactions = [1]
+[group.top]
+masses = [4]
+[group.deck]
+joints = [3]
+"""
+FRAME_SENSORS = "".join(
+    f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
+    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
+                                      ("C", 3, "[0.0, 1.0, 0.0]")))
 
 
 def table(title: str, rows) -> str:

@@ -142,7 +142,9 @@ def test_files_of_a_run_and_keys_of_its_head_are_named():
         assert f"`{key}`" in page, key
 
 
-def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys):
+def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys, validation):
+    row = validation(what="posterior of the README's example, two masses and two parameters: means, variances",
+                     reference="quadrature over a grid", unit="standard errors")
     (code,) = blocks("README.md", "python")
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "example"}
@@ -160,9 +162,9 @@ def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_pat
     variance = weight @ (theta - mean) ** 2
     draws = posterior.draws
     error = np.sqrt(variance / posterior.ess)
-    assert np.all(np.abs(draws.mean(axis=0) - mean) < 4 * error)
+    row.error((draws.mean(axis=0) - mean) / error, below=4, of="means")
     # a normal's variance of n draws is known to sqrt(2 / n) of itself
-    assert np.all(np.abs(draws.var(axis=0) / variance - 1) < 4 * np.sqrt(2 / posterior.ess))
+    row.error((draws.var(axis=0) / variance - 1) / np.sqrt(2 / posterior.ess), below=4, of="variances")
 
 
 def test_floors_of_the_design_are_those_of_the_layering_test():
@@ -230,6 +232,24 @@ def test_a_row_holds_what_was_asserted_and_the_worst_of_all_cases():
         f"| pile | closed form | 1e-6: mesh | 3e-7 {MARK} | `tests/a.py::b` |", "| other | | | | `tests/a.py::bc` |"]
     with pytest.raises(ValueError, match="c: 0 rows"):
         written(page, {"tests/a.py::c": measured["tests/a.py::b"]})
+
+
+def test_a_row_holds_bounds_from_below_ranges_and_counts():
+    one, two = (Row(what="gains", reference="planted", unit="deg") for _ in range(2))
+    for row, mac_, angle, right in ((one, 0.99, [0.4, 0.7], 19), (two, 0.985, [0.5], 20)):
+        row.least(mac_, above=0.98, of="MAC")
+        row.between(angle, 0.2, 1.2, of="angle")
+        row.count(right, 20, least=18, of="found")
+        row.equal(np.arange(3), np.arange(3), of="names")
+    page = "| gains | by hand | | | `tests/a.py::b` |"
+    assert written(page, {"tests/a.py::b": [row for _, row in properties([one, two])]}) == (
+        "| gains | planted | at least 0.98 (MAC), 0.2 to 1.2 deg (angle), 36 of 40 at least (found), equal (names) | "
+        f"0.985, 0.4 to 0.7 deg, 39 of 40, equal {MARK} | `tests/a.py::b` |")
+    for wrong in (lambda: one.least(0.97, above=0.98, of="MAC"), lambda: one.between(1.3, 0.2, 1.2, of="angle"),
+                  lambda: one.count(17, 20, least=18, of="found"), lambda: one.equal([1], [2], of="names"),
+                  lambda: one.least(0.99, above=0.9, of="MAC")):
+        with pytest.raises(AssertionError, match="gains, "):
+            wrong()
 
 
 @pytest.mark.parametrize("name", (*PAPERS, *PAGES))

@@ -23,19 +23,24 @@ from probupdate.runtime.progress import Progress
 
 def compared(a: argparse.Namespace) -> dict[str, Any]:
     """What every step on modes is given beside its own options."""
-    return {"parameters": a.parameters, "weights": weights_option(a), "frequencies": a.frequencies, "shapes": a.shapes,
-            "discrepancy": a.discrepancy, "tolerances": a.tolerances}
+    from probupdate.updating.discrepancy import LikelihoodSettings
+
+    return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
+        weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
+        tolerances=a.tolerances)}
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
     one_thread()
     import probupdate
     from probupdate.runtime.executors import executor
+    from probupdate.updating.settings import UpdateSettings
 
+    settings = UpdateSettings(alpha=a.alpha, method=a.method, iterations=a.iterations)
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.update(
-            a.model, a.modes, set_id=a.set, **compared(a), alpha=a.alpha, method=a.method, iterations=a.iterations,
-            every_mode=a.every_mode, jobs=runs, progress=progress)
+            a.model, a.modes, set_id=a.set, **compared(a), every_mode=a.every_mode, settings=settings, jobs=runs,
+            progress=progress)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
     refuse_suspected(a, result.set_id, result.suspected)
@@ -52,11 +57,13 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
     one_thread()
     import probupdate
     from probupdate.runtime.executors import executor
+    from probupdate.updating.settings import SamplerSettings
 
+    settings = SamplerSettings(seed=a.seed, target_ess=a.ess, max_steps=a.max_steps, ensembles=a.ensembles)
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.sample(
-            a.model, a.modes, a.out, set_id=a.set, **compared(a), seed=a.seed, target_ess=a.ess, max_steps=a.max_steps,
-            ensembles=a.ensembles, every_mode=a.every_mode, jobs=runs, progress=progress)
+            a.model, a.modes, a.out, set_id=a.set, **compared(a), every_mode=a.every_mode, settings=settings,
+            jobs=runs, progress=progress)
     answer(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 

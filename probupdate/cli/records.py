@@ -46,17 +46,19 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     one_thread()
     import probupdate
+    from probupdate.identification.settings import IdentificationSettings
     from probupdate.runtime.executors import executor
 
-    settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
-                "store": f"{a.out}.blocks", "progress": progress}
     if a.shard and len(a.campaign) > 1:
         raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
+    settings = IdentificationSettings(
+        order=a.order, block_rows=a.block_rows, rate_hz=a.rate, harmonics=a.harmonics)
     with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
+        options = {"settings": settings, "store": f"{a.out}.blocks", "jobs": runs, "progress": progress}
         if a.shard:
-            answer(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
+            answer(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, **options))
             return
-        options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
+        options |= {"parameters": a.parameters, "lowest": a.lowest}
         if len(a.campaign) == 1:
             result = probupdate.identify(a.campaign[0], a.model, **options)
         else:

@@ -14,10 +14,13 @@ from probupdate import __version__, verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.farms.description import Farm, Month, Options
+from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.files import PART, read_json_table, write_json, write_text
 from probupdate.io.outputs import belonging
 from probupdate.io.schema import checked_table
 from probupdate.reporting import report as write_report
+from probupdate.updating.discrepancy import LikelihoodSettings
+from probupdate.updating.settings import SamplerSettings
 
 if TYPE_CHECKING:
     from probupdate.diagnosis.prepare import Prepared
@@ -153,10 +156,10 @@ def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
     for name in ("nine.json", "update.json", "posterior.nc", "compare.json", "diagnosis.json", "report.html"):
         (folder / name).unlink(missing_ok=True)
     asked = options.identify
-    verbs.identify(
-        month.campaign, month.model, lowest=asked.lowest, order=asked.order, block_rows=asked.block_rows,
-        rate_hz=asked.rate_hz, harmonics=asked.harmonics, store=folder / "modes.json.blocks",
-    ).write(folder / "modes.json")
+    settings = IdentificationSettings(
+        order=asked.order, block_rows=asked.block_rows, rate_hz=asked.rate_hz, harmonics=asked.harmonics)
+    verbs.identify(month.campaign, month.model, lowest=asked.lowest, settings=settings,
+                   store=folder / "modes.json.blocks").write(folder / "modes.json")
 
 
 def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
@@ -167,13 +170,14 @@ def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
 
 
 def _update(month: Month, folder: Path, options: Options, seed: int) -> None:
-    verbs.update(month.model, _chosen(folder), **asdict(options.update)).write(folder / "update.json")
+    likelihood = LikelihoodSettings(**asdict(options.update))
+    verbs.update(month.model, _chosen(folder), likelihood=likelihood).write(folder / "update.json")
 
 
 def _sample(month: Month, folder: Path, options: Options, seed: int) -> None:
-    asked = options.sample
-    verbs.sample(month.model, _chosen(folder), folder / "posterior.nc", seed=seed, target_ess=asked.ess,
-                 ensembles=asked.ensembles, **asdict(options.update))
+    asked, likelihood = options.sample, LikelihoodSettings(**asdict(options.update))
+    settings = SamplerSettings(seed=seed, target_ess=asked.ess, ensembles=asked.ensembles)
+    verbs.sample(month.model, _chosen(folder), folder / "posterior.nc", likelihood=likelihood, settings=settings)
 
 
 def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:

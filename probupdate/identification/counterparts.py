@@ -8,7 +8,7 @@ frequency still has its name, and says that the model's is another.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,21 +96,61 @@ def paired(like: ModelComparison, model: ReferenceModes) -> tuple[dict[int, int]
     return {int(j): int(i) for j, i in zip(rows, columns, strict=True) if score[j, i] > 0}, probability
 
 
-def mode_records(
-    sets: Sequence[ModalSet], names: Sequence[str], *, like: ModelComparison | None, partner: Mapping[int, int],
-    probability: np.ndarray | None, model: ReferenceModes | None, in_pair: set[int], settings: ClassifierSettings,
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Matched:
+    """The campaign's modes held against a model's: similarities, mode -> the model's mode, probability (n_mode,
+    n_model) that a mode is each."""
+
+    model: ReferenceModes
+    like: ModelComparison
+    partner: dict[int, int]
+    probability: np.ndarray
+
+    def at(self, columns: Sequence[int]) -> Matched:
+        """Of those modes, in that order; what -1 stands for is none of the model's."""
+        columns = list(columns)
+        return Matched(model=self.model, like=self.like.at(columns),
+                       partner={k: self.partner[j] for k, j in enumerate(columns) if j in self.partner},
+                       probability=self.probability[columns] * (np.array(columns) >= 0)[:, None])
+
+
+def match_modes(
+    sets: Sequence[ModalSet], pairs: Sequence[tuple[int, int]], turned_to: Sequence[ReferenceModes],
+    model: ReferenceModes,
+) -> Matched:
+    """The comparison and who is whose; `turned_to`: the model's modes as each set's nacelle has them."""
+    like = model_comparison(sets, pairs, turned_to)
+    partner, probability = paired(like, model)
+    return Matched(model=model, like=like, partner=partner, probability=probability)
+
+
+def records_of(
+    sets: Sequence[ModalSet], names: Sequence[str], matched: Matched | None, *, in_pair: Collection[int],
+    settings: ClassifierSettings, highest_hz: float, wanted: Sequence[str],
+) -> tuple[tuple[ModeRecord, ...], tuple[ModelMode, ...], list[str]]:
+    """A record of each mode; and where there is a model, its modes below `highest_hz`, or `wanted`, that were not
+    found, and what does not match in words."""
+    records = _mode_records(sets, names, matched, in_pair, settings)
+    if matched is None:
+        return records, (), []
+    lacking = _model_only(matched, [r.frequency_hz for r in records if r.found], highest_hz, wanted)
+    return records, lacking, sentences(records, lacking, wanted)
+
+
+def _mode_records(
+    sets: Sequence[ModalSet], names: Sequence[str], matched: Matched | None, in_pair: Collection[int],
+    settings: ClassifierSettings,
 ) -> tuple[ModeRecord, ...]:
     """What is known of every mode of the campaign: where it was found, and what it is in the model."""
     usable = [s for s in sets if not s.environment.get("excluded")]
     records = []
     for j, name in enumerate(names):
         found = _where_found(usable, j) | {"label": name, "pair": j in in_pair}
-        if model is not None:
-            chance = np.zeros(0) if probability is None else probability[j]
+        if matched is not None:
+            chance = matched.probability[j]
             likely = [int(k) for k in np.argsort(-chance) if chance[k] > 0.01]
-            found["alternatives"] = tuple((model.labels[k], float(chance[k])) for k in likely[:3])
-            limit = settings.plane_mac if j in in_pair else settings.mac
-            found |= _in_the_model(j, partner.get(j), like, model, limit)
+            found["alternatives"] = tuple((matched.model.labels[k], float(chance[k])) for k in likely[:3])
+            found |= _in_the_model(j, matched, settings.plane_mac if j in in_pair else settings.mac)
         records.append(ModeRecord(**found))
     return tuple(records)
 
@@ -130,11 +170,10 @@ def _where_found(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
     }
 
 
-def _in_the_model(
-    j: int, i: int | None, like: ModelComparison | None, model: ReferenceModes, limit: float
-) -> dict[str, Any]:
-    """How mode j compares with the model's mode i; alike from `limit` of the MAC upwards."""
-    if i is None or like is None:
+def _in_the_model(j: int, matched: Matched, limit: float) -> dict[str, Any]:
+    """How mode j compares with the model's mode that it is; alike from `limit` of the MAC upwards."""
+    i, like, model = matched.partner.get(j), matched.like, matched.model
+    if i is None:
         return {"match": "none"}
     return {
         "match": "alike" if like.plane[j, i] >= limit else "unlike", "model_label": model.labels[i],
@@ -144,16 +183,16 @@ def _in_the_model(
     }
 
 
-def model_only(
-    model: ReferenceModes, partner: Mapping[int, int], found_hz: Sequence[float], highest_hz: float,
-    wanted: Sequence[str],
+def _model_only(
+    matched: Matched, found_hz: Sequence[float], highest_hz: float, wanted: Sequence[str]
 ) -> tuple[ModelMode, ...]:
     """Modes of the model below `highest_hz` that no measured one is, and whether the excitation should show them: those
     that move the sensors as others do and lie between modes that were found, so that the band was excited."""
+    model = matched.model
     size = np.linalg.norm(model.shape, axis=0)
     result = []
     for i, (label, f) in enumerate(zip(model.labels, model.frequency_hz, strict=True)):
-        if i in partner.values() or (f > highest_hz and label not in wanted):
+        if i in matched.partner.values() or (f > highest_hz and label not in wanted):
             continue
         excited = len(found_hz) > 0 and min(found_hz) < f < max(found_hz) and f <= highest_hz
         result.append(ModelMode(label=label, frequency_hz=float(f),

@@ -15,15 +15,9 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
-from probupdate.identification.counterparts import (
-    ModelComparison,
-    mode_records,
-    model_comparison,
-    model_only,
-    paired,
-    sentences,
-)
-from probupdate.identification.identify import SSISettings, classified, in_memory, passed_hz, pole_stack
+from probupdate.identification.chosen_poles import SSISettings, pole_stack
+from probupdate.identification.counterparts import Matched, match_modes, records_of
+from probupdate.identification.identify import classified, in_memory, passed_hz
 from probupdate.identification.physical import (
     Candidates,
     PersistenceSettings,
@@ -93,10 +87,9 @@ def identify_setups(
         merged = merge_setups(setups, same_modes=True)
         return replace(merged, summary="\n".join([merged.summary, *notes]))
     model = reference if others is None else reference.joined(others)
-    named, like, partner, probability = _named(setups, found, model, reference.labels, channels)
+    named, matched = _named(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
-    return _with_records(merged, named[0].data.labels, like, partner, probability, model=model,
-                         wanted=reference.labels, notes=notes, settings=settings)
+    return _with_records(merged, named[0].data.labels, matched, reference.labels, notes, settings)
 
 
 def _candidates(
@@ -147,37 +140,33 @@ def _own_part(
 
 def _named(
     setups: list[Setup], found: PhysicalModes, model: ReferenceModes, wanted: tuple[str, ...], channels: tuple[str, ...]
-) -> tuple[list[Setup], ModelComparison, dict[int, int], np.ndarray]:
+) -> tuple[list[Setup], Matched]:
     """The setups' modes matched with the model's by all their blocks: those of interest first, by name, the others by
-    number; similarity, partner and probability of the columns in their new order."""
+    number; the match has the columns in their new order."""
     sets, at = [], []
     for setup in setups:
         rows = [channels.index(c) for c in setup.data.channels]
         here = replace(model, shape=model.shape[rows])
         sets += setup.data.sets
         at += [here] * len(setup.data.sets)
-    like = model_comparison(sets, found.modes.pairs, at)
-    partner, probability = paired(like, model)
-    place = {model.labels[i]: j for j, i in partner.items() if model.labels[i] in wanted}
+    matched = match_modes(sets, found.modes.pairs, at, model)
+    place = {model.labels[i]: j for j, i in matched.partner.items() if model.labels[i] in wanted}
     known = [label for label in wanted if label in place]
     columns = [place[label] for label in known]
     columns += [j for j in range(len(found.modes.labels)) if j not in columns]
     labels = (*known, *(str(len(wanted) + k + 1) for k in range(len(columns) - len(known))))
     named = [replace(s, data=replace(s.data.of_modes(columns), labels=labels)) for s in setups]
-    moved = {k: partner[j] for k, j in enumerate(columns) if j in partner}
-    return named, like.at(columns), moved, probability[columns]
+    return named, matched.at(columns)
 
 
 def _with_records(
-    merged: Merged, labels: tuple[str, ...], like: ModelComparison, partner: dict[int, int], probability: np.ndarray, *,
-    model: ReferenceModes, wanted: tuple[str, ...], notes: list[str], settings: SSISettings,
+    merged: Merged, labels: tuple[str, ...], matched: Matched, wanted: tuple[str, ...], notes: list[str],
+    settings: SSISettings,
 ) -> Merged:
     """The merged set with the record of each mode that it kept."""
-    rows = [labels.index(label) for label in merged.data.labels]
-    kept = {k: partner[j] for k, j in enumerate(rows) if j in partner}
-    records = mode_records(merged.data.sets, merged.data.labels, like=like.at(rows), partner=kept, model=model,
-                           probability=probability[rows], in_pair=set(), settings=settings.classifier)
-    lacking = model_only(model, kept, [r.frequency_hz for r in records if r.found],
-                         PASS_SHARE * settings.target_rate_hz / 2, wanted)
+    kept = matched.at([labels.index(label) for label in merged.data.labels])
+    records, lacking, said = records_of(
+        merged.data.sets, merged.data.labels, kept, in_pair=(), settings=settings.classifier,
+        highest_hz=PASS_SHARE * settings.target_rate_hz / 2, wanted=wanted)
     return replace(merged, data=replace(merged.data, records=records, model_only=lacking),
-                   summary="\n".join([merged.summary, *notes, *sentences(records, lacking, wanted)]))
+                   summary="\n".join([merged.summary, *notes, *said]))

@@ -303,14 +303,13 @@ def jonswap(frequency_hz: np.ndarray, hs_m: float, tp_s: float, gamma: float) ->
 
 
 def kaimal(frequency_hz: np.ndarray, wind_mps: float, turbulence: float, length_m: float) -> np.ndarray:
-    """(n,) (m/s)^2/Hz, one-sided, of longitudinal turbulence: IEC 61400-1, eq. C.14; std turbulence * wind_mps."""
+    """(n,) (m/s)^2/Hz, one-sided, of longitudinal turbulence: IEC 61400-1; std turbulence * wind_mps."""
     x = length_m / wind_mps
     return (turbulence * wind_mps) ** 2 * 4 * x / (1 + 6 * np.asarray(frequency_hz, float) * x) ** (5 / 3)
 
 
 def rotor_admittance(frequency_hz: np.ndarray, wind_mps: float, area_m2: float) -> np.ndarray:
-    """(n,) chi: share of turbulence that acts on the whole area at once, 1 / (1 + (2 f sqrt(A) / V)^(4/3)) (Vickery
-    1966)."""
+    """(n,) chi: share of turbulence that acts on the whole rotor, Vickery's 1 / (1 + (2 f sqrt(A) / V)^(4/3))."""
     return 1 / (1 + (2 * np.asarray(frequency_hz, float) * np.sqrt(area_m2) / wind_mps) ** (4 / 3))
 
 

@@ -2,7 +2,7 @@
 
 (K - omega^2 M + i omega C + i omega c h h^T) q = F: C has a damping ratio for every mode, c = rho A C_T V is the
 operating rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with
-drag linearised for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or
+drag linearised for the sea state (Borgman 1967: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or
 quasi-steady thrust at the hub. Member forces are what the element's own stiffness and mass make of q, less the load on
 it, divided by A and I / R. MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor
 waves above 0.6 Hz: they are shorter than 4.3 m, where Morison's load no longer holds for a leg.

@@ -5,8 +5,8 @@ rotor-nacelle assembly and sensors, each scaled to a standard normal variable; B
 is expected of them (shear that Bernoulli-Euler members leave out makes every frequency lower, never higher); delta the
 model discrepancy (`Weights.discrepancy`) and eps the noise of identification. With u and delta marginalised the
 likelihood stays Gaussian: mean g(theta) + m, covariance R + B B^T, R that of eps and delta. This is the approximation
-error of Kaipio & Somersalo, Statistical and Computational Inverse Problems (2005), sec. 5.8, with its covariance taken
-from the exact derivatives of the modes instead of a sample.
+error of Kaipio & Somersalo, Statistical and Computational Inverse Problems (2005), with its covariance taken from the
+exact derivatives of the modes instead of a sample.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.identification.counterparts import unmatched_sentences
-from probupdate.identification.identify import harmonics_removed
+from probupdate.identification.summary import harmonics_removed
 from probupdate.modal.matching import close_clusters
 from probupdate.modal.modes import ModalData, plane_mac
 from probupdate.reporting import figures, paper_tables

@@ -38,13 +38,13 @@ class LikelihoodSettings:
     frequencies: str = stated("hz", "-", "frequencies are compared as they are ('hz') or as logarithms ('log')")
     shapes: str = stated("plane", "-", "shapes are compared as 'plane', 'components', 'mac' or 'none'")
     discrepancy: float | str | None = stated(
-        None, "-", "share of every frequency that the model may miss, 'auto' for as much as the misfit says; None: "
-        "'auto' with the measurement's own standard deviations, else 0")
+        None, "-", "share of every frequency that the model may miss, and ten times that of shapes; 'auto' for as much "
+        "as the misfit says; None: 'auto' with the measurement's own standard deviations, else 0")
     tolerances: bool | None = stated(
-        None, "-", "stated tolerances of model and sensors are marginalised; None: with the measurement's own "
-        "standard deviations")
+        None, "-", "stated tolerances of structure, soil, rotor-nacelle assembly and sensors are marginalised; None: "
+        "with the measurement's own standard deviations")
 
-    def likelihood(
+    def stated_for(
         self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
     ) -> Weights:
         """As plain numbers, of this set (the reference set where None)."""
@@ -126,7 +126,7 @@ def default_likelihood(
     model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
 ) -> Weights:
     """What `update` and `sample` take where no option is given."""
-    return LikelihoodSettings().likelihood(model, data, set_id=set_id, progress=progress)
+    return LikelihoodSettings().stated_for(model, data, set_id=set_id, progress=progress)
 
 
 def estimate_discrepancy(

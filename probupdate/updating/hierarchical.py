@@ -1,9 +1,9 @@
 """Parameters that vary from set to set: their mean and their scatter, separated from the noise of each set.
 
 theta_j of set j is drawn from a population of mean mu and covariance D R D, D = diag(tau); its data see theta_j only
-(Behmanesh et al. 2015; Sedehi et al. 2019). Each set's likelihood enters to second order about where the population
-puts it, so that theta_j is integrated out in closed form; the error of that is measured on the full model. A parameter
-that is positive by its bounds varies by its logarithm (tau is then a CoV), others as they are.
+(Behmanesh et al. 2015). Each set's likelihood enters to second order about where the population puts it, so that
+theta_j is integrated out in closed form; the error of that is measured on the full model. A parameter that is positive
+by its bounds varies by its logarithm (tau is then a CoV), others as they are.
 
 Hyper-priors: mu has the parameters' own prior; tau_k is half-normal with standard deviation `spread` times the prior's;
 R, where asked for, is LKJ with eta = 2 (Lewandowski, Kurowicka & Joe 2009). An error of the model that all sets share

@@ -21,14 +21,14 @@ from probupdate.updating.posterior_file import Posterior, read_posterior, write_
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model
+from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model, refuse_other_value
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
     from probupdate.updating.information import Information
     from probupdate.updating.set_views_file import SetViews
 
-# the defaults of the keywords below
+# what the steps below are given where nothing is stated
 COMPARED, UPDATE, SAMPLER = LikelihoodSettings(), UpdateSettings(), SamplerSettings()
 # where `inform` takes slopes
 PLACES = {"initial": "the initial parameters", "map": "the maximum of the posterior"}
@@ -71,13 +71,14 @@ class Case:
 
     @classmethod
     def of(
-        cls, model: GivenModel, modes: str | Path | ModalData, compared: LikelihoodSettings, *,
+        cls, model: GivenModel, modes: str | Path | ModalData, likelihood: LikelihoodSettings, *,
         parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
         progress: Progress = silent,
     ) -> Case:
         refuse_other_kinds(model, modes)
+        refuse_other_value("likelihood", likelihood, LikelihoodSettings)
         data, model_at = compared_modes(modes, set_id, every_mode), ModelAt(model, parameters, str(modes))
-        weights = compared.likelihood(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
+        weights = likelihood.stated_for(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
         return cls(data=data, set_id=set_id, model_at=model_at, weights=weights)
 
     @property
@@ -120,42 +121,30 @@ def update(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
-    frequencies: str = COMPARED.frequencies,
-    shapes: str = COMPARED.shapes,
-    discrepancy: float | str | None = COMPARED.discrepancy,
-    tolerances: bool | None = COMPARED.tolerances,
-    alpha: float | str = UPDATE.alpha,
-    method: str = UPDATE.method,
-    iterations: int = UPDATE.iterations,
+    likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
+    settings: UpdateSettings = UPDATE,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
 
-    `frequencies` ("hz", "log") and `shapes` ("plane", "components", "mac", "none") choose the responses; `alpha` is a
-    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading. `tolerances` of
-    structure, soil, rotor-nacelle assembly and sensors are marginalised; `discrepancy`: share of every frequency that
-    the model may miss beside them, ten times that of shapes, or 'auto', as large as the misfit says. Both are on by
-    default where `weights` are the measurement's own, "measured" or "covariance".
-    every_mode: also modes that identification numbered, where they are alike to one of the model's. jobs: processes, or
-    an executor, for the updates of the sets; the numbers are the same on any.
+    likelihood: which responses are compared and what is stated of their error. settings: alpha, method and iterations
+    of Eq. 7. every_mode: also modes that identification numbered, where they are alike to one of the model's. jobs:
+    processes, or an executor, for the updates of the sets; the numbers are the same on any.
     """
     from probupdate.updating.runs import deterministic_update
 
-    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)
-    settings = UpdateSettings(alpha=alpha, method=method, iterations=iterations)
-    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode,
+    refuse_other_value("settings", settings, UpdateSettings)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
                                   model_at=case.model_at, jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode)
-    settings = {**record.settings, **case.setting}
+    kept = {**record.settings, **case.setting}
     if said["taken"]:
-        settings |= {UNLIKE: "; ".join(said["taken"])}
-    return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
+        kept |= {UNLIKE: "; ".join(said["taken"])}
+    return replace(record, settings=kept, left_out=(*record.left_out, *said["left out"]))
 
 
 @names_files("modes")
@@ -166,16 +155,9 @@ def sample(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
-    frequencies: str = COMPARED.frequencies,
-    shapes: str = COMPARED.shapes,
-    discrepancy: float | str | None = COMPARED.discrepancy,
-    tolerances: bool | None = COMPARED.tolerances,
-    seed: int = SAMPLER.seed,
-    target_ess: int = SAMPLER.target_ess,
-    max_steps: int = SAMPLER.max_steps,
-    ensembles: int = SAMPLER.ensembles,
+    likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
+    settings: SamplerSettings = SAMPLER,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Posterior:
@@ -184,12 +166,10 @@ def sample(
     the `ensembles`; the numbers are the same on any."""
     from probupdate.updating.runs import sample_posterior
 
+    refuse_other_value("settings", settings, SamplerSettings)
     out = Path(out)
     chain = out.with_name(out.name + ".chain")
-    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
-    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)
-    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode,
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     with sole_writer(chain):
         posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights,
@@ -224,11 +204,7 @@ def sets(
     modes: str | Path | ModalData,
     *,
     parameters: str | Path | None = None,
-    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
-    frequencies: str = COMPARED.frequencies,
-    shapes: str = COMPARED.shapes,
-    discrepancy: float | str | None = COMPARED.discrepancy,
-    tolerances: bool | None = COMPARED.tolerances,
+    likelihood: LikelihoodSettings = COMPARED,
     correlated: bool = False,
     spread: float = CONSTANTS.population_spread,
     seed: int = 1,
@@ -238,9 +214,7 @@ def sets(
     all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
     from probupdate.updating.set_views import view_sets
 
-    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)
-    case = Case.of(model, modes, compared, parameters=parameters, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
                      spread=spread, seed=seed, progress=progress)
 
@@ -252,11 +226,7 @@ def inform(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
-    frequencies: str = COMPARED.frequencies,
-    shapes: str = COMPARED.shapes,
-    discrepancy: float | str | None = COMPARED.discrepancy,
-    tolerances: bool | None = COMPARED.tolerances,
+    likelihood: LikelihoodSettings = COMPARED,
     every: bool = False,
     at: str = "initial",
     posterior: str | Path | Posterior | None = None,
@@ -274,9 +244,7 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
-    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)
-    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
     problem = build_problem(case.model, case.data, set_id=set_id, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
     check = predictive_check(problem, maximum, seed=seed)

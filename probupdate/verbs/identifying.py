@@ -30,11 +30,11 @@ from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.subdyn_model import is_subdyn
-from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model
+from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import reference_modes
 
-# the defaults of the keywords below
+# what the steps below are given where nothing is stated
 GIVEN = IdentificationSettings()
 # fewest parts of a block that give standard deviations: known to 40 % then
 LEAST_PARTS = 4
@@ -51,10 +51,7 @@ def identify(
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
-    order: int | None = GIVEN.order,
-    block_rows: int | None = GIVEN.block_rows,
-    rate_hz: float | None = GIVEN.rate_hz,
-    harmonics: str = GIVEN.harmonics,
+    settings: IdentificationSettings = GIVEN,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -63,18 +60,16 @@ def identify(
     sensors, the global ones or, for structures of other kinds, its `lowest`; others, and all without a model, have
     numbers.
 
-    rate_hz: to which records are thinned out; with a turbine's model 5 Hz, as the paper, and order 20 with 30 block
-    rows; without one all three are proposed from the record where they are not given, which the summary says.
-    harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
+    settings: what of order, block rows and sampling rate is not given is as in the paper with a turbine's model, and
+    without one proposed from the record, which the summary says.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes, or an executor (`probupdate.runtime.executors`). A script that asks for several
     processes needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
-    settings, said = ssi_settings([opened], model, given)
-    reference, others = reference_at([opened], model, settings, where=campaign, parameters=parameters, lowest=lowest)
-    found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
+    chosen, said = ssi_settings([opened], model, settings)
+    reference, others = reference_at([opened], model, chosen, where=campaign, parameters=parameters, lowest=lowest)
+    found = identify_campaign(opened, reference, others=others, settings=chosen, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
@@ -86,10 +81,7 @@ def identify_shard(
     model: GivenModel | None = None,
     *,
     store: str | Path,
-    order: int | None = GIVEN.order,
-    block_rows: int | None = GIVEN.block_rows,
-    rate_hz: float | None = GIVEN.rate_hz,
-    harmonics: str = GIVEN.harmonics,
+    settings: IdentificationSettings = GIVEN,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> ShardOfBlocks:
@@ -97,10 +89,9 @@ def identify_shard(
     again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
     left to compute but the modes. model: for the settings of identification only."""
     opened = read_campaign(campaign)
-    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
-    settings, _ = ssi_settings([opened], model, given)
+    chosen, _ = ssi_settings([opened], model, settings)
     share = shard if isinstance(shard, Shard) else Shard.of(shard)
-    return identify_campaign_shard(opened, share, settings=settings, store=store, jobs=jobs, progress=progress)
+    return identify_campaign_shard(opened, share, settings=chosen, store=store, jobs=jobs, progress=progress)
 
 
 def identify_setups(
@@ -109,10 +100,7 @@ def identify_setups(
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
-    order: int | None = GIVEN.order,
-    block_rows: int | None = GIVEN.block_rows,
-    rate_hz: float | None = GIVEN.rate_hz,
-    harmonics: str = GIVEN.harmonics,
+    settings: IdentificationSettings = GIVEN,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -126,12 +114,11 @@ def identify_setups(
     paths = [Path(c) for c in campaigns]
     names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
-    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
-    settings, said = ssi_settings(opened, model, given)
-    reference, others = reference_at(opened, model, settings, where=paths[0], parameters=parameters, lowest=lowest)
+    chosen, said = ssi_settings(opened, model, settings)
+    reference, others = reference_at(opened, model, chosen, where=paths[0], parameters=parameters, lowest=lowest)
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
-                                settings=settings, store=store, jobs=jobs, progress=progress)
+                                settings=chosen, store=store, jobs=jobs, progress=progress)
     return replace(merged, summary="\n".join([merged.summary, *said]))
 
 
@@ -145,6 +132,7 @@ def ssi_settings(
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to
     be said of that."""
+    refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []

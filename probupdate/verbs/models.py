@@ -36,6 +36,13 @@ def refuse_no_model(model: object) -> None:
     raise InputError("model", f"a {kind} is no model", "give a path, a model or a FunctionModel around a function")
 
 
+def refuse_other_value(name: str, value: object, kind: type) -> None:
+    """Raises InputError where a step is given another value than its settings, such as a word or another step's."""
+    if not isinstance(value, kind):
+        raise InputError(name, f"a {type(value).__name__} is no {kind.__name__}",
+                         f"give probupdate.{kind.__name__}(...)")
+
+
 def open_model(
     model: GivenModel, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
     nacelle_angle_deg: float = 0.0,

@@ -131,6 +131,7 @@ def main() -> None:
         campaigns[seed] = a.out / f"day{seed}"
         if not campaigns[seed].exists():
             probupdate.simulate(campaigns[seed], model=a.state, days=a.days, seed=seed)
+    settings = probupdate.IdentificationSettings(rate_hz=5.0, order=20, block_rows=30)
     lines = ["| model | way | " + " | ".join(WANTED) + " | false modes |", "|" + "---|" * (len(WANTED) + 3)]
     said = []
     for name, text in [*models.items(), ("none", None)]:
@@ -141,7 +142,7 @@ def main() -> None:
             if text is not None:
                 model = a.out / f"{re.sub('[^A-Za-z0-9]+', '_', name)}.toml"
                 model.write_text(text, encoding="utf-8")
-            found = probupdate.identify(folder, model, rate_hz=5.0, order=20, block_rows=30, store=store)
+            found = probupdate.identify(folder, model, settings=settings, store=store)
             data = found.data
             columns = by_number(data, truth) if model is None else {t: data.labels.index(t) for t in WANTED}
             ours.append(found_of(data, truth, columns))

@@ -19,8 +19,9 @@ from probupdate.campaign.blocks import blocks
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
+from probupdate.identification.environment import fore_aft_deg
 from probupdate.identification.harmonics import without_harmonics
-from probupdate.identification.identify import Identification, fore_aft_deg
+from probupdate.identification.identify import Identification
 from probupdate.identification.preprocessing import resampled
 from probupdate.identification.reference import turned
 from probupdate.identification.ssi import factorise, output_covariances, poles

@@ -14,6 +14,7 @@ from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.reporting import paper_tables as paper
 from probupdate.structure.description_file import read_description
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.information import METRIC_WORDS, Information, recommendation
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.predictive import PredictiveCheck, predictive_check
@@ -69,14 +70,15 @@ def printed_iterations(number: int) -> np.ndarray:
     return update(problem, penalty="step", max_iteration=number).theta
 
 
-def update_of_table_3(**options) -> UpdateRecord:
+def update_of_table_3() -> UpdateRecord:
     """Both readings of Eq. 7 and the MAP, from the as-built model, on frequencies alone."""
-    return verbs.update("as_built", table_3_as_modes(), weights="paper", shapes="none", **options)
+    return verbs.update("as_built", table_3_as_modes(),
+                        likelihood=LikelihoodSettings(weights="paper", shapes="none"))
 
 
 def table_2() -> Information:
     """All 17 rows at the design state, with the paper's weights."""
-    return verbs.inform("design", table_3_as_modes(), weights="paper", every=True)
+    return verbs.inform("design", table_3_as_modes(), likelihood=LikelihoodSettings(weights="paper"), every=True)
 
 
 def predictive_of_table_3() -> PredictiveCheck:

@@ -29,8 +29,10 @@ from probupdate.reporting import figures, report
 from probupdate.reporting import paper_tables as paper
 from probupdate.reporting.run_files import read_table
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.set_views_file import read_views
+from probupdate.updating.settings import SamplerSettings
 from probupdate.updating.update_file import read_update
 
 TARGET_ESS = 400
@@ -69,11 +71,11 @@ def computed(out: Path, nine: Path, seed: int) -> None:
     model = out / "model.toml"
     if not model.exists():
         shutil.copyfile(reference_model("as_built"), model)
-    problem = {"model": model, "modes": nine, "weights": "paper"}
+    problem = {"model": model, "modes": nine, "likelihood": LikelihoodSettings(weights="paper")}
     if not (out / "update.json").exists():
         verbs.update(**problem).write(out / "update.json")
     if not (out / "posterior.nc").exists():
-        verbs.sample(**problem, out=out / "posterior.nc", seed=seed, target_ess=TARGET_ESS)
+        verbs.sample(**problem, out=out / "posterior.nc", settings=SamplerSettings(seed=seed, target_ess=TARGET_ESS))
     if not (out / "sets.json").exists():
         verbs.sets(**problem, seed=seed).write(out / "sets.json")
     if not (out / "information.json").exists():

@@ -138,8 +138,10 @@ WRITERS = (write_csv, write_german_csv, write_headless_csv, write_parquet, write
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda w: w.__name__[6:])
-def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
+def test_every_format_gives_what_was_put_in(job, write, monkeypatch, validation):
     # pieces of 999 rows, so that what is carried from piece to piece is looked at
+    row = validation(what="eleven formats converted: start, records as float32", reference="what was put in",
+                     why="MATLAB's day numbers hold 0.1 ms")
     monkeypatch.setattr("probupdate.campaign.sources.PIECE", 999)
     data = noise()
     raw, campaign = job("")
@@ -147,8 +149,8 @@ def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
     result = convert(raw, campaign)
     ((start, found),) = records(campaign)
     # MATLAB's day numbers hold 0.1 ms
-    assert abs((start - START).total_seconds()) < 1e-4
-    assert np.array_equal(found, data.astype(np.float32))
+    row.error((start - START).total_seconds(), below=1e-4, of="start, s")
+    row.equal(found, data.astype(np.float32), of="records")
     assert result.samples == 6000 and "1 file written" in result.summary
     (block,) = blocks(read_campaign(campaign))
     assert block.excluded == "" and block.data[:, 0] == pytest.approx(data[:, 0], rel=1e-6)

@@ -12,7 +12,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "readers"))
-from reader_cases import campaign_files
+from reader_cases import campaign_files, same_blocks
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
 
@@ -39,17 +39,7 @@ def folder(tmp_path):
 
 
 def test_blocks_are_those_of_the_same_records_as_hdf5(folder):
-    before = list(blocks(read_campaign(folder)))
-    as_parquet(folder)
-    after = list(blocks(read_campaign(folder)))
-    assert len(before) == len(after) == 2
-    for one, two in zip(before, after, strict=True):
-        assert one.start == two.start and np.array_equal(one.data, two.data) and one.notes == two.notes
-    # a channel less, and blocks that begin within row groups
-    path = folder / "campaign.toml"
-    path.write_text(path.read_text().replace("leave_out = []", 'leave_out = ["T-y"]'))
-    for one, two in zip(before, blocks(read_campaign(folder)), strict=True):
-        assert np.array_equal(one.data[:, [0, 2]], two.data)
+    same_blocks(folder, as_parquet)
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 3000), (650, 1450), (700, 1400), (2999, 3600), (3000, 3600)])

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from probupdate.errors import InputError
 from probupdate.identification.block_store import sources
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "readers"))
-from reader_cases import campaign_files
+from reader_cases import campaign_files, same_blocks
 
 zarr = pytest.importorskip("zarr", reason="the extra `zarr` is not installed")
 
@@ -46,17 +47,7 @@ def changed(path, **entries):
 
 
 def test_blocks_are_those_of_the_same_records_as_hdf5(folder):
-    before = list(blocks(read_campaign(folder)))
-    as_zarr(folder, shards=(1400, 3))
-    after = list(blocks(read_campaign(folder)))
-    assert len(before) == len(after) == 2
-    for one, two in zip(before, after, strict=True):
-        assert one.start == two.start and np.array_equal(one.data, two.data) and one.notes == two.notes
-    # a channel less, and blocks that begin within chunks
-    path = folder / "campaign.toml"
-    path.write_text(path.read_text().replace("leave_out = []", 'leave_out = ["T-y"]'))
-    for one, two in zip(before, blocks(read_campaign(folder)), strict=True):
-        assert np.array_equal(one.data[:, [0, 2]], two.data)
+    same_blocks(folder, partial(as_zarr, shards=(1400, 3)))
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 3000), (650, 1450), (700, 1400), (2999, 3600), (3000, 3600)])

@@ -56,15 +56,16 @@ def modes(n_set=2, n_mode=3):
     return ModalData(channels=tuple(s.channel for s in sensors()), sets=tuple(sets))
 
 
-def test_modes_come_back_to_the_digits_of_the_format(tmp_path):
+def test_modes_come_back_to_the_digits_of_the_format(tmp_path, validation):
+    row = validation(what="modes to a universal file (55) and back", reference="what was written", why="six digits")
     data = modes()
     _, notes = write_uff_modes(data, sensors(), tmp_path / "modes.uff")
     back = read_uff_modes(tmp_path / "modes.uff", sensors())
     assert back.channels == data.channels and [s.id for s in back.sets] == [s.id for s in data.sets]
     for a, b in zip(data.sets, back.sets, strict=True):
-        np.testing.assert_allclose(b.frequency_hz, a.frequency_hz, rtol=2e-5)
-        np.testing.assert_allclose(b.damping_ratio, a.damping_ratio, rtol=1e-4)
-        np.testing.assert_allclose(b.shape, a.shape, rtol=1e-5, atol=1e-5)
+        row.error(b.frequency_hz / a.frequency_hz - 1, below=2e-5, of="frequencies")
+        row.error(b.damping_ratio / a.damping_ratio - 1, below=1e-4, of="damping")
+        row.error((b.shape - a.shape) / (1 + np.abs(a.shape)), below=1e-5, of="shapes")
         assert np.all(np.isnan(b.frequency_std_hz))
     assert any("standard deviations" in n for n in notes)
 
@@ -167,13 +168,14 @@ def campaign(folder: Path, chosen, rate=5.0, described='time = "abscissa"\ntime_
     return folder
 
 
-def test_records_come_back_through_convert(tmp_path):
+def test_records_come_back_through_convert(tmp_path, validation):
+    row = validation(what="records to a universal file (58) and back through `convert`", reference="what was written")
     (tmp_path / "raw").mkdir()
     chosen, data = records(tmp_path / "raw")
     found = read_uff_records(next((tmp_path / "raw").iterdir()))
     assert found.names == ("T-x", "T-y", "P-z") and found.places == ("1:+x", "1:+y", "2:-z")
     assert found.rate_hz == pytest.approx(5.0)
-    np.testing.assert_allclose(found.data, data, rtol=1e-10)
+    row.error(found.data / data - 1, below=1e-10)
     folder = campaign(tmp_path / "campaign", chosen)
     assert convert(tmp_path / "raw", folder).samples == len(data)
     opened = read_campaign(folder)

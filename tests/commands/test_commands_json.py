@@ -47,7 +47,7 @@ def test_no_command_is_without_an_example():
 
 def test_every_steps_result_has_a_table_and_a_summary():
     seen = set()
-    for step in [*probupdate._STEPS, "demo", "farm"]:
+    for step in [name for name in probupdate.__all__ if inspect.isfunction(getattr(probupdate, name))]:
         function = inspect.unwrap(getattr(probupdate, step))
         answer = inspect.signature(function).return_annotation
         for name in str(answer).split(" | "):

@@ -83,15 +83,17 @@ def test_import_stays_light():
 # Matrices: the whole way --------------------------------------------------------------------------------------------
 
 
-def test_matrices_find_the_building_that_was_measured(estimated):
+def test_matrices_find_the_building_that_was_measured(estimated, validation):
     """Truth within four standard deviations of both estimates, which the 1 in 10^4 of a Gaussian allows; modes by
     MAC."""
+    row = validation(what="posterior standard deviations of a shear building, near-linear", reference="Laplace",
+                     why="a few hundred effective draws")
     record, posterior = read_update(estimated / "update.json"), read_posterior(estimated / "posterior.nc")
     std = np.sqrt(np.diag(record.map_covariance))
     assert np.all(np.abs(record.map_theta - TRUTH) < 4 * std)
     assert np.all(np.abs(posterior.draws.mean(axis=0) - TRUTH) < 4 * posterior.draws.std(axis=0))
     # near-linear problem: the Laplace standard deviations are the posterior's
-    assert np.allclose(posterior.draws.std(axis=0), std, rtol=0.2)
+    row.error(posterior.draws.std(axis=0) / std - 1, below=0.2)
     # the file's second column is the first mode
     assert list(record.computed_mode) == [2, 1, 3, 4]
 
@@ -134,7 +136,8 @@ def test_a_callable_gives_what_the_matrices_give(estimated, tmp_path):
     # derivatives by differences: they steer the iteration, its end is where the residual's projection vanishes
     assert np.allclose(record.map_theta, here.map_theta, atol=1e-3 * np.sqrt(np.diag(here.map_covariance)))
     assert record.map_misfit == pytest.approx(here.map_misfit, rel=1e-6)
-    posterior = probupdate.sample(function, modes, tmp_path / "p.nc", max_steps=200)
+    posterior = probupdate.sample(
+        function, modes, tmp_path / "p.nc", settings=probupdate.SamplerSettings(max_steps=200))
     drawn, other = posterior.draws, read_posterior(estimated / "posterior.nc").draws
     # two chains of some hundred effective draws: means within 0.3 standard deviations
     assert np.all(np.abs(drawn.mean(axis=0) - other.mean(axis=0)) < 0.3 * other.std(axis=0))
@@ -368,13 +371,16 @@ def footbridge(tmp_path, *options):
 
 @pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
-def test_footbridge_by_default_comes_near_the_published_update(tmp_path):
+def test_footbridge_by_default_comes_near_the_published_update(tmp_path, validation):
     """Otsuki et al. 2022: -0.716 for the lateral support y1; the vertical ones z1 and z2 are hardly told."""
+    row = validation(what="measured footbridge with default options: y1; width of z1 and z2 over their prior's",
+                     reference="Otsuki et al. 2022: -0.716; hardly identified",
+                     why="their three objectives differ by it")
     record = footbridge(tmp_path)
     k = {name: record.parameters.index(name) for name in ("y1", "z1", "z2")}
     width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
-    assert abs(record.map_theta[k["y1"]] + 0.72) < 0.10
-    assert width[k["z1"]] > 0.5 and width[k["z2"]] > 0.5
+    row.error(record.map_theta[k["y1"]] + 0.716, below=0.10, of="y1")
+    row.least([width[k["z1"]], width[k["z2"]]], above=0.5, of="width")
     assert record.map_misfit < record.n_effective and "fits the data" in record.summary
     assert "model discrepancy" in record.settings["weights"]
 

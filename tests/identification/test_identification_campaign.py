@@ -8,9 +8,10 @@ import pytest
 
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.identification.identify import SSISettings, fore_aft_deg, identify, modal_data, unit_largest
+from probupdate.identification.environment import fore_aft_deg
+from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modal.modes import mac, plane_mac, read_modes
+from probupdate.modal.modes import mac, plane_mac, read_modes, unit_largest
 
 IDLING = {"power_kw": -20.0, "rotor_speed_rpm": 0.3, "rotor_speed_rpm_min": 0.2, "rotor_speed_rpm_max": 0.5,
           "nacelle_heading_deg": 0.0, "wind_speed_mps": 3.0}
@@ -22,10 +23,12 @@ def scatter(jacket, times: float = 5.0) -> np.ndarray:
     return times * np.sqrt(jacket.damping_ratio / (4 * np.pi * jacket.frequency_hz * 1800))
 
 
-def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign):
+def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign, validation):
+    row = validation(what="error over stated standard deviation, four half hours, five modes: median of f, damping",
+                     reference="0.67 of normal errors", why="all but one of a thousand such samples")
     campaign = read_campaign(write_campaign([jacket.record(9000, seed=k) for k in range(4)]))
     result = identify(campaign, reference)
-    assert modal_data(result) is result.data and result.data.labels == reference.labels
+    assert result.data.labels == reference.labels
     for s in result.data.sets:
         assert s.measured.all()
         assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
@@ -37,7 +40,8 @@ def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign):
     # 0.67 for normal errors, and 0.25 to 1.2 in all but one of a thousand such samples
     error = np.array([(s.frequency_hz - jacket.frequency_hz) / s.frequency_std_hz for s in result.data.sets])
     damping = np.array([(s.damping_ratio - jacket.damping_ratio) / s.damping_ratio_std for s in result.data.sets])
-    assert 0.25 < np.median(np.abs(error)) < 1.2 and 0.25 < np.median(np.abs(damping)) < 1.2
+    row.between(np.median(np.abs(error)), 0.25, 1.2, of="f")
+    row.between(np.median(np.abs(damping)), 0.25, 1.2, of="damping")
     assert all(np.isfinite(s.shape_std).all() and s.covariance_factors.n_column == 30 for s in result.data.sets)
     assert [s.environment["rms_mps2"] for s in result.data.sets] == pytest.approx(
         [np.sqrt(np.mean(np.var(jacket.record(9000, seed=k).astype(np.float32), axis=0))) for k in range(4)], rel=1e-6)
@@ -153,9 +157,11 @@ def test_modes_keep_their_names_as_the_nacelle_turns(jacket, reference, write_ca
         assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1)[2:] < scatter(jacket, 6)[2:])
 
 
-def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_campaign):
+def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_campaign, validation):
     """One channel integrated by hand: the modes are those of the campaign of accelerations, within the flanks of the
     conversion's band (2 Hz at 5 Hz: the second pair lies in them)."""
+    row = validation(what="a velocity among accelerations, converted: f in standard deviations of half an hour, shape",
+                     reference="the campaign of accelerations", why="the band leaves noise out")
     record = jacket.record(9000, seed=0)
     plain = identify(read_campaign(write_campaign([record])), reference).data.sets[0]
     line = np.fft.rfftfreq(9000, 1 / 5)
@@ -170,8 +176,8 @@ def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_ca
     converted = result.data.sets[0]
     # one record, two estimates: what the band leaves out moves them by less than three standard deviations of half an
     # hour
-    assert np.all(np.abs(converted.frequency_hz / plain.frequency_hz - 1)[:3] < scatter(jacket, 3)[:3])
-    assert np.abs(converted.shape[3, :3] - plain.shape[3, :3]).max() < 0.05
+    row.error((converted.frequency_hz / plain.frequency_hz - 1)[:3] / scatter(jacket, 1)[:3], below=3, of="f")
+    row.error(converted.shape[3, :3] - plain.shape[3, :3], below=0.05, of="shape")
 
 
 def test_a_reference_at_other_channels_is_refused(jacket, reference, write_campaign):

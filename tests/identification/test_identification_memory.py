@@ -23,19 +23,21 @@ def record(n_channel: int, n_sample: int = 6000):
     return (shape @ motion).T + 0.3 * rng.standard_normal((n_sample, n_channel)), shape
 
 
-def test_fewer_references_give_the_same_modes():
+def test_fewer_references_give_the_same_modes(validation):
+    row = validation(what="five combinations of 40 channels as references", reference="all of them")
     data, shape = record(40)
     whole = identify_record(data, 2.0, order=8, block_rows=12, spread=4, sub_records=8)
     few = identify_record(data, 2.0, order=8, block_rows=12, spread=4, sub_records=8, limited=5)
     for f in np.array([0.63, 0.97, 1.73]) / np.pi:
         k, j = (int(np.argmin(np.abs(x.poles.frequency_hz - f))) for x in (whole, few))
-        assert few.poles.frequency_hz[j] == pytest.approx(whole.poles.frequency_hz[k], rel=3e-3)
-        assert max(mac(few.poles.shape[:, [j]], shape)[0]) > 0.999
+        row.error(few.poles.frequency_hz[j] / whole.poles.frequency_hz[k] - 1, below=3e-3, of="f")
+        row.least(max(mac(few.poles.shape[:, [j]], shape)[0]), above=0.999, of="MAC")
         std = [np.linalg.norm(x.factors(np.array([i])).ln_frequency) for x, i in ((whole, k), (few, j))]
-        assert std[1] == pytest.approx(std[0], rel=0.35)
+        row.error(std[1] / std[0] - 1, below=0.35, of="standard deviation")
 
 
-def test_the_bytes_stated_are_those_taken():
+def test_the_bytes_stated_are_those_taken(validation):
+    row = validation(what="bytes taken over those that an identification states", reference="1, the record aside")
     data, _ = record(60)
     for limited in (None, 8):
         tracemalloc.start()
@@ -44,7 +46,8 @@ def test_the_bytes_stated_are_those_taken():
         tracemalloc.stop()
         stated = memory_bytes(60, limited or 60, block_rows=20, highest_order=18, sub_records=20)
         # the record itself is transformed in parts beside it
-        assert 0.4 * stated < taken < stated + 12 * data.nbytes, (limited, taken / 1e6, stated / 1e6)
+        row.least(taken / stated, above=0.4, of="all")
+        row.error(max(taken - 12 * data.nbytes, 0) / stated, below=1, of="without the record")
 
 
 def test_references_fit_the_budget_and_few_channels_keep_all():

@@ -6,7 +6,6 @@ import pytest
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import STAY, TAKEN_OUT
 from probupdate.identification.classification import ClassifierSettings, PoleStack
-from probupdate.identification.identify import harmonics_removed
 from probupdate.identification.physical import (
     MOST_BLOCKS,
     PersistenceSettings,
@@ -15,6 +14,7 @@ from probupdate.identification.physical import (
     gathered,
     physical_modes,
 )
+from probupdate.identification.summary import harmonics_removed
 from probupdate.modal.modes import mac, plane_mac
 
 MODES_HZ, N_BLOCK, ORDERS = (0.33, 1.25, 1.9), 30, (14, 16, 18, 20, 22)
@@ -102,14 +102,16 @@ def test_a_close_pair_that_turns_with_every_block_is_one_plane():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_pair_that_turns_from_order_to_order_of_one_block_is_two_modes(seed):
+def test_a_pair_that_turns_from_order_to_order_of_one_block_is_two_modes(seed, validation):
+    checked = validation(what="a close pair whose shapes turn from order to order of one block: frequencies, plane",
+                         reference="two modes")
     rng, rows = np.random.default_rng(seed), []
     for order, turn in zip(ORDERS, rng.uniform(0, np.pi / 2, len(ORDERS)), strict=True):
         plane = np.eye(12)[:2].T @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
         rows += [(f, 0.01, plane[:, k], (order,)) for k, f in enumerate((0.330, 0.333))]
     found = found_in([stack(rng, [*rows, (1.25, 0.01, np.eye(12)[2], ORDERS)], n_noise=2)])
-    assert found.modes.frequency_hz == pytest.approx([0.330, 0.333, 1.25], rel=5e-3)
-    assert plane_mac(found.modes.shape[:, :2], np.eye(12)[:, :2]) > 0.98
+    checked.error(found.modes.frequency_hz / [0.330, 0.333, 1.25] - 1, below=5e-3, of="frequencies")
+    checked.least(plane_mac(found.modes.shape[:, :2], np.eye(12)[:, :2]), above=0.98, of="MAC of the plane")
 
 
 def test_poles_of_one_direction_beside_a_mode_are_no_pair():

@@ -172,24 +172,28 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
         merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
 
 
-def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path):
+def setup_campaign(folder, sensors, record, *, block_minutes):
+    """A campaign of one setup at 5 Hz, written and read."""
+    (folder / "acceleration").mkdir(parents=True)
+    lines = [f'name = "Setup"\nsampling_rate_hz = 5.0\nblock_minutes = {block_minutes}\n']
+    lines += [f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = {s.position_m.tolist()}\n'
+              f'direction = {s.direction.tolist()}\nunit = "m/s2"\n' for s in sensors]
+    (folder / "campaign.toml").write_text("".join(lines))
+    with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
+        data = file.create_dataset("data", data=record)
+        data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", 5.0
+    return read_campaign(folder)
+
+
+def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path, validation):
     """Records of three setups, ten minutes twice each: all eighteen channels within their standard deviations."""
-    rate, half = 5.0, 3000
+    row = validation(what="roving records of three setups: planes and MAC; frequencies in stated standard deviations",
+                     reference="truth")
     setups = []
     for number, own in enumerate(ROVING):
         rows = [*REFERENCES, *own]
-        folder = tmp_path / f"setup{number}"
-        (folder / "acceleration").mkdir(parents=True)
-        lines = [f'name = "Setup"\nsampling_rate_hz = {rate}\nblock_minutes = 10\n']
-        for k in rows:
-            s = sensor_list[k]
-            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
-        (folder / "campaign.toml").write_text("".join(lines))
-        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
-            data = file.create_dataset("data", data=jacket.record(2 * half, seed=40 + number)[:, rows])
-            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", rate
-        campaign = read_campaign(folder)
+        campaign = setup_campaign(tmp_path / f"setup{number}", [sensor_list[k] for k in rows],
+                                  jacket.record(6000, seed=40 + number)[:, rows], block_minutes=10)
         found = identify(campaign, replace(reference, shape=reference.shape[rows]),
                          settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))
         setups.append(Setup(name=f"setup{number}", sensors=campaign.sensors, data=found.data))
@@ -198,10 +202,10 @@ def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp
     channels = merge_setups(setups).data.channels
     truth = jacket.shape[[place.index(c) for c in channels]]
     for pair in ([0, 1], [3, 4]):
-        assert plane_mac(s.shape[:, pair], truth[:, pair]) > 0.98
-    assert mac(s.shape[:, [2]], truth[:, [2]])[0, 0] > 0.98
+        row.least(plane_mac(s.shape[:, pair], truth[:, pair]), above=0.98, of="shapes")
+    row.least(mac(s.shape[:, [2]], truth[:, [2]])[0, 0], above=0.98, of="shapes")
     error = (s.frequency_hz / jacket.frequency_hz - 1) / (s.frequency_std_hz / s.frequency_hz)
-    assert np.all(np.abs(error) < 4)
+    row.error(error, below=4, of="frequencies")
     # torsion, which no neighbour turns: every component within its own standard deviations, the largest sets the scale
     scaled = truth[:, 2] / truth[np.argmax(np.abs(s.shape[:, 2])), 2]
     ratio = np.abs(s.shape[:, 2].real - scaled) / np.maximum(s.shape_std[:, 2], 1e-3)
@@ -213,18 +217,22 @@ FRAME = Path(__file__).parents[2].parent / "shared" / "data" / "weimar_frame"
 
 
 def ten_modes(setups, **options):
-    merged = probupdate.identify_setups([FRAME / f"s{k:02d}" for k in setups], **options)
+    settings = probupdate.IdentificationSettings(**options)
+    merged = probupdate.identify_setups([FRAME / f"s{k:02d}" for k in setups], settings=settings)
     found = merged.data.sets[0].frequency_hz
     return merged, [float(found[np.argmin(np.abs(found - f))] / f - 1) for f in KNOWN_HZ]
 
 
 @pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
-def test_a_measured_frame_in_five_roving_setups_shows_its_ten_modes():
+def test_a_measured_frame_in_five_roving_setups_shows_its_ten_modes(validation):
     """A laboratory frame, lasers and accelerometers; ten modes known from an independent identification of all setups.
     One setup's frequencies scatter by 0.1 % or so, five by half of it."""
+    row = validation(what="a measured frame, five of its fifteen roving setups, settings proposed from the record",
+                     reference="ten modes of an independent identification of all setups",
+                     why="half the scatter of single setups")
     merged, error = ten_modes((1, 4, 7, 10, 13))
     assert "settings proposed from the record" in merged.summary
-    assert np.all(np.abs(error) < 2e-3)
+    row.error(error, below=2e-3)
     assert np.all(np.isfinite(merged.data.sets[0].frequency_std_hz)) and len(merged.data.channels) == 17
 
 
@@ -249,18 +257,8 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
     campaigns = []
     for number, own in enumerate(ROVING[:2]):
         rows = [*REFERENCES, *own]
-        folder = tmp_path / f"setup{number}"
-        (folder / "acceleration").mkdir(parents=True)
-        lines = ['name = "Setup"\nsampling_rate_hz = 5.0\nblock_minutes = 15\n']
-        for k in rows:
-            s = sensor_list[k]
-            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
-        (folder / "campaign.toml").write_text("".join(lines))
-        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
-            data = file.create_dataset("data", data=jacket.record(9000, seed=60 + number)[:, rows])
-            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", 5.0
-        campaigns.append(read_campaign(folder))
+        campaigns.append(setup_campaign(tmp_path / f"setup{number}", [sensor_list[k] for k in rows],
+                                        jacket.record(9000, seed=60 + number)[:, rows], block_minutes=15))
     names = ("FA1", "SS1", "T1", "FA2", "SS2")
     model = ReferenceModes(labels=names, frequency_hz=jacket.frequency_hz * 0.9, shape=jacket.shape,
                            pairs=((0, 1), (3, 4)))

@@ -144,9 +144,11 @@ def test_an_order_beyond_the_block_rows_is_refused():
         factorise(np.zeros((20, 2, 2)), 10, 20, RATE)
 
 
-def test_estimates_scatter_about_the_truth(jacket):
+def test_estimates_scatter_about_the_truth(jacket, validation):
     """Sixty half hours. Means within 3.5 standard errors of the truth; the scatter of f not below the Cramer-Rao
     bound of a single mode, f sqrt(zeta / (4 pi f T)) (Gersch 1974), and not above four times it."""
+    row = validation(what="mean of f and damping over 60 half hours; scatter of f",
+                     reference="truth; Cramer-Rao bound of a single mode")
     n_record, time = 60, 1800.0
     frequency, damping = np.full((n_record, 5), np.nan), np.full((n_record, 5), np.nan)
     for k in range(n_record):
@@ -156,12 +158,12 @@ def test_estimates_scatter_about_the_truth(jacket):
             frequency[k, j], damping[k, j] = found.frequency_hz[p], found.damping_ratio[p]
     for j in (2, 3, 4):
         error = np.std(frequency[:, j], ddof=1) / np.sqrt(n_record)
-        assert abs(np.mean(frequency[:, j]) - jacket.frequency_hz[j]) < 3.5 * error
+        row.error((np.mean(frequency[:, j]) - jacket.frequency_hz[j]) / error, below=3.5, of="f in standard errors")
         error = np.std(damping[:, j], ddof=1) / np.sqrt(n_record)
-        assert abs(np.mean(damping[:, j]) - jacket.damping_ratio[j]) < 3.5 * error
+        row.error((np.mean(damping[:, j]) - jacket.damping_ratio[j]) / error, below=3.5, of="damping likewise")
         bound = jacket.frequency_hz[j] * np.sqrt(jacket.damping_ratio[j] / (4 * np.pi * jacket.frequency_hz[j] * time))
         # a standard deviation of sixty numbers is itself known to 9 %
-        assert 0.75 * bound < np.std(frequency[:, j], ddof=1) < 4 * bound
+        row.between(np.std(frequency[:, j], ddof=1) / bound, 0.75, 4, of="scatter over its bound")
 
 
 def test_a_mode_is_stable_over_the_orders_and_noise_is_not(jacket):

@@ -35,7 +35,9 @@ def reference_at_rest(truth) -> ReferenceModes:
                           pairs=close_pairs(frequency, WANTED))
 
 
-def test_an_idling_turbine_s_modes_are_found_and_selected(virtual):
+def test_an_idling_turbine_s_modes_are_found_and_selected(virtual, validation):
+    row = validation(what="two idling hours of the virtual turbine: frequencies; planes of both pairs",
+                     reference="its truth", why="five standard deviations of half an hour")
     truth = read_truth_modes(virtual / "truth.toml")
     campaign = read_campaign(virtual)
     found = check(campaign)
@@ -52,10 +54,10 @@ def test_an_idling_turbine_s_modes_are_found_and_selected(virtual):
         near = min(truth, key=lambda m: abs((m.heading_deg - heading + 180) % 360 - 180))
         error = s.frequency_hz / near.frequency_hz[index] - 1
         # 2 % are some five standard deviations of the weakest of them in half an hour
-        assert np.all(np.abs(error[np.isfinite(error)]) < 0.02)
+        row.error(error[np.isfinite(error)], below=0.02, of="frequencies")
         for pair in ([0, 1], [3, 4]):
             if s.measured[pair].all():
-                assert plane_mac(s.shape[:, pair], near.shape[:, [index[k] for k in pair]]) > 0.95
+                row.least(plane_mac(s.shape[:, pair], near.shape[:, [index[k] for k in pair]]), above=0.95, of="planes")
     chosen = select(result.data)
     times = pd.to_datetime([s.id for s in chosen.data.sets])
     assert len(times) >= 2 and chosen.data.set().id in {s.id for s in good}

@@ -19,22 +19,12 @@ from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import assembled_file
 from probupdate.structure.subdyn_values import applied
 from probupdate.updating.posterior_file import Posterior, write_posterior
-from tests.subdyn_text import STEEL, subdyn
+from tests.subdyn_text import FRAME_GROUPS, FRAME_SENSORS, STEEL, subdyn
 
-TOML = """name = "a frame"
+TOML = f"""name = "a frame"
 [subdyn]
 file = "structure.dat"
-[group.legs]
-property_sets = [1]
-[group.brace]
-members = [3]
-[group.soil]
-reactions = [1]
-[group.top]
-masses = [4]
-[group.deck]
-joints = [3]
-"""
+{FRAME_GROUPS}"""
 ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0),
         "t": ("thickness", "legs", "-", 1.0), "loss": ("wall_loss", "brace", "m", 0.002),
         "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
@@ -53,10 +43,7 @@ def run(tmp_path):
     for name, (acts, on, unit, value) in ACTS.items():
         text += f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "{unit}"\ninitial = {value}\n'
         text += f"cov = 0.1\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
-                                      ("C", 3, "[0.0, 1.0, 0.0]")):
-        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
-    (tmp_path / "model.toml").write_text(text)
+    (tmp_path / "model.toml").write_text(text + FRAME_SENSORS)
     return tmp_path
 
 
@@ -309,14 +296,15 @@ def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):
             np.testing.assert_allclose(np.sqrt(np.diag(one.stiffness)[6:]) / (2 * np.pi), held, rtol=5e-7)
 
 
-def test_the_extptfm_file_is_what_the_archive_holds(run):
+def test_the_extptfm_file_is_what_the_archive_holds(run, validation):
+    row = validation(what="ExtPtfm file", reference="the archive's matrices")
     done = exported(run)
     folder = done.folder / "superelements"
     read = read_extptfm(folder / "001.cb.dat")
     with np.load(folder / "001.cb.npz") as held:
-        np.testing.assert_array_equal(read["Mass"], held["M"])
-        np.testing.assert_array_equal(read["Stiffness"], held["K"])
-        np.testing.assert_array_equal(read["Damping"], held["C"])
+        row.equal(read["Mass"], held["M"])
+        row.equal(read["Stiffness"], held["K"])
+        row.equal(read["Damping"], held["C"])
         # JDampings of the file: 1 % of critical in every mode
         np.testing.assert_allclose(np.diag(held["C"])[6:], 0.02 * np.sqrt(np.diag(held["K"])[6:]))
         assert held["recovery"].shape == (4, 6, 10)
@@ -329,17 +317,19 @@ def test_the_extptfm_file_is_what_the_archive_holds(run):
 # draws ---------------------------------------------------------------------------------------------------------------
 
 
-def test_the_joint_distribution_has_the_draws_marginals_and_dependence():
+def test_the_joint_distribution_has_the_draws_marginals_and_dependence(validation):
+    row = validation(what="Nataf joint distribution sampled again", reference="20 000 draws with known dependence",
+                     why="four standard errors")
     rng = np.random.default_rng(5)
     z = rng.multivariate_normal([0, 0], [[1, -0.7], [-0.7, 1]], size=20000)
     draws = np.column_stack([np.exp(0.4 * z[:, 0]), stats.norm.cdf(z[:, 1]) ** 2])
     joint = joint_of(("a", "b"), draws)
     # 20000 draws: a correlation's standard error is (1 - r^2) / sqrt(n) = 0.004
-    assert joint.correlation[0, 1] == pytest.approx(-0.7, abs=0.015)
+    row.error(joint.correlation[0, 1] + 0.7, below=0.015, of="correlation")
     again = joint.sample(20000, rng)
     for k in range(2):
-        assert stats.ks_2samp(again[:, k], draws[:, k]).pvalue > 1e-3
-    assert stats.spearmanr(again).statistic == pytest.approx(stats.spearmanr(draws).statistic, abs=0.02)
+        row.least(stats.ks_2samp(again[:, k], draws[:, k]).pvalue, above=1e-3, of="p of the marginals")
+    row.error(stats.spearmanr(again).statistic - stats.spearmanr(draws).statistic, below=0.02, of="rank correlation")
 
 
 def test_equal_draws_are_the_posteriors_own_and_follow_the_seed():

@@ -56,7 +56,8 @@ def test_form_that_does_not_settle_says_so():
         form(wild, (1,), 1)
 
 
-def test_one_slope_has_the_lognormal_closed_form():
+def test_one_slope_has_the_lognormal_closed_form(validation):
+    row = validation(what="FORM, one slope", reference="closed form", why="differences of probabilities")
     at = np.array([-2.5, 0.0, 2.5])
     curve = DamageCurve(at=at, log_damage=(np.log(1e-2) + 4.0 * at)[:, None])
     found = reliability(curve, np.array([0.05]), np.array([0.08]), STATED, years=30, target=3.3)
@@ -66,10 +67,10 @@ def test_one_slope_has_the_lognormal_closed_form():
         + (np.log(10) * 0.2) ** 2
     )
     expected = (-np.log(1e-2) - 0.2 - np.log(np.arange(1, 31))) / std
-    np.testing.assert_allclose(found.cumulative[0], expected, rtol=1e-9)
+    row.error(found.cumulative[0] / expected - 1, below=1e-9, of="cumulative")
     failed = stats.norm.cdf(-expected)
     annual = np.diff(failed, prepend=0.0) / (1 - np.concatenate([[0.0], failed[:-1]]))
-    np.testing.assert_allclose(found.annual[0], -stats.norm.ppf(annual), rtol=1e-8)
+    row.error(found.annual[0] / -stats.norm.ppf(annual) - 1, below=1e-8, of="annual")
     assert found.first_below[0] == np.argmax(found.annual[0] < 3.3) + 1
 
 
@@ -79,12 +80,14 @@ def test_annual_indices_keep_their_digits_where_failure_is_rare():
     np.testing.assert_allclose(stats.norm.sf(annual_index(cumulative)), np.diff(p, prepend=0.0), rtol=1e-9)
 
 
-def test_form_and_monte_carlo_agree_on_two_slopes():
+def test_form_and_monte_carlo_agree_on_two_slopes(validation):
+    row = validation(what="FORM, two slopes: reliability index", reference="importance sampling; quadrature",
+                     why="a bent limit state")
     curve, mean, std = two_slopes(), np.array([0.0, -0.05, 0.1]), np.array([0.05, 0.1, 0.2])
     found = reliability(curve, mean, std, STATED, years=25, target=3.3)
     simulated, error = simulated_index(curve, mean, std, STATED, years=25, n=100_000, rng=np.random.default_rng(1))
     assert error.max() < 0.005
-    assert np.abs(simulated - found.cumulative).max() < 0.02
+    row.error(simulated - found.cumulative, below=0.02, of="sampling")
     # and by integration over the stress factor, for what either of them may share
     spread = np.sqrt(std**2 + log_std(STATED.x_load) ** 2 + log_std(STATED.x_scf) ** 2)
     resistance = np.hypot(log_std(STATED.miner), np.log(10) * 0.2)
@@ -97,7 +100,7 @@ def test_form_and_monte_carlo_agree_on_two_slopes():
                 return stats.norm.cdf((np.log(year) + value) / resistance) * stats.norm.pdf(z)
 
             p = quad(failing, -9, 9, limit=400, points=[0.0, 3.0, 6.0])[0]
-            assert -stats.norm.ppf(p) == pytest.approx(found.cumulative[k, year - 1], abs=0.02)
+            row.error(-stats.norm.ppf(p) - found.cumulative[k, year - 1], below=0.02, of="quadrature")
 
 
 def test_life_of_the_median_factor_is_the_damage_turned_over():

@@ -157,6 +157,24 @@ def campaign_files(folder: Path) -> list[Path]:
             folder / "scada.csv"]
 
 
+def same_blocks(folder: Path, convert: Callable[[Path], None]) -> None:
+    """Asserts that `campaign_files` have the same blocks once their records are of another form; those without a
+    channel, too, and those that begin within the form's own pieces."""
+    from probupdate.campaign.blocks import blocks
+    from probupdate.campaign.reading import read_campaign
+
+    before = list(blocks(read_campaign(folder)))
+    convert(folder)
+    after = list(blocks(read_campaign(folder)))
+    assert len(before) == len(after) == 2
+    for one, two in zip(before, after, strict=True):
+        assert one.start == two.start and np.array_equal(one.data, two.data) and one.notes == two.notes
+    path = folder / "campaign.toml"
+    path.write_text(path.read_text().replace("leave_out = []", 'leave_out = ["T-y"]'))
+    for one, two in zip(before, blocks(read_campaign(folder)), strict=True):
+        assert np.array_equal(one.data[:, [0, 2]], two.data)
+
+
 def campaign(folder: Path) -> Made:
     from probupdate.campaign.blocks import blocks
     from probupdate.campaign.reading import read_campaign

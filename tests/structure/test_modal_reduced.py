@@ -65,26 +65,30 @@ def test_report_keeps_the_promise(reduced):
     assert report.n_verify == 48 and report.frequency_tolerance == 1e-5
 
 
-def test_likely_points_not_used_in_building(reduced, full, cloud):
+def test_likely_points_not_used_in_building(reduced, full, cloud, validation):
+    row = validation(what="reduced basis where the posterior lies, 60 unseen points of a small turbine",
+                     reference="full model", why="what is promised")
     rng = np.random.default_rng(77)
     theta = cloud[rng.integers(len(cloud), size=60)]
     # between the draws, as a sampler moves
     theta = theta + 0.5 * (cloud[rng.integers(len(cloud), size=60)] - theta)
     error, least_mac = compare(reduced, full, theta, N_MODE)
-    assert error.max() < 1e-5
-    assert least_mac > 0.9999
+    row.error(error, below=1e-5, of="frequency")
+    row.least(least_mac, above=0.9999, of="MAC")
     assert not reduced.solve_many(theta, N_MODE).fallback.any()
 
 
-def test_prior_box_without_a_cloud(full):
+def test_prior_box_without_a_cloud(full, validation):
+    row = validation(what="reduced basis over three prior standard deviations, 40 unseen points",
+                     reference="full model", why="what is promised")
     parameters = full.parameters
     box = (np.maximum(parameters.lower, parameters.initial - 3 * parameters.std),
            np.minimum(parameters.upper, parameters.initial + 3 * parameters.std))
     found = reduce_basis(full, n_mode=N_MODE, box=box, frequency_tolerance=1e-4, n_snapshot=48, n_verify=32)
     theta = box[0] + (box[1] - box[0]) * np.random.default_rng(8).random((40, 7))
     error, least_mac = compare(found, full, theta, N_MODE)
-    assert error.max() < 1e-4
-    assert least_mac > 0.9999
+    row.error(error, below=1e-4, of="frequency")
+    row.least(least_mac, above=0.9999, of="MAC")
 
 
 def test_outside_the_box_the_full_model_answers_and_is_flagged(reduced, full, cloud):
@@ -211,7 +215,9 @@ def test_modes_that_cross_are_not_missed():
 
 
 @pytest.mark.skipif(not BRIDGE.exists(), reason="the pedestrian bridge's data are not beside the repository")
-def test_pedestrian_bridge_with_its_soft_deck():
+def test_pedestrian_bridge_with_its_soft_deck(validation):
+    row = validation(what="reduced basis of the footbridge, 17 parameters, 20 unseen points", reference="full model",
+                     why="what is promised")
     parameters = read_parameters(REPOSITORY / "studies" / "footbridge" / "parameters.toml")
     model = load_matrices(BRIDGE / "model.npz", parameters)
     # a posterior's width: half of each prior standard deviation
@@ -220,5 +226,5 @@ def test_pedestrian_bridge_with_its_soft_deck():
     found = reduce_basis(model, n_mode=6, box=(low, high), frequency_tolerance=1e-4, n_snapshot=48, n_verify=24)
     theta = low + (high - low) * np.random.default_rng(2).random((20, 17))
     error, least_mac = compare(found, model, theta, 6)
-    assert error.max() < 1e-4
-    assert least_mac > 0.9999
+    row.error(error, below=1e-4, of="frequency")
+    row.least(least_mac, above=0.9999, of="MAC")

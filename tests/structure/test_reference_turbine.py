@@ -55,15 +55,19 @@ def states():
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_frequencies_are_those_of_table_3(states, name):
+def test_frequencies_are_those_of_table_3(states, name, validation):
+    row = validation(what="FA1, SS1, FA2, SS2 in three states", reference="Table 3",
+                     why="two printed decimals alone stand for 0.017")
     found = [states[name].frequency[mode] for mode in MODES]
     # the table prints two decimals: 0.30 alone stands for +-1.7 %
-    assert found == pytest.approx(TABLE_3[name], rel=0.02)
+    row.error(np.array(found) / TABLE_3[name] - 1, below=0.02)
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_pile_heads_are_those_of_table_6(states, name):
-    assert states[name].pile_head == pytest.approx(TABLE_6[name], rel=0.15)
+def test_pile_heads_are_those_of_table_6(states, name, validation):
+    row = validation(what="pile-head stiffness in three states", reference="Table 6",
+                     why="see what cannot be met together")
+    row.error(np.array(states[name].pile_head) / TABLE_6[name] - 1, below=0.15)
 
 
 @pytest.mark.parametrize("name", STATES)
@@ -76,28 +80,32 @@ def test_modes_come_in_the_papers_order_and_no_brace_mode_is_near(states, name):
     assert list(f.values())[5] > 1.15 * f["SS2"]
 
 
-def test_table_5_put_into_the_as_built_model_gives_the_updated_row(states):
+def test_table_5_put_into_the_as_built_model_gives_the_updated_row(states, validation):
+    row = validation(what="Table 5 put into the as-built model", reference="Tables 3 and 6, updated",
+                     why="as the two rows above")
     model = states["as_built"].model
     assert set(model.parameters.names) == set(TABLE_5)
     there = State(model, states["as_built"].description)
     there.put(np.array([TABLE_5[name] for name in model.parameters.names]))
-    assert [there.frequency[mode] for mode in MODES] == pytest.approx(TABLE_3["updated"], rel=0.02)
-    assert there.pile_head == pytest.approx(TABLE_6["updated"], rel=0.15)
+    row.error(np.array([there.frequency[mode] for mode in MODES]) / TABLE_3["updated"] - 1, below=0.02, of="frequency")
+    row.error(np.array(there.pile_head) / TABLE_6["updated"] - 1, below=0.15, of="pile head")
     # and updated.toml is that model; its matrices are summed in another order
     in_file = [states["updated"].frequency[mode] for mode in MODES]
     assert [there.frequency[mode] for mode in MODES] == pytest.approx(in_file, rel=1e-9)
     assert there.pile_head == pytest.approx(states["updated"].pile_head, rel=1e-9)
 
 
-def test_as_built_shapes_part_from_the_updated_ones_as_in_table_4(states):
+def test_as_built_shapes_part_from_the_updated_ones_as_in_table_4(states, validation):
     """The updated model's shapes stand in for the measured ones, to which its MAC is 0.96 to 0.99 in the paper.
 
     The design row (0.85 and 0.93 for the second pair) is not met: nothing that sets design and as-built apart moves
     the shapes so far; studies/reference_turbine/RESULTS.md has the figures.
     """
+    row = validation(what="MAC of the as-built with the updated state", reference="Table 4, as built",
+                     why="what noise adds in the paper")
     ours = [float(mac(states["as_built"].shape[m][:, None], states["updated"].shape[m][:, None])[0, 0]) for m in MODES]
     # the printed values carry what noise and the real shapes add, up to 0.04 in the updated row
-    assert ours == pytest.approx(TABLE_4_AS_BUILT, abs=0.04)
+    row.error(np.array(ours) - TABLE_4_AS_BUILT, below=0.04)
     assert max(ours) < 0.9999
 
 
@@ -115,12 +123,14 @@ def test_the_states_are_one_structure(states):
     assert states["updated"].model.parameters.std == pytest.approx(states["as_built"].model.parameters.std, rel=1e-12)
 
 
-def test_the_files_mesh_is_fine_enough(states):
+def test_the_files_mesh_is_fine_enough(states, validation):
     """Against a mesh twice as fine."""
+    row = validation(what="mesh, first five modes, three states", reference="mesh twice as fine",
+                     why="a fifteenth of the paper's CoV of f")
     for name in STATES:
         raw = read_toml(reference_model(name))
         mesh = raw["mesh"]["elements_per_member"]
         raw["mesh"]["elements_per_member"] = {group: 2 * number for group, number in mesh.items()}
         fine = State(turbine_model(parse_description(raw, name), where=name), states[name].description)
         for mode in ("FA1", "SS1", "T1", "FA2", "SS2"):
-            assert states[name].frequency[mode] == pytest.approx(fine.frequency[mode], rel=1e-3)
+            row.error(states[name].frequency[mode] / fine.frequency[mode] - 1, below=1e-3)

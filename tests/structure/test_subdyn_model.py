@@ -22,7 +22,7 @@ from probupdate.structure.subdyn_frame import (
     rigid_body_mass,
     tube,
 )
-from tests.subdyn_text import STEEL, subdyn
+from tests.subdyn_text import FRAME_GROUPS, FRAME_SENSORS, STEEL, subdyn
 
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
 CLAMPED = "1 1 1 1 1 1 1"
@@ -148,7 +148,9 @@ def test_the_mass_matrix_of_an_offset_body_is_that_of_its_particles(validation):
 
 # pinned-pinned Euler-Bernoulli beam: f = pi / 2 sqrt(EI / (m L^4)); guided by ball joints at both ends
 @pytest.mark.parametrize("kind", ["4", "3 0 1 0", "2"])
-def test_joints_let_members_turn(tmp_path, kind):
+def test_joints_let_members_turn(tmp_path, kind, validation):
+    row = validation(what="ball, revolute, universal joints", reference="simply supported and clamped beam",
+                     why="eight elements, stubs")
     joint = {"4": "4 0 0 0 0", "3 0 1 0": "3 0 1 0 0", "2": "2 0 0 0 0"}[kind]
     # two ball joints would let the beam spin
     top = joint.replace("4 0", "2 0", 1)
@@ -160,13 +162,13 @@ def test_joints_let_members_turn(tmp_path, kind):
     section = tube(2.1e11, 8.076923e10, 7850, 0.1, 0.005)
     simple = np.pi / 2 * np.sqrt(2.1e11 * section.i_xx / (7850 * section.area * 1e4))
     found = frequencies(path, 6)
-    assert np.min(np.abs(found / simple - 1)) < 1e-3
+    row.error(np.min(np.abs(found / simple - 1)), below=1e-3, of="simply supported")
     if kind == "3 0 1 0":
         # about x the revolute joint holds: clamped-clamped, 22.3733 / pi^2 times as high
-        assert np.min(np.abs(found / (simple * 22.3733 / np.pi**2) - 1)) < 2e-3
+        row.error(np.min(np.abs(found / (simple * 22.3733 / np.pi**2) - 1)), below=2e-3, of="clamped")
     if kind == "2":
         # the twist goes through a universal joint: no mode of free spinning
-        assert found[0] == pytest.approx(simple, rel=1e-3)
+        row.error(found[0] / simple - 1, below=1e-3, of="simply supported")
 
 
 def test_a_stiff_spring_in_a_joint_makes_it_rigid(tmp_path):
@@ -225,26 +227,32 @@ def test_the_sparse_modes_are_those_of_the_dense_matrices(tmp_path, validation):
 # SubDyn's own Full_frequencies of two cases of OpenFAST's r-test, as their SD.sum.yaml prints them (seven digits)
 
 
-def test_subdyns_own_frequencies_of_the_oc3_monopile(tmp_path):
+def test_subdyns_own_frequencies_of_the_oc3_monopile(tmp_path, validation):
     # 5MW_OC3Mnpl_Linear: Timoshenko, three members in three elements each, clamped
+    row = validation(what="SubDyn's Full_frequencies: OC3 monopile (Timoshenko, NDiv 3)",
+                     reference="r-test, 5MW_OC3Mnpl_Linear", why="seven printed digits")
     path = written(tmp_path, ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"],
                    ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"], [CLAMPED], div=3, fem=3, interface=[4],
                    circular=["1 2.1e11 8.08e10 8500 6.0 0.06"])
     own = [6.072686, 6.072686, 25.72555, 28.32034, 28.32034, 41.47330, 58.59113, 58.59113, 77.96200, 83.40462]
-    np.testing.assert_allclose(frequencies(path, 10), own, rtol=2e-7)
+    row.error(frequencies(path, 10) / own - 1, below=2e-7)
 
 
-def test_subdyns_own_frequencies_with_a_rigid_link(tmp_path):
+def test_subdyns_own_frequencies_with_a_rigid_link(tmp_path, validation):
     # SD_Rigid: a rigid link beside the middle one of three beams
+    row = validation(what="SubDyn's Full_frequencies: a rigid link beside a beam", reference="r-test, SD_Rigid",
+                     why="seven printed digits")
     path = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20", "0 0 30"],
                    ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0", "2 3 1 1 3 0"], [CLAMPED], fem=3, interface=[4],
                    circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"])
     own = [1.187525, 1.187525, 11.10164, 11.10164, 21.96484, 21.96484, 32.60645, 52.57639, 106.5510, 106.5510]
-    np.testing.assert_allclose(frequencies(path, 10), own, rtol=5e-7)
+    row.error(frequencies(path, 10) / own - 1, below=5e-7)
 
 
-def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint(tmp_path):
+def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint(tmp_path, validation):
     # SD_PendulumDamp: Timoshenko, nothing held, so dense; six rigid motions come before
+    row = validation(what="SubDyn's Full_frequencies: free pendulum with sprung revolute joint",
+                     reference="r-test, SD_PendulumDamp", why="seven printed digits")
     path = written(tmp_path, ["0 0 0", "0 0 -1 3 0 1 0 100", "0 0 -6"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"], [], fem=3,
                    interface=[1], circular=["1 2.1e11 8.0769e10 7850 0.2 0.02"])
     model = load_model(path)
@@ -252,11 +260,11 @@ def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint
     value = eigh(K, M, eigvals_only=True)
     own = [0.3810060, 35.30662, 51.01476, 117.7512, 170.4280, 285.4026, 380.1668, 460.1985, 1001.558, 1095.818,
            1766.957]
-    np.testing.assert_allclose(np.sqrt(value[6:17]) / (2 * np.pi), own, rtol=2e-6)
+    row.error(np.sqrt(value[6:17]) / (2 * np.pi * np.array(own)) - 1, below=2e-6)
     assert np.abs(value[:6]).max() < 1e-9 * value[-1]
     found = frequencies(path, 12)
     assert found[:6].tolist() == [0.0] * 6
-    np.testing.assert_allclose(found[6:], own[:6], rtol=2e-6)
+    row.error(found[6:] / own[:6] - 1, below=2e-6)
 
 
 def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
@@ -281,22 +289,12 @@ def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
 
 # parameters --------------------------------------------------------------------------------------------------------
 
-TOML = """
+TOML = f"""
 name = "a frame"
 [subdyn]
 file = "structure.dat"
 nacelle = [4]
-[group.legs]
-property_sets = [1]
-[group.brace]
-members = [3]
-[group.soil]
-reactions = [1]
-[group.top]
-masses = [4]
-[group.deck]
-joints = [3]
-"""
+{FRAME_GROUPS}"""
 PARAMETERS = {
     "stiffness": ("legs", "-", 1.1), "density": ("brace", "-", 1.2), "thickness": ("legs", "-", 0.9),
     "wall_loss": ("brace", "m", 0.002), "line_mass": ("legs", "kg/m", 30.0), "mass": ("top", "-", 1.3),
@@ -315,11 +313,8 @@ def framed(tmp_path):
     for acts, (group, unit, value) in PARAMETERS.items():
         text += f'[[parameter]]\nname = "p_{acts}"\nacts = "{acts}"\non = "{group}"\nunit = "{unit}"\n'
         text += f"initial = {value}\nstd = {0.1 * value}\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
-                                      ("C", 3, "[0.0, 1.0, 0.0]")):
-        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
     path = tmp_path / "model.toml"
-    path.write_text(text)
+    path.write_text(text + FRAME_SENSORS)
     return path
 
 

@@ -60,9 +60,11 @@ CANDIDATES = {
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_every_move_leaves_a_cut_gaussian_as_it_is(name):
+def test_every_move_leaves_a_cut_gaussian_as_it_is(name, validation):
     """Started from exact draws, a chain of this move alone has the exact moments: a move that is not in balance drifts
     from them. Jumps of full length mix with ordinary ones, or walkers would stay on a lattice."""
+    row = validation(what="each move alone, seven moments of a cut Gaussian", reference="exact draws",
+                     why="emcee's snooker move fails the same check", unit="standard errors")
     move = CANDIDATES[name] if name != "jumps" else [(CANDIDATES[name], 0.5), (emcee.moves.DEMove(), 0.5)]
     sampler = emcee.EnsembleSampler(N_WALKER, N_PARAM, target, vectorize=True, moves=move)
     state = emcee.State(exact_draws(N_WALKER), random_state=np.random.RandomState(5).get_state())
@@ -73,7 +75,7 @@ def test_every_move_leaves_a_cut_gaussian_as_it_is(name):
         values, expected = (np.prod(x ** np.array(power), axis=-1) for x in (chain, exact))
         _, ess = effective_size(values[:, :, None])
         error = np.hypot(values.std() / np.sqrt(ess[0]), expected.std() / np.sqrt(len(exact)))
-        assert abs(values.mean() - expected.mean()) < LIMIT * error, power
+        row.error((values.mean() - expected.mean()) / error, below=LIMIT)
 
 
 def test_the_balance_test_can_fail():
@@ -124,8 +126,10 @@ def mixed_problem():
     return build_problem(replace(model, function=function), data)
 
 
-def test_posterior_against_quadrature(tmp_path):
+def test_posterior_against_quadrature(tmp_path, validation):
     """Means, standard deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
+    row = validation(what="posterior with a lognormal and a cut prior: means, standard deviations",
+                     reference="Gauss-Legendre", unit="standard errors")
     problem = mixed_problem()
     chain = sample(problem, approximated(problem), tmp_path / "chain", SamplerSettings(target_ess=1500))
     assert chain.converged, chain.verdict
@@ -140,22 +144,24 @@ def test_posterior_against_quadrature(tmp_path):
         mean = marginal @ axes[k]
         std = np.sqrt(marginal @ (axes[k] - mean) ** 2)
         draws, ess = chain.draws[:, k], chain.ess[k]
-        assert abs(draws.mean() - mean) < LIMIT * std / np.sqrt(ess)
+        row.error((draws.mean() - mean) / std * np.sqrt(ess), below=LIMIT, of="means")
         # of a deviation: kurtosis at most that of an exponential, 9
-        assert abs(draws.std() / std - 1) < LIMIT * np.sqrt(8 / 4 / ess)
+        row.error((draws.std() / std - 1) / np.sqrt(8 / 4 / ess), below=LIMIT, of="standard deviations")
         below = np.interp(np.quantile(draws, [0.05, 0.95]), axes[k], np.cumsum(marginal) - 0.5 * marginal)
         assert np.all(abs(below - [0.05, 0.95]) < LIMIT * np.sqrt(0.05 * 0.95 / ess) + 2e-3)
 
 
-def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path):
+def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path, validation):
+    row = validation(what="posterior of a linear problem, three parameters: means, covariance",
+                     reference="closed form", unit="standard errors")
     problem = linear_problem(LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30]))
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
     chain = sample(problem, approximated(problem), tmp_path / "chain", SamplerSettings(target_ess=2000))
     assert chain.converged, chain.verdict
     white = np.linalg.solve(np.linalg.cholesky(top.covariance), (chain.draws - top.theta).T)
     ess = chain.ess.min()
-    assert np.all(abs(white.mean(axis=1)) < LIMIT / np.sqrt(ess))
-    assert np.all(abs(np.cov(white) - np.eye(3)) < LIMIT * np.sqrt(2 / ess))
+    row.error(white.mean(axis=1) * np.sqrt(ess), below=LIMIT, of="means")
+    row.error((np.cov(white) - np.eye(3)) / np.sqrt(2 / ess), below=LIMIT, of="covariance")
     assert stats.kstest(white[0, :: max(1, white.shape[1] // 500)], "norm").pvalue > 1e-4
 
 
@@ -222,7 +228,8 @@ class LastFirst(Executor):
         yield from (function(*task) for task in reversed(tasks))
 
 
-def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monkeypatch):
+def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monkeypatch, validation):
+    row = validation(what="ensembles on another executor, after a kill", reference="one after the other")
     monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)
     surrogate = approximated(problem)
@@ -231,14 +238,14 @@ def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monke
     n_walker = plain.theta.shape[1] // 3
     assert plain.theta.shape == (50, 3 * n_walker, 3)
     other = sample(problem, surrogate, tmp_path / "other", settings, jobs=LastFirst())
-    np.testing.assert_array_equal(other.theta, plain.theta)
-    np.testing.assert_array_equal(other.log_posterior, plain.log_posterior)
+    row.equal(other.theta, plain.theta)
+    row.equal(other.log_posterior, plain.log_posterior)
     # killed in the second round: one ensemble had finished it, another not
     (tmp_path / "plain" / "segment-00001-1.npz").unlink()
-    np.testing.assert_array_equal(sample(problem, surrogate, tmp_path / "plain", settings).theta, plain.theta)
+    row.equal(sample(problem, surrogate, tmp_path / "plain", settings).theta, plain.theta)
     # the first of several is the one that would run alone, the others are others
     alone = sample(problem, surrogate, tmp_path / "alone", replace(settings, ensembles=1))
-    np.testing.assert_array_equal(plain.theta[:, :n_walker], alone.theta)
+    row.equal(plain.theta[:, :n_walker], alone.theta)
     assert not np.array_equal(plain.theta[:, :n_walker], plain.theta[:, n_walker : 2 * n_walker])
 
 

@@ -35,7 +35,9 @@ def test_nothing_is_said_of_channels_that_are_right(seed):
     assert found(measured_chain(CHAIN_TRUTH * 1.5, noise=0.01, seed=seed)) is None
 
 
-def test_every_exchange_and_reversal_that_shows_is_found_or_not_named():
+def test_every_exchange_and_reversal_that_shows_is_found_or_not_named(validation):
+    row = validation(what="every exchange and reversal of ten channels of a two-way chain: named, and rightly",
+                     reference="what was done")
     data, named, hidden = measured_chain(noise=0.003, seed=2), 0, []
     for i, j in [*((k, k) for k in range(len(CHANNELS))), *combinations(range(len(CHANNELS)), 2)]:
         mistake, wanted = found(changed(data, i, j)), tuple(dict.fromkeys((CHANNELS[i], CHANNELS[j])))
@@ -46,7 +48,7 @@ def test_every_exchange_and_reversal_that_shows_is_found_or_not_named():
         assert wanted in mistake.candidates, (wanted, mistake)
         assert mistake.mac_after > 0.97 > mistake.mac_before
     # neighbours of one direction move nearly alike: their exchange is no misfit
-    assert named >= 40
+    row.count(named, 55, least=40)
     assert all(len(w) == 2 and w[0][0] == w[1][0] for w in hidden) or len(hidden) < 16, hidden
 
 

@@ -283,8 +283,9 @@ def test_frequencies_in_another_unit_are_refused(factor):
         match(modal_set(factor * exact.frequency_hz[:4], exact.shape[:, :4]), exact, ROWS)
 
 
-def test_groups_whose_best_modes_are_their_own_are_paired_as_by_the_assignment():
+def test_groups_whose_best_modes_are_their_own_are_paired_as_by_the_assignment(validation):
     """The quick choice and the assignment problem, where groups do and do not ask for the same modes."""
+    checked = validation(what="pairing of many draws at once", reference="assignment problem, row by row")
     problem = chain_problem()
     base = problem.model.solve(problem.parameters.initial, problem.matching.n_mode).shape
     rng = np.random.default_rng(4)
@@ -296,7 +297,7 @@ def test_groups_whose_best_modes_are_their_own_are_paired_as_by_the_assignment()
             _, columns = linear_sum_assignment(-row)
             parts = np.split(columns, np.cumsum([g.size for g in problem.groups])[:-1])
             plain.append(np.concatenate([np.sort(part) for part in parts]))
-        np.testing.assert_array_equal(computed, plain)
+        checked.equal(computed, np.array(plain))
     assert len(np.unique(computed, axis=0)) > 5
 
 

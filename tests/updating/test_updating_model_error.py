@@ -19,7 +19,7 @@ from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.model.uncertainty import ErrorSource, marginal_root
 from probupdate.structure.load import load_model, reference_model
 from probupdate.updating.components import variance_components
-from probupdate.updating.discrepancy import state_model_error
+from probupdate.updating.discrepancy import LikelihoodSettings, state_model_error
 from probupdate.updating.hierarchical import Population, coordinates_of, linearise
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
@@ -137,8 +137,10 @@ def test_gains_of_sensors_widen_what_shapes_tell():
     assert np.all(np.diag(b) >= np.diag(a) * (1 - 1e-9)) and np.max(np.diag(b) / np.diag(a)) > 1.01
 
 
-def test_the_response_to_a_gain_is_its_finite_difference():
+def test_the_response_to_a_gain_is_its_finite_difference(validation):
     """One channel reads a per mille more: the aligned responses move as the source says."""
+    checked = validation(what="response to a sensor's gain", reference="differences of the model",
+                         why="rounding, of the largest")
     model = chain_model()
     known = replace(model, uncertainty=SensorUncertainty(model=model))
     data = measured_chain(noise=0.002, seed=5)
@@ -154,8 +156,8 @@ def test_the_response_to_a_gain_is_its_finite_difference():
     difference = (ends[0] - ends[1]) / (2 * h)
     source = problem.error.sources[row]
     assert source.description.endswith(model.channels[row])
-    rounding = 1e-6 * np.abs(difference).max()
-    assert problem.error.factor[:, row] / source.std == pytest.approx(difference, abs=rounding)
+    error = problem.error.factor[:, row] / source.std - difference
+    checked.error(error / np.abs(difference).max(), below=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -171,8 +173,10 @@ def test_every_source_of_a_turbine_has_a_standard_deviation_and_a_group(turbine)
     assert all(s.std > 0 for s in sources) and len({s.name for s in sources}) == len(sources)
 
 
-def test_tolerances_of_a_turbine_against_differences_of_the_file(turbine):
+def test_tolerances_of_a_turbine_against_differences_of_the_file(turbine, validation):
     """The nacelle a per cent heavier, written into the file, moves ln f as its source says."""
+    row = validation(what="response to the nacelle's mass", reference="differences of the file",
+                     why="differences, of the largest")
     from probupdate.structure.description_file import parse_description
     from probupdate.structure.load import turbine_model
     from probupdate.structure.parameter_table import read_toml
@@ -187,7 +191,7 @@ def test_tolerances_of_a_turbine_against_differences_of_the_file(turbine):
         ends.append(turbine_model(parse_description(raw, "x"), where="x").solve(theta, 6).frequency_hz)
     difference = (ends[0] - ends[1]) / 2000.0
     error = solution.frequency_derivative[:, column] - difference
-    assert np.max(np.abs(error)) < 1e-3 * np.max(np.abs(difference))
+    row.error(error / np.max(np.abs(difference)), below=1e-3)
 
 
 def test_bernoulli_euler_members_are_expected_to_be_stiff(tmp_path):
@@ -217,13 +221,15 @@ def test_stating_the_error_twice_gives_the_same_numbers():
 
 def test_the_papers_weights_stay_what_they_are():
     data = measured_chain(noise=0.004, seed=3)
-    record = verbs.update(chain_model(), data, weights="paper")
+    record = verbs.update(chain_model(), data, likelihood=LikelihoodSettings(weights="paper"))
     assert "tolerances" not in record.settings["weights"] and "discrepancy" not in record.settings["weights"]
     assert "tolerances" in verbs.update(chain_model(), data).settings["weights"]
 
 
-def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear):
+def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear, validation):
     """Four sets of a linear model with the same sources: one posterior for all against the dense joint Gaussian."""
+    checked = validation(what="error of the model that sets share: ln p of one posterior for all",
+                         reference="dense joint Gaussian", why="rounding", unit="nat")
     problem, slope = linear
     rng = np.random.default_rng(6)
     frequencies = LINEAR_HZ * (1 + 0.01 * rng.standard_normal((4, 5)))
@@ -241,15 +247,17 @@ def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear):
     for u in (parameters.initial, parameters.initial + [0.1, -0.2, 0.05]):
         left = y - stacked @ (u - parameters.initial)
         dense = -0.5 * left @ np.linalg.solve(covariance, left) - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
-        assert noise.at(u[None]).sum() + term.at(u[None]).sum() == pytest.approx(dense, abs=1e-8)
+        checked.error(noise.at(u[None]).sum() + term.at(u[None]).sum() - dense, below=1e-8)
     # four sets narrow the noise and leave what they share
     W, one = np.linalg.inv(covariance), np.linalg.inv(np.diag(problem.std**2) + B @ B.T)
     together, alone = stacked.T @ W @ stacked, S.T @ one @ S
     assert np.all(np.linalg.eigvalsh(together) < 4 * np.linalg.eigvalsh(alone) * (1 - 1e-6))
 
 
-def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
+def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, validation):
     """At no scatter between sets the mean's covariance is that of one posterior for all."""
+    row = validation(what="error of the model that sets share: the population's mean",
+                     reference="the same at no scatter", unit="standard errors")
     problem, _ = linear
     problems = [build_problem(problem.model, linear_data(LINEAR_HZ * (1 + 0.002 * k)), weights=FREQUENCIES)
                 for k in range(3)]
@@ -273,5 +281,5 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
     expected = parameters.initial + np.linalg.solve(H, noise.gradient.sum(axis=0) + term.gradient[0])
     std = np.sqrt(np.diag(np.linalg.inv(H)))
     # five standard errors of means and standard deviations of so many draws
-    assert widened.mean(axis=0) == pytest.approx(expected, abs=float(np.max(5 * std / np.sqrt(n))))
-    assert widened.std(axis=0) == pytest.approx(std, rel=5 / np.sqrt(2 * n))
+    row.error((widened.mean(axis=0) - expected) / np.max(std) * np.sqrt(n), below=5)
+    row.error((widened.std(axis=0) / std - 1) * np.sqrt(2 * n), below=5)

@@ -40,7 +40,8 @@ def scatter():
     return update_sets(linear_model(), linear_data(measured()), **OPTIONS)
 
 
-def test_the_scatter_of_maxima_under_noise_alone_is_less_than_the_posterior(scatter):
+def test_the_scatter_of_maxima_under_noise_alone_is_less_than_the_posterior(scatter, validation):
+    row = validation(what="scatter of updates over sets", reference="P - P W_Theta P", unit="standard errors")
     expected = P - P @ W_THETA @ P
     assert expected == pytest.approx(P @ SLOPE.T @ W @ SLOPE @ P, rel=1e-9)
     found = np.cov(scatter.theta_map.T)
@@ -48,7 +49,7 @@ def test_the_scatter_of_maxima_under_noise_alone_is_less_than_the_posterior(scat
     white = linalg.solve_triangular(root, linalg.solve_triangular(root, found, lower=True).T, lower=True)
     # entries of a sample covariance of whitened normals: 1 +- sqrt(2 / (n - 1)), 0 +- sqrt(1 / (n - 1))
     error = np.sqrt((1 + np.eye(3)) / (N_SET - 1))
-    assert np.max(np.abs(white - np.eye(3)) / error) < 4
+    row.error((white - np.eye(3)) / error, below=4)
     # the posterior itself would be distinguished: the third parameter hardly scatters, and is hardly known
     assert found[2, 2] < 0.2 * P[2, 2] and P[2, 2] > 0.5 * 0.2**2
 

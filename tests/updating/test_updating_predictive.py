@@ -29,8 +29,10 @@ def many():
 
 
 @pytest.mark.parametrize("name", ["total_p", "misfit_p", "penalty_p"])
-def test_p_values_are_uniform_where_the_model_holds(many, name):
-    assert stats.kstest([getattr(c, name) for c in many], "uniform").pvalue > 1e-3
+def test_p_values_are_uniform_where_the_model_holds(many, name, validation):
+    row = validation(what="p-values of misfit, penalty and both, 80 data sets: Kolmogorov-Smirnov's p",
+                     reference="uniform")
+    row.least(stats.kstest([getattr(c, name) for c in many], "uniform").pvalue, above=1e-3)
 
 
 def test_a_chi_square_of_the_number_of_parameters_would_not_be(many):
@@ -66,7 +68,9 @@ def test_a_model_that_cannot_fit_and_a_truth_beyond_the_prior_are_told_apart():
     assert "did not expect them" in beyond.sentences[2]
 
 
-def test_on_a_chain_with_close_pairs_and_shapes_it_stays_calibrated():
+def test_on_a_chain_with_close_pairs_and_shapes_it_stays_calibrated(validation):
+    row = validation(what="the misfit's p-values of a chain with pairs, 24 data sets: Kolmogorov-Smirnov's p",
+                     reference="uniform")
     rng = np.random.default_rng(5)
     model, p = chain_model(), []
     for k in range(24):
@@ -74,16 +78,18 @@ def test_on_a_chain_with_close_pairs_and_shapes_it_stays_calibrated():
         problem = build_problem(model, chain_data(theta, noise=0.01, seed=k))
         found = predictive_check(problem, maximum_a_posteriori(problem, [theta]))
         p.append(found.misfit_p)
-    assert stats.kstest(p, "uniform").pvalue > 1e-3
+    row.least(stats.kstest(p, "uniform").pvalue, above=1e-3)
 
 
 @pytest.mark.parametrize("width, shift", [(1.0, 0.0), (0.5, 0.3), (0.02, 1.0), (0.8, -1.5)])
-def test_bits_are_those_of_two_gaussians(width, shift):
+def test_bits_are_those_of_two_gaussians(width, shift, validation):
+    row = validation(what="bits gained, from draws: error over the bits and a third",
+                     reference="two Gaussians in closed form", why="sixty bins")
     n = 20_000
     draws = shift + width * np.random.default_rng(7).standard_normal(n)
     exact = (0.5 * (width**2 + shift**2 - 1) - np.log(width)) / np.log(2)
     # sixty bins: how the density bends within one is not seen
-    assert bits_gained(stats.norm.cdf(draws), n) == pytest.approx(exact, abs=0.01 + 0.03 * exact)
+    row.error((bits_gained(stats.norm.cdf(draws), n) - exact) / (exact + 1 / 3), below=0.03)
 
 
 def test_no_bits_where_draws_are_the_prior_s():

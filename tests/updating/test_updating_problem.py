@@ -80,9 +80,11 @@ def test_one_and_many_parameter_vectors_are_answered_alike():
     assert not many.fallback.any()
 
 
-def test_the_chi_square_of_a_true_model_is_the_number_of_effective_responses():
+def test_the_chi_square_of_a_true_model_is_the_number_of_effective_responses(validation):
     # noise drawn by the very standard deviations that are assumed: mean of chi-square within four of its standard
     # errors
+    row = validation(what="chi-square of a true model, 120 noises", reference="number of effective responses",
+                     unit="standard errors")
     model, cov = chain_model(), 0.003
     weights = Weights(frequency_cov=(cov,) * 4, shape_std=False)
     found = []
@@ -90,7 +92,7 @@ def test_the_chi_square_of_a_true_model_is_the_number_of_effective_responses():
         problem = build_problem(model, measured_chain(noise=cov, seed=seed), weights=weights)
         found.append(problem.misfit(problem.predict(CHAIN_TRUTH)))
     n = problem.n_effective
-    assert abs(np.mean(found) - n) < 4 * np.sqrt(2 * n / len(found))
+    row.error((np.mean(found) - n) / np.sqrt(2 * n / len(found)), below=4)
     assert np.std(found) == pytest.approx(np.sqrt(2 * n), rel=0.3)
 
 

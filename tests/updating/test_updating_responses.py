@@ -75,14 +75,16 @@ def test_every_response_has_its_exact_derivative(kind, theta, validation):
 
 
 @pytest.mark.parametrize("kind", [{}, *KINDS], ids=str)
-def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind):
+def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind, validation):
+    row = validation(what="effective number of data of every kind of response, 80 noises each",
+                     reference="chi-square at the truth", unit="standard errors")
     found, n = [], None
     for seed in range(80):
         # floors beside the very noise that was drawn would only count it twice
         problem = problem_of(kind, seed, least_frequency_cov=1e-6, least_shape_std=1e-6)
         n = problem.n_effective
         found.append(problem.misfit(problem.predict(CHAIN_TRUTH)))
-    assert abs(np.mean(found) - n) < 4 * np.std(found) / np.sqrt(len(found))
+    row.error((np.mean(found) - n) / np.std(found) * np.sqrt(len(found)), below=4)
 
 
 def test_log_frequencies_and_those_in_hz_agree_to_first_order():
@@ -174,8 +176,10 @@ def test_a_pair_and_its_deviations_turned_in_their_plane_change_nothing():
         assert b.misfit(b.predict(theta)) == pytest.approx(a.misfit(a.predict(theta)), rel=0.1)
 
 
-def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
+def test_uncorrelated_deviations_give_the_posterior_of_independent_weights(validation):
     """The same variances as a covariance and as deviations: nearly the same maximum, as both describe one noise."""
+    row = validation(what="joint weights of uncorrelated standard deviations: maximum, width over the posterior's",
+                     reference="independent weights", why="to first order")
     rng_free = np.zeros((44, 44))
     rng_free[np.arange(4), np.arange(4)] = COV
     rng_free[np.arange(4, 44), np.arange(4, 44)] = 0.04
@@ -186,8 +190,8 @@ def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
     plain = build_problem(chain_model(), data, weights=std)
     a, b = (maximum_a_posteriori(p, [CHAIN_TRUTH]) for p in (joint, plain))
     covariance_factors = np.sqrt(np.diag(b.covariance))
-    assert np.abs(a.theta - b.theta) / covariance_factors == pytest.approx(np.zeros(4), abs=0.1)
-    assert np.sqrt(np.diag(a.covariance)) / covariance_factors == pytest.approx(np.ones(4), abs=0.05)
+    row.error((a.theta - b.theta) / covariance_factors, below=0.1, of="maximum")
+    row.error(np.sqrt(np.diag(a.covariance)) / covariance_factors - 1, below=0.05, of="width")
     assert a.misfit == pytest.approx(b.misfit, rel=0.05)
 
 

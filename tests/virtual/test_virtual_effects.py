@@ -171,8 +171,10 @@ def read(folder):
     return parts
 
 
-def test_time_series_follow_the_time_profiles(tmp_path):
+def test_time_series_follow_the_time_profiles(tmp_path, validation):
     """The same seed with and without effects: equal before a step, the effect itself after it."""
+    checked = validation(what="gain and clock in time series: gain; residual motion",
+                         reference="the same seed without them", why="the logger's own noise")
     operation = "[operation]\nmaintenance_hours = [[0, 2]]\nmissing_hours = []\n"
     (tmp_path / "none.toml").write_text(operation)
     (tmp_path / "some.toml").write_text(
@@ -200,12 +202,12 @@ def test_time_series_follow_the_time_profiles(tmp_path):
     a, b = (part[0][half + 100 : n, x] - offset for part in (plain, hidden))
     ok = np.isfinite(a) & np.isfinite(b)
     # the noise is the logger's own and is not scaled: 1e-4 against 5e-3
-    assert np.polyfit(a[ok], b[ok], 1)[0] == pytest.approx(0.8, abs=0.005)
+    checked.error(np.polyfit(a[ok], b[ok], 1)[0] - 0.8, below=0.005, of="gain")
     # a late clock writes an event two samples earlier
     row = names.index("T66-y")
     late, early = hidden[0][half + 100 : n - 10, row], plain[0][half + 102 : n - 8, row]
     ok = np.isfinite(late) & np.isfinite(early)
-    assert np.std(late[ok] - early[ok]) < 0.1 * np.std(early[ok])
+    checked.error(np.std(late[ok] - early[ok]) / np.std(early[ok]), below=0.1, of="motion")
     entries = [pandas.read_csv(o.path / "scada.csv")["nacelle_heading_deg"] for o in out.values()]
     assert np.mod(entries[1] - entries[0], 360).to_numpy() == pytest.approx(np.full(len(entries[0]), 15.0), abs=0.11)
     # the hour after the soil gave way

@@ -1,0 +1,257 @@
+"""Which stored poles stand for the campaign's modes in each block, and what is kept of them.
+
+A year's poles are gigabytes and stay on the disk: a block is read for its votes, for its choice, and where standard
+deviations rule a pole out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.scada import StateRule
+from probupdate.identification import classification as rules
+from probupdate.identification import tracking
+from probupdate.identification.block_poles import BlockPoles, BlockSettings
+from probupdate.identification.block_store import BlockStore
+from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
+from probupdate.identification.environment import environment_of, fore_aft_deg
+from probupdate.identification.physical import PhysicalModes
+from probupdate.identification.reference import ReferenceModes, turned
+from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
+from probupdate.modal.modes import CovarianceFactors, ModalSet, unit_largest
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor
+from probupdate.runtime.progress import Progress
+
+NOTHING = frozen_array(np.zeros(0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SSISettings(BlockSettings):
+    """`BlockSettings` are what the stored poles depend on; the classifier works on stored poles, of the orders from
+    `below` under `order` upwards."""
+
+    classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
+    below: int = 8
+
+    @property
+    def of_blocks(self) -> BlockSettings:
+        return BlockSettings(order=self.order, block_rows=self.block_rows, target_rate_hz=self.target_rate_hz,
+                             spread=self.spread, sub_records=self.sub_records, harmonics=self.harmonics)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoredBlock:
+    """A stored block without its poles and its spectrum, which stay on the disk; usable: it was not excluded."""
+
+    block: BlockPoles
+    environment: dict
+    usable: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedBlock:
+    """A block's poles held against the campaign's modes, which are turned to where the nacelle looked; `single` and
+    `paper` as the paper has it, against the model as it is (without a model, against the campaign's modes)."""
+
+    poles: JudgedPoles
+    single: PoleComparison
+    paper: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChosenPoles:
+    """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
+    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
+    the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+
+    choice: Choice
+    frequency_hz: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+    keys: dict[tuple[int, int], int]
+    rows: dict[str, np.ndarray]
+
+    @property
+    def key_of(self) -> dict[int, tuple[int, int]]:
+        place = {pole: key for key, pole in self.keys.items()}
+        return {int(j): place[int(p)] for j, p in enumerate(self.choice.pole) if p >= 0}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FollowedModes:
+    """Every block, those that can be used, the modes' paths through these, what stands for the modes in each by its
+    start, and how a block's stored poles are judged once more."""
+
+    found: list[StoredBlock]
+    usable: list[StoredBlock]
+    tracked: Tracked
+    picked: dict[pd.Timestamp, ChosenPoles]
+    judge: Callable[[StoredBlock], JudgedBlock]
+    order: int
+
+
+def follow(
+    blocks: BlockStore, campaign: Campaign, physical: PhysicalModes, reference: ReferenceModes | None, *,
+    settings: SSISettings, rule: StateRule, progress: Progress,
+) -> FollowedModes:
+    # a year's poles are gigabytes: a block is held against the modes twice, for its votes and for its choice
+    judge = partial(_held_against, blocks, campaign, physical.modes, reference, settings)
+    found, votes = [], []
+    for number, start in enumerate(blocks.starts):
+        progress("classifying modes", number, 2 * len(blocks.starts))
+        block = blocks.read(start)
+        slim = replace(block, poles=None, others=(), line_hz=NOTHING, spectrum=NOTHING)
+        one = StoredBlock(block=slim, environment=environment_of(block, campaign, rule), usable=block.poles is not None)
+        found.append(one)
+        if one.usable:
+            votes.append(tracking.votes_of(judge(one, block).poles, settings.classifier))
+    usable = [one for one in found if one.usable]
+    centre, support = tracking.paths(votes, physical.modes, settings.classifier)
+    del votes
+    picked = {}
+    for number, (one, row) in enumerate(zip(usable, centre, strict=True)):
+        progress("classifying modes", len(found) + number, len(found) + len(usable))
+        judged = judge(one)
+        choice = tracking.choose(judged.poles, row, settings.classifier)
+        picked[one.block.start] = _picked(judged, choice, settings.order)
+    progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
+    tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
+                      centre_hz=frozen_array(centre), support=frozen_array(support))
+    return FollowedModes(found=found, usable=usable, tracked=tracked, picked=picked, judge=judge, order=settings.order)
+
+
+def _held_against(
+    blocks: BlockStore, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
+    one: StoredBlock, block: BlockPoles | None = None,
+) -> JudgedBlock:
+    """`block` if it was read already."""
+    block = block or blocks.read(one.block.start)
+    stack = pole_stack(block, settings)
+    here = turned(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
+    like = rules.comparison(stack, here)
+    bands = rules.rotor_bands(one.environment, settings.classifier)
+    judged = JudgedPoles(
+        id=block.id, poles=stack, comparison=like, bands=bands, reference=here,
+        verdict=rules.block_criteria(stack, like, here, settings.classifier),
+    )
+    single = like if model is None else rules.comparison(stack, model, like.stability)
+    paper = rules.paper_criteria(stack, single, bands, settings.classifier)
+    return JudgedBlock(poles=judged, single=single, paper=paper)
+
+
+def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
+    own = block.every_order[:1]
+    return rules.stacked((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
+
+
+def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int) -> ChosenPoles:
+    poles, like = judged.poles.poles, judged.poles.comparison
+    n_mode = len(choice.pole)
+    frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
+    shape = np.full((len(poles.shape), n_mode), np.nan + 0j)
+    there = np.flatnonzero(choice.pole >= 0)
+    taken = choice.pole[there]
+    frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
+    shape[:, there] = unit_largest(poles.shape[:, taken])
+    keys = {(int(poles.order[p]), int(p - np.argmax(poles.order == poles.order[p]))): int(p) for p in taken}
+    # the number of the mode that a pole stands for, else of the one that it is most like, marked by a minus
+    mode = -1 - judged.single.best_mode
+    mode[taken] = there
+    shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT)
+    rows = {
+        "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
+        "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
+        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper,
+        "order": poles.order,
+    }
+    return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
+                   rows={name: value[shown] for name, value in rows.items()})
+
+
+def without_uncertain(
+    blocks: BlockStore, first: FollowedModes, settings: ClassifierSettings, jobs: int | Executor, progress: Progress,
+) -> dict[pd.Timestamp, ChosenPoles]:
+    """What stands again in blocks where a chosen pole's standard deviations are beyond the classifier's limits, by
+    start.
+
+    Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends.
+    """
+    place = {one.block.start: k for k, one in enumerate(first.usable)}
+    known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
+    todo, again = dict(first.picked), {}
+    while todo:
+        wanted = all_wanted(todo)
+        blocks.fill_factors(wanted, jobs=jobs, progress=progress)
+        before, todo = todo, {}
+        for start in wanted:
+            kept, found = blocks.read_factors(start), {}
+            for key, pole in before[start].keys.items():
+                row = kept.key.index(key)
+                found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
+                               float(np.linalg.norm(kept.damping_ratio[row])))
+            if all(f <= settings.frequency_std and zeta <= settings.damping_std for f, zeta in found.values()):
+                continue
+            known[start] = known.get(start, {}) | found
+            judged = first.judge(first.usable[place[start]])
+            std = np.full((2, len(judged.poles.poles.order)), np.nan)
+            std[:, list(known[start])] = np.array(list(known[start].values())).T
+            verdict = rules.block_criteria(judged.poles.poles, judged.poles.comparison, judged.poles.reference,
+                                           settings,
+                                           ln_frequency_std=std[0], damping_std=std[1])
+            judged = replace(judged, poles=replace(judged.poles, verdict=verdict))
+            choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
+            again[start] = todo[start] = _picked(judged, choice, first.order)
+    return again
+
+
+def all_wanted(picked: Mapping[pd.Timestamp, ChosenPoles]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
+    """Start of a block -> keys of the poles that stand for modes in it, of blocks that have any."""
+    return {start: tuple(stands.keys) for start, stands in picked.items() if stands.keys}
+
+
+def covariance_factors_of(blocks: BlockStore, start: pd.Timestamp,
+                        keys: Sequence[tuple[int, int] | None]) -> CovarianceFactors:
+    """Columns of the modes whose poles are named by `keys`; NaN for one that was not found."""
+    kept = blocks.read_factors(start)
+    n_mode, n_column = len(keys), kept.ln_frequency.shape[1]
+    ln_frequency, damping = (np.full((n_mode, n_column), np.nan) for _ in range(2))
+    shape = np.full((kept.shape.shape[0], n_mode, n_column), np.nan + 0j)
+    for mode, key in enumerate(keys):
+        if key is not None:
+            row = kept.key.index(key)
+            ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
+            shape[:, mode] = kept.shape[:, row]
+    return CovarianceFactors(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+
+
+def modal_set(one: StoredBlock, stands: ChosenPoles | None, reference: ReferenceModes) -> ModalSet:
+    """A column a mode of the campaign, without standard deviations."""
+    n_channel, n_mode = reference.shape.shape
+    nothing = np.full(n_mode, np.nan)
+    return ModalSet(
+        id=one.block.id, frequency_hz=nothing if stands is None else stands.frequency_hz,
+        damping_ratio=nothing if stands is None else stands.damping_ratio,
+        shape=np.full((n_channel, n_mode), np.nan + 0j) if stands is None else stands.shape,
+        frequency_std_hz=nothing, shape_std=np.full((n_channel, n_mode), np.nan), environment=one.environment)
+
+
+def pole_table(
+    usable: Sequence[StoredBlock], rows: Sequence[Mapping[str, np.ndarray]], names: tuple[str, ...],
+    model: ReferenceModes | None,
+) -> pd.DataFrame:
+    """Poles of the chosen order and those that stand for modes, of every block."""
+    columns: dict[str, object] = {
+        "time": pd.DatetimeIndex([one.block.start for one in usable]).repeat([len(r["order"]) for r in rows])}
+    for name in rows[0]:
+        columns[name] = np.concatenate([r[name] for r in rows])
+    known = np.array(names if model is None else model.labels, dtype=object)
+    stands, mode = np.array(names, dtype=object), np.asarray(columns["mode"])
+    columns["mode"] = np.where(mode >= 0, stands[np.maximum(mode, 0)], known[np.maximum(-1 - mode, 0)])
+    return pd.DataFrame(columns)

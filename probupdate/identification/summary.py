@@ -1,0 +1,84 @@
+"""What an identification says of itself in lines: blocks, modes, turbine states, lines of the rotor."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.scada import StateRule
+from probupdate.identification.block_poles import STAY, TAKEN_OUT, common_quantity
+from probupdate.identification.chosen_poles import StoredBlock
+from probupdate.io.result_table import plural
+from probupdate.modal.labels import TURBINE, family
+from probupdate.modal.modes import ModalData
+
+
+def summarise(
+    every: Sequence[StoredBlock], data: ModalData, poles: pd.DataFrame, campaign: Campaign, rule: StateRule
+) -> str:
+    """Line by line: what was identified, of which blocks, and what was not looked for."""
+    found, used = [one.block for one in every], [one for one in every if one.usable]
+    lines = [f"{len(used)} of {len(found)} blocks identified, {len(poles)} poles"]
+    other = Counter(s.quantity for s in campaign.sensors if s.quantity != common_quantity(campaign.sensors))
+    lines += [f"{plural(n, 'channel')} of {name} converted to acceleration" for name, n in other.items()]
+    reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
+    if reasons:
+        lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
+    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
+              for j, label in enumerate(data.labels)]
+    of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
+    lines += _of_scada(data, campaign, rule, of_turbine)
+    lines += harmonics_removed(note for block in found for note in block.notes)
+    lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
+    if lined:
+        lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
+    if campaign.scada is None and not of_turbine:
+        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
+    elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
+        lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
+    return "\n".join(lines)
+
+
+def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:
+    f = frequency_hz[np.isfinite(frequency_hz)]
+    text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
+    return f"{label}: in {plural(len(f), 'block')}, {text}"
+
+
+def _of_scada(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
+    """Turbine states, rated power and what fore-aft is."""
+    lines = []
+    if campaign.scada is not None or of_turbine:
+        states = Counter(str(s.environment["state"]) for s in data.sets)
+        lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
+    if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
+        lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
+    if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada:
+        axis = f"{campaign.x_axis_heading_deg:g} deg of the compass"
+        lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
+    elif of_turbine:
+        lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
+    return lines
+
+
+def harmonics_removed(notes: Iterable[str]) -> list[str]:
+    """What --harmonics remove did, by the blocks' notes: which multiples were taken out in how many blocks, and why
+    they stayed in others."""
+    taken, stayed, used = Counter(), Counter(), 0
+    for note in notes:
+        if note.startswith(TAKEN_OUT):
+            used += 1
+            taken.update(note.removeprefix(TAKEN_OUT).split(", "))
+        elif note.startswith(STAY):
+            # numbers differ from block to block, the reason does not
+            stayed[re.sub(r"[:(].*", "", note.removeprefix(STAY)).strip()] += 1
+    if not taken and not stayed:
+        return []
+    lines = [f"harmonics taken out in {used} of {used + sum(stayed.values())} blocks"
+             + (": " + ", ".join(f"{name} in {n}" for name, n in sorted(taken.items())) if taken else "")]
+    return [*lines, *(f"harmonics stay in {n} blocks: {reason}" for reason, n in stayed.most_common())]
