@@ -219,7 +219,8 @@ def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, 
     again = probupdate.update(model, mean)
     np.testing.assert_allclose(again.map_theta, [p["map"] for p in after], rtol=1e-4, atol=1e-5)
     asked = found_here.content["sampler"]
-    drawn = probupdate.sample(model, mean, tmp_path / "posterior.nc", seed=3, target_ess=400, max_steps=400)
+    settings = probupdate.SamplerSettings(seed=3, target_ess=400, max_steps=400)
+    drawn = probupdate.sample(model, mean, tmp_path / "posterior.nc", settings=settings)
     kept = read_posterior(out.with_name(found_here.content["files"]["posterior"]))
     assert kept.names == drawn.names and kept.fingerprint == drawn.fingerprint
     assert asked["draws"] == len(kept.draws)

@@ -176,7 +176,8 @@ def test_frequencies_alone_through_update_and_report(model, tmp_path):
     (tmp_path / "run.json").write_text('{"parameters": "parameters.toml"}')
     write_modes(data, tmp_path / "modes.json")
     options = {"parameters": tmp_path / "parameters.toml"}
-    record = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", shapes="none", **options)
+    record = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json",
+                               likelihood=probupdate.LikelihoodSettings(shapes="none"), **options)
     measured = data.sets[0].frequency_hz
     assert record.map_hz == pytest.approx(measured, rel=5 * FREQUENCY_STD)
     assert any("paired by frequency alone" in text for text in record.left_out)
