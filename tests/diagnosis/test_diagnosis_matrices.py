@@ -106,14 +106,14 @@ def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepa
     from probupdate.diagnosis import hypotheses as module
     from probupdate.errors import ConvergenceError
 
-    whole = module.fit
+    whole = module.fitted_without_candidates
 
     def unsettled(problem, theta, included=(), **how):
         if included and not how:
             raise ConvergenceError("did not settle", theta)
         return whole(problem, theta, included, **how)
 
-    monkeypatch.setattr(module, "fit", unsettled)
+    monkeypatch.setattr(module, "fitted_without_candidates", unsettled)
     found = diagnose(prepared, record(5, gain=("y4", 1.12)))
     assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
     assert any("did not settle" in note for note in found.notes)
