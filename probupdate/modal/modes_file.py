@@ -88,6 +88,8 @@ def _refuse_odd(where: str, environment: Mapping) -> None:
                              "mend it or leave it out")
 
 
+# of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit
+HIGHEST_HZ = 1e5
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
@@ -172,6 +174,9 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     frequency = _numbers(where, raw["frequency_hz"], vector, "frequency_hz")
     if np.any(frequency <= 0):
         raise InputError(f"{where}, frequency_hz", "a frequency is not positive", "use null where not measured")
+    if np.any(frequency > HIGHEST_HZ):
+        raise InputError(f"{where}, frequency_hz", f"{np.nanmax(frequency):.3g} Hz is no structure's frequency",
+                         "give hertz, and null where not measured")
     std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
     for key, value in std.items():
         if np.any(value < 0):

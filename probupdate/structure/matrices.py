@@ -156,6 +156,8 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     if "channel" not in content:
         raise InputError(f"{path}, channel", "is missing", "name the measured channels")
     names = tuple(str(c) for c in content["channel"])
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise InputError(f"{path}, channel", f"'{twice[0]}' is listed twice", "give each channel a name of its own")
     row_keys = [key for key in ("channel_row", "channel_row_data") if key in content]
     if row_keys and ("channel_dof" in content or "channel_sign" in content):
         raise InputError(f"{path}, {row_keys[0]}", "stands beside channel_dof or channel_sign", "keep one of them")

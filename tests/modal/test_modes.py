@@ -121,6 +121,7 @@ def test_minimal_file_and_null_rows(tmp_path):
         (lambda c: c.update(sets=[]), "no set"),
         (lambda c: c.update(chanels=["a"]), "did you mean 'channels'"),
         (lambda c: c["sets"][0].update(frequency_hz=[-1.0]), "not positive"),
+        (lambda c: c["sets"][0].update(frequency_hz=[1e300]), "no structure's frequency"),
         (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
