@@ -403,9 +403,9 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
     if found.verdict == "ambiguous":
         said.append("the verdict is ambiguous: the model is extended with the most probable cause")
     for row in content["joint"]["findings"]:
-        kept = "" if row["identified"] else ", which is not enough to identify its size"
-        said.append(f"{row['name']}: known to {100 * row['share_of_prior_std']:.0f} % of its prior's standard "
-                    f"deviation{kept}")
+        kept = "its size is identified" if row["identified"] else "its size is not identified"
+        said.append(f"{row['name']}: {kept}, posterior over prior standard deviation "
+                    f"{row['share_of_prior_std']:.2f}")
     for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
         said.append(f"{pair['first']} and {pair['second']} are identified only together "
                     f"(correlation {pair['correlation']:.2f})")

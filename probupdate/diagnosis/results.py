@@ -124,7 +124,7 @@ class Diagnosis:
             lines += [f"  {wording.detectable_words(x)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
-            lines.append(f"the model with what was found: {self.extended_model}")
+            lines.append(f"the model with what was found, beside diagnosis.json: {self.extended_model}")
         lines += [f"  {s}" for s in self.extension.get("statements", ())]
         return "\n".join(lines)
 
