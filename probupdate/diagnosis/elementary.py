@@ -126,7 +126,7 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         if not gives_way > 0:
             return
         stiffness = 1 / gives_way
-        result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=np.outer(b, b))))
+        result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=b[None])))
 
     for k in nodes:
         there = place(wire.node_m[k])
@@ -137,7 +137,7 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         if not moved > 0:
             continue
         modal_mass = 1 / moved
-        result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own.T @ own)))
+        result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own)))
     lined = {frozenset(map(int, line)) for line in wire.line}
     for a, b in combinations(map(int, nodes), 2):
         way = wire.node_m[b] - wire.node_m[a]

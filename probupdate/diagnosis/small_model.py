@@ -63,7 +63,8 @@ class SmallModes:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attachment:
-    """A part put on the basis: what one `unit` of its parameter adds to stiffness or mass (r, r), and its prior."""
+    """A part put on the basis: the rows F (n, r) of what one `unit` of its parameter adds, F^T F, to stiffness or
+    mass, and its prior. A thousand parts are two megabytes as rows, and hundreds as matrices."""
 
     name: str = ""
     unit: str = ""

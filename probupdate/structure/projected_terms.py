@@ -18,9 +18,9 @@ from probupdate.runtime.arrays import frozen_array
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProjectedTerms:
-    """B^T K_t B for constant symmetric K_t (n_dof, n_dof) and a basis B (n_dof, r), and behind them matrices that are
-    given on the basis. row, column (n_entry,): places of the terms' joint pattern; entry (n_term, n_entry): sparse,
-    what each term has there; added: (r, r) each."""
+    """B^T K_t B for constant symmetric K_t (n_dof, n_dof) and a basis B (n_dof, r), and behind them parts F^T F that are
+    given on the basis by their few rows F. row, column (n_entry,): places of the terms' joint pattern; entry (n_term,
+    n_entry): sparse, what each term has there; added: F (n, r) of each part."""
 
     basis: np.ndarray
     row: np.ndarray
@@ -39,9 +39,9 @@ class ProjectedTerms:
     def __len__(self) -> int:
         return self.entry.shape[0] + len(self.added)
 
-    def with_added(self, matrices: Sequence[np.ndarray]) -> ProjectedTerms:
-        """With further terms (r, r), which are not copied."""
-        return replace(self, added=(*self.added, *matrices))
+    def with_added(self, factors: Sequence[np.ndarray]) -> ProjectedTerms:
+        """With further terms F^T F, of F (n, r), which are not copied."""
+        return replace(self, added=(*self.added, *factors))
 
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
@@ -50,9 +50,9 @@ class ProjectedTerms:
         rows, starts, basis = self._touched
         whole = sparse.csr_array((weight[:own] @ self.entry, self.row, starts), shape=(len(rows), len(self.basis)))
         found = basis.T @ (whole @ self.basis)
-        for value, matrix in zip(weight[own:], self.added, strict=True):
+        for value, factor in zip(weight[own:], self.added, strict=True):
             if value:
-                found += value * matrix
+                found += value * (factor.T @ factor)
         return 0.5 * (found + found.T)
 
     @cached_property
@@ -90,9 +90,9 @@ class ProjectedTerms:
                 touched = sparse.csr_array((values, self.row[places], np.append(starts[rows], len(places))),
                                            shape=(len(rows), size))
                 result[p] = (touched @ motion).T @ self.basis[rows]
-            for value, matrix in zip(weights[p, own:], self.added, strict=True):
+            for value, factor in zip(weights[p, own:], self.added, strict=True):
                 if value:
-                    result[p] += value * (vectors.T @ matrix)
+                    result[p] += value * ((factor @ vectors).T @ factor)
         return result
 
 
