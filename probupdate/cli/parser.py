@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Callable
+from difflib import get_close_matches
 from typing import NoReturn
 
 from probupdate import __version__
@@ -40,6 +41,19 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+class _VerbParser(_Parser):
+    """An option that the command does not have is its own error, with what may have been meant, not the program's."""
+
+    def parse_known_args(self, args=None, namespace=None):
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            known = [option for action in self._actions for option in action.option_strings]
+            near = [m for word in unknown for m in get_close_matches(word.split("=")[0], known, n=1)]
+            meant = f"; did you mean {' '.join(near)}?" if near else ""
+            self.error(f"unknown: {' '.join(unknown)}{meant}")
+        return found, unknown
 
 
 # keys of --json beyond those that every command has
@@ -80,7 +94,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", help="one of the commands below",
-                                  parser_class=_Parser)
+                                  parser_class=_VerbParser)
     about: dict[str, str] = {}
 
     def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:

@@ -97,6 +97,9 @@ def regress(
         raise InputError(f"regression of {response}", f"{int(rows.sum())} blocks with the mode and all of "
                          f"{', '.join(names) or 'nothing'} for {table.shape[1]} coefficients",
                          "use fewer covariates or a longer campaign")
+    if np.ptp(value[rows]) <= 1e-12 * np.max(np.abs(value[rows])):
+        raise InputError(f"regression of {response}", f"it is {value[rows][0]:.4g} in all {int(rows.sum())} blocks",
+                         "give it as identified in each block")
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
     rows = _without_large_outliers(table, value, noise, rows)

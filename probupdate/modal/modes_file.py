@@ -88,6 +88,16 @@ def _refuse_odd(where: str, environment: Mapping) -> None:
                              "mend it or leave it out")
 
 
+def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
+    """A condition that is a number in one set and a word in another would count as not measured there."""
+    numbers = {key: s.id for s in sets for key, value in s.environment.items() if not isinstance(value, str | None)}
+    for s in sets:
+        for key, value in s.environment.items():
+            if isinstance(value, str) and key in numbers:
+                raise InputError(f"{path}, set {s.id}, environment, {key}", f"is the word '{value:.40}', and a number in "
+                                 f"set {numbers[key]}", "give numbers, and null where there was no measurement")
+
+
 # of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit
 HIGHEST_HZ = 1e5
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
@@ -129,6 +139,7 @@ def _read_modes(path: Path) -> ModalData:
     factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
     sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
+    _refuse_mixed(path, sets)
     return ModalData(
         channels=channels,
         sets=sets,

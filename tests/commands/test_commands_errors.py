@@ -67,6 +67,7 @@ MODES = {
     "misspelt": (rename("frequency_hz", "frequncy_hz"), ("frequncy_hz", "did you mean 'frequency_hz'")),
     "misspelt optional": (rename("shape_std", "shape_sdt"), ("shape_sdt", "did you mean 'shape_std'")),
     "environment": (in_set("environment", [1]), ("environment",)),
+    "word for a number": (in_set("environment", {"water_level_m": "calm"}), ("water_level_m", "'calm'", "null")),
     "nothing identified": (lambda t: [s.update(frequency_hz=[None] * 4) for s in t["sets"]],
                            ("modes.json", "no set has an identified mode")),
     "no set": (lambda t: t.update(sets=[]), ("there is no set",)),

@@ -41,3 +41,10 @@ def test_help_asks_for_nothing_heavy():
             "print([m for m in ('scipy', 'pandas', 'matplotlib', 'arviz', 'h5py', 'emcee') if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_unknown_option_is_the_commands_own_error(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
+    said = capsys.readouterr().err
+    assert said == "probupdate update: unknown: --alpa 3; did you mean --alpha?; see probupdate update --help\n"

@@ -55,6 +55,13 @@ def test_standard_errors_cover_as_they_say_where_errors_last(validation):
     assert np.sqrt(np.mean(np.square(plain))) > 1.5
 
 
+def test_a_response_that_does_not_vary_is_refused():
+    """Damping given as one number for all blocks: "100 % explained" by rounding."""
+    time, x, value, _ = case(1)
+    with pytest.raises(InputError, match=r"it is 0\.01 in all 200 blocks"):
+        regress("damping ratio", np.full_like(value, 0.01), time, x)
+
+
 def test_outliers_are_left_out_and_counted():
     time, x, value, std = case(1)
     clean = regress("ln f", value, time, x, std)
