@@ -78,7 +78,7 @@ def found_in(model, data, **how):
 def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode, validation):
     row = validation(what="six storeys equal in x and y, storey 1 in y eight times as stiff, half of its modes and "
                           "all: verdict, cause, place, time profile; size in its standard deviations, its standard "
-                          "deviation; threshold of |z|", reference="what was hidden, +7")
+                          "deviation; threshold of z", reference="what was hidden, +7")
     found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location, one.time_profile), ("named", "parameter", "ky1", "constant"),
@@ -89,7 +89,7 @@ def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed
 
 
 def test_nothing_is_found_on_a_model_equal_both_ways(model, validation):
-    row = validation(what="the same frame with nothing hidden, ten records (of 60 more by hand 59): threshold of |z|; "
+    row = validation(what="the same frame with nothing hidden, ten records (of 60 more by hand 59): threshold of z; "
                           "silent", reference="none", why="of alarms in 5 % three come up with a probability of 0.012")
     found = [found_in(model, record(seed)) for seed in range(21, 31)]
     row.error([f.threshold for f in found], SENSIBLE, "threshold")
