@@ -66,18 +66,20 @@ class Row:
     unit: str = ""
     quantities: dict[str, Quantity] = field(default_factory=dict)
 
-    def _keep(self, of: str, found: Quantity, holds: bool, said: str) -> None:
+    def _keep(self, of: str, found: Quantity, holds: bool, said: str, case: object = "") -> None:
         before = self.quantities.get(of)
         try:
             self.quantities[of] = found if before is None else before.with_another(found)
         except AssertionError as error:
             raise AssertionError(f"{self.what}, {of or 'one quantity'}: {error}") from None
-        assert holds, f"{self.what}{', ' if of else ''}{of}: {said}"
+        assert holds, f"{self.what}{', ' if of else ''}{of}: {said}{'; ' if case != '' else ''}{case}"
 
-    def error(self, error: object, below: float, of: str = "") -> None:
-        """Assert that no |error| reaches `below`. `of`: which quantity, where a test has several."""
+    def error(self, error: object, below: float, of: str = "", case: object = "") -> None:
+        """Assert that no |error| reaches `below`. `of`: which quantity, where a test has several; `case`: what a
+        failure shows besides."""
         worst = float(np.max(np.abs(error)))
-        self._keep(of, Quantity("below", [below], [worst]), worst < below, f"{worst:.3g} is not below {below:.3g}")
+        self._keep(of, Quantity("below", [below], [worst]), worst < below, f"{worst:.3g} is not below {below:.3g}",
+                   case)
 
     def least(self, value: object, above: float, of: str = "") -> None:
         """Assert that every value (a MAC, a p-value) is above."""
@@ -90,15 +92,17 @@ class Row:
         self._keep(of, Quantity("between", [low, high], ends), low < ends[0] and ends[1] < high,
                    f"{ends[0]:.3g} to {ends[1]:.3g} is not within {low:.3g} to {high:.3g}")
 
-    def count(self, right: int, total: int, least: int, of: str = "") -> None:
+    def count(self, right: int, total: int, least: int, of: str = "", case: object = "") -> None:
         """Assert that so many of all are right; parametrised cases are added up."""
         self._keep(of, Quantity("count", [least, total], [int(right)]), right >= least,
-                   f"{right} of {total} are fewer than {least}")
+                   f"{right} of {total} are fewer than {least}", case)
 
-    def equal(self, found: object, expected: object, of: str = "") -> None:
+    def equal(self, found: object, expected: object, of: str = "", case: object = "") -> None:
         """Assert that both are the same, to the last bit."""
         same = np.array_equal(found, expected) if isinstance(found, np.ndarray) else bool(found == expected)
-        self._keep(of, Quantity("equal", [], []), same, "not equal")
+        # numbers by the thousand say nothing; a cause and its place do
+        said = "not equal" if isinstance(found, np.ndarray) else f"{found!r} is not {expected!r}"
+        self._keep(of, Quantity("equal", [], []), same, said, case)
 
     def cells(self, test: str) -> list[str]:
         """The five cells of the page."""

@@ -43,9 +43,11 @@ def included(observe, size, time_profile):
     )
 
 
-def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
+def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record, validation):
     """A late logger, a turned sensor, a gain from the tenth block on and a fast clock, put in by the observations and
     taken out again."""
+    row = validation(what="sets corrected for a gain from block 10 on, rotation, clock offset and rate: frequencies, "
+                          "shapes", reference="the sets before these were put in", why="rounding")
     true = record(1)
     problem, _ = diagnosis_problem(prepared, true)
     n = len(true.sets)
@@ -65,8 +67,8 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
         sets.append(replace(s, shape=shape, frequency_hz=frequency / 1.01))
     found = corrected(problem, replace(true, sets=tuple(sets)), faults)
     for was, now in zip(true.sets, found.sets, strict=True):
-        np.testing.assert_allclose(now.frequency_hz, was.frequency_hz, rtol=1e-12)
-        np.testing.assert_allclose(now.shape, was.shape, atol=1e-12)
+        row.error(now.frequency_hz / was.frequency_hz - 1, 1e-12, "frequencies")
+        row.error(now.shape - was.shape, 1e-12, "shapes")
 
 
 def test_deviations_are_corrected_as_the_shapes_are():
@@ -137,22 +139,24 @@ def test_left_out_on_request(prepared, record, tmp_path):
     assert found.findings[0].gain == {} and found.extension == {} and not list(tmp_path.iterdir())
 
 
-def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
+def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path, validation):
     """The file with a finding in it loads; at its neutral value its modes are the original's, at the diagnosed size
     those of the model the size was fitted in."""
+    row = validation(what="frequencies of the extended turbine at the neutral and at the found size",
+                     reference="the original; the model it was fitted in", why="eigensolver")
     path = reference_model("updated")
-    row = next(r for r in turbine_effects(read_description(path)) if r.adds.name == "brace_BC_2")
-    found_here = described(row.adds, IncludedEffect(effect=row, time_profile=step_profile(40, 20), size=-0.6))
+    effect = next(r for r in turbine_effects(read_description(path)) if r.adds.name == "brace_BC_2")
+    found_here = described(effect.adds, IncludedEffect(effect=effect, time_profile=step_profile(40, 20), size=-0.6))
     model = load_model(write_extended(path, [found_here], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
     assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
     theta = np.array(model.parameters.initial)
     plain = load_model(path)
     original = plain.solve(plain.parameters.initial, 5).frequency_hz
-    np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, original, rtol=1e-9)
-    theta[-1] = row.adds.neutral - 0.6
-    fitted_in = extended_model(path, [row.adds])
-    np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, fitted_in.solve(theta, 5).frequency_hz, rtol=1e-9)
+    row.error(model.solve(theta, 5).frequency_hz / original - 1, 1e-9, "neutral")
+    theta[-1] = effect.adds.neutral - 0.6
+    fitted_in = extended_model(path, [effect.adds])
+    row.error(model.solve(theta, 5).frequency_hz / fitted_in.solve(theta, 5).frequency_hz - 1, 1e-9, "found")
     assert model.solve(theta, 5).frequency_hz[2] < original[2] * 0.999
 
 
@@ -211,8 +215,10 @@ def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(groupe
     assert abs(after["lower_storeys"]["map"] - one.size) < after["lower_storeys"]["std"]
 
 
-def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, tmp_path):
+def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, tmp_path, validation):
     """The chain is that of `probupdate sample` on the files with the same settings."""
+    row = validation(what="chain of a diagnosis on a frame: draws, means stated of them",
+                     reference="`probupdate sample` on its files; the draws", why="rounding")
     *_, found_here, out = grouped
     model, mean = (out.with_name(found_here.content["files"][key]) for key in ("model", "mean"))
     after = found_here.content["after"]["parameters"]
@@ -224,18 +230,21 @@ def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, 
     kept = read_posterior(out.with_name(found_here.content["files"]["posterior"]))
     assert kept.names == drawn.names and kept.fingerprint == drawn.fingerprint
     assert asked["draws"] == len(kept.draws)
-    np.testing.assert_allclose([p["mean"] for p in asked["parameters"]], kept.draws.mean(axis=0), rtol=1e-12)
+    row.error(np.array([p["mean"] for p in asked["parameters"]]) / kept.draws.mean(axis=0) - 1, 1e-12, "means")
     # a fifth of the steps of each is left out: a short chain and a long one share those from 20 to 80 % of the short
     short, long = drawn.record["steps"], kept.record["steps"]
     start = int(0.2 * long) - int(0.2 * short)
     same = drawn.theta.shape[1] - start
     assert same > 40 and short <= long
-    np.testing.assert_array_equal(kept.theta[:, :same], drawn.theta[:, start:])
+    row.equal(kept.theta[:, :same], drawn.theta[:, start:], "draws")
 
 
-def test_the_chain_is_laplaces_where_that_is_close(grouped):
+def test_the_chain_is_laplaces_where_that_is_close(grouped, validation):
     """Nearly Gaussian: means and standard deviations to three errors of the chain, and a tenth of a standard deviation
     for what bends."""
+    row = validation(what="chain of a diagnosis on a frame, nearly Gaussian: what means and standard deviations "
+                          "differ by beyond a tenth of a standard deviation", reference="Laplace's",
+                     why="the tenth is for what bends", unit="errors of the chain")
     found_here = grouped[3].content
     chain = found_here["sampler"]
     assert chain["converged"] and chain["verdict"].startswith("Converged")
@@ -246,8 +255,9 @@ def test_the_chain_is_laplaces_where_that_is_close(grouped):
     for p in chain["parameters"]:
         own, error = laplace[p["name"]], 1 / np.sqrt(p["effective_draws"])
         assert p["effective_draws"] >= 400 and p["r_hat"] < 1.01
-        assert abs(p["mean"] - own["map"]) < (0.1 + 3 * error) * own["std"]
-        assert abs(np.log(p["std"] / own["std"])) < 0.1 + 3 * error / np.sqrt(2)
+        beyond = np.maximum(0, np.abs([(p["mean"] - own["map"]) / own["std"], np.log(p["std"] / own["std"])]) - 0.1)
+        row.error(beyond[0] / error, 3, "means", case=p["name"])
+        row.error(beyond[1] * np.sqrt(2) / error, 3, "standard deviations", case=p["name"])
         width = p["q95"] - p["q05"]
         # 3.29 standard deviations; a quantile at 5 % is known to 2.1 errors of a mean
         assert p["q05"] < p["q50"] < p["q95"] and abs(width / p["std"] - 3.29) < 0.1 + 3 * 2.1 * np.sqrt(2) * error

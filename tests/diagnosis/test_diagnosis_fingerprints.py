@@ -40,7 +40,9 @@ def identified(small, field, theta, effect=None, size=0.0):
         yield f, own * SCRAMBLE[: len(members)]
 
 
-def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
+def test_fingerprints_are_the_differences_of_identified_modes(prepared, record, validation):
+    row = validation(what="signatures of parameters and sensors, pairs mixed",
+                     reference="central differences of identified modes", why="their own error, of the largest")
     blocks = gather(record())
     assert [len(g) for g in blocks.groups] == [2, 2]
     small, theta = prepared.small, np.array([1.03, 0.98, 1.0, 1.05, 0.97])
@@ -65,10 +67,13 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
                 sides.append(numbers_of_modes(f[None], shape[None], field.axes[q])[0][0])
             difference = (sides[0] - sides[1]) / (2 * h)
             # central differences of second order: their own error is h^2
-            assert np.max(np.abs(difference - found[:, j])) < 1e-4 * max(1.0, np.max(np.abs(found[:, j]))), effect.name
+            row.error((difference - found[:, j]) / max(1.0, np.max(np.abs(found[:, j]))), 1e-4, case=effect.name)
 
 
-def test_one_basis_serves_every_nacelle_angle():
+def test_one_basis_serves_every_nacelle_angle(validation):
+    row = validation(what="basis at a nacelle angle it was not built for: frequencies; slopes of frequencies and of "
+                          "shapes per prior standard deviation", reference="the full model",
+                     why="noise of a block is 0.2 % of a frequency")
     path = reference_model("as_built")
     models = [load_model(path, nacelle_angle_deg=a) for a in TURNS_DEG]
     p = models[0].parameters
@@ -78,21 +83,25 @@ def test_one_basis_serves_every_nacelle_angle():
     exact = load_model(path, nacelle_angle_deg=37.0).solve(p.initial, 5, derivatives=True, clusters=((0, 1), (3, 4)))
     local = small.at(p.initial)
     modes = local.solve(37.0)
-    np.testing.assert_allclose(modes.frequency_hz[:5], exact.frequency_hz, rtol=1e-4)
+    row.error(modes.frequency_hz[:5] / exact.frequency_hz - 1, 1e-4, "frequencies")
     slopes = local.slopes(range(len(p)))
     for members in ((0, 1), (2,), (3, 4)):
         (((coupling, change),),) = local.derivatives(slopes, [(37.0, modes, [members])])
         own = list(members)
         slope = np.array([coupling[i, i] / (8 * np.pi**2 * modes.frequency_hz[j]) for i, j in enumerate(own)])
         # what a prior standard deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
-        assert np.max(np.abs(slope - exact.frequency_derivative[own]) * p.std / exact.frequency_hz[own, None]) < 1e-4
+        row.error((slope - exact.frequency_derivative[own]) * p.std / exact.frequency_hz[own, None], 1e-4,
+                  "slopes of frequencies")
         sign = np.sign(np.sum(local.shapes(modes, 5)[:, own] * exact.shape[:, own], axis=0))
         apart = np.abs(change * sign[:, None] - exact.shape_derivative[:, own]) * p.std
-        assert np.max(apart) < 2e-3 * np.max(np.abs(exact.shape[:, own]))
+        row.error(apart / np.max(np.abs(exact.shape[:, own])), 2e-3, "slopes of shapes")
 
 
-def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine):
+def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, validation):
     """A basis that holds frequencies to 1e-3 took a quarter off a leg's lost stiffness and half off a brace's."""
+    row = validation(what="what single effects do on the small basis, a third of those of six causes: frequencies; "
+                          "their changes, of the change and 0.001 of ln f", reference="the whole model",
+                     why="what the basis promises")
     rows = [r for r in turbine.effects if r.adds and r.cause in (
         "brace stiffness lost", "joints loosened", "leg stiffness lost", "marine growth", "scour", "tower stiffness")]
     assert len(rows) > 40
@@ -103,20 +112,22 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine):
     # the coupled blades' own mode, which only the small model's catalogue has, is no mode of the whole one
     others = [0, 1, 3, 4, 5]
     small_before = turbine.small.at(small_start).solve().frequency_hz[others]
-    np.testing.assert_allclose(small_before, before, rtol=3e-4)
-    for row in rows[::3]:
-        size = row.prior_scale if row.upper > 0 else -row.prior_scale
+    row.error(small_before / before - 1, 3e-4, "frequencies")
+    for effect in rows[::3]:
+        size = effect.prior_scale if effect.upper > 0 else -effect.prior_scale
         moved, small_moved = start.copy(), small_start.copy()
-        moved[names.index(row.adds.name)] += size
-        small_moved[small_names.index(row.adds.name)] += size
+        moved[names.index(effect.adds.name)] += size
+        small_moved[small_names.index(effect.adds.name)] += size
         change = np.log(whole.solve(moved, 5).frequency_hz / before)
         found = np.log(turbine.small.at(small_moved).solve().frequency_hz[others] / small_before)
-        assert np.linalg.norm(found - change) < 0.1 * np.linalg.norm(change) + 1e-4, row.name
+        row.error(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3), 0.1, "changes", case=effect.name)
 
 
-def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
+def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine, validation):
     """Straight lines over 10 degrees miss an effect that turns with the heading by a hundredth (10 degrees in radians,
     squared, over eight; four times that for what turns twice as fast)."""
+    row = validation(what="signatures between nodes of ten degrees", reference="those of the angle itself",
+                     why="(10 deg)^2 / 8 of the largest, four times that for what turns twice as fast")
     record = simulate_modes(truth={}, seed=3, days=2.0, n_block=12).data
     problem, theta = diagnosis_problem(turbine, record)
     local = problem.predictor.small.at(theta)
@@ -131,10 +142,12 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
             # at its usual size it must do something that could be seen at all
             seen = length * np.array([e.prior_scale for e in problem.effects]) > 1e-6
             assert seen.sum() > 0.9 * len(seen)
-            assert np.all(np.abs(lines[q][k] - own).max(axis=0)[seen] < 0.02 * length[seen])
+            row.error(np.abs(lines[q][k] - own).max(axis=0)[seen] / length[seen], 0.02)
 
 
-def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_it(turbine):
+def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_it(turbine, validation):
+    row = validation(what="standard deviation of a signature's length along a column, from that of the parameters",
+                     reference="60 draws of the parameters", why="9 % sampling, three times")
     record = simulate_modes(truth={}, seed=4, days=10.0, n_block=30).data
     problem, theta = diagnosis_problem(turbine, record)
     fitted = fit(problem, theta)
@@ -155,11 +168,14 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
     lengths = [sum(x @ P @ y for x, P, y in zip(own, precision, made[0], strict=True)) for own in made]
     drawn = 10 * np.std(lengths[1:]) / lengths[0]
     # sixty draws know a standard deviation to 9 %
-    assert found_here == pytest.approx(drawn, rel=0.3) and found_here > 0.05
+    row.error(found_here / drawn - 1, 0.3)
+    assert found_here > 0.05
 
 
 @pytest.mark.parametrize("k", [1, 2])
-def test_modes_and_their_numbers_tell_the_same(k):
+def test_modes_and_their_numbers_tell_the_same(k, validation):
+    row = validation(what="numbers of modes, one and a pair: of shapes scaled and turned in phase; back as "
+                          "frequencies, plane, numbers", reference="the modes", why="rounding")
     rng = np.random.default_rng(k)
     axes = rng.standard_normal((9, k))
     axes = axes / np.abs(axes).max(axis=0)
@@ -168,30 +184,34 @@ def test_modes_and_their_numbers_tell_the_same(k):
     (numbers,), _ = numbers_of_modes(frequency[None], shape[None], axes)
     # each mode's phase and size are the identification's own
     (again,), _ = numbers_of_modes(frequency[None], shape[None] * SCRAMBLE[:k], axes)
-    np.testing.assert_allclose(again, numbers, atol=1e-12)
+    row.error(again - numbers, 1e-12, "scaled and turned")
     there = modes_with(numbers, axes)
     value = np.linalg.eigvalsh(there.tensor)
-    np.testing.assert_allclose(np.exp(value), frequency, rtol=1e-12)
+    row.error(np.exp(value) / frequency - 1, 1e-12, "frequencies")
     # the same plane, and in it the same shapes to the share that the pair is not perpendicular by
     plane, _ = np.linalg.qr(there.shape)
-    np.testing.assert_allclose(plane @ (plane.conj().T @ shape), shape, atol=1e-12)
+    row.error(plane @ (plane.conj().T @ shape) - shape, 1e-12, "plane")
     back = numbers_of(Reference(tensor=there.tensor[None], shape=there.shape[None]), axes)[0]
-    np.testing.assert_allclose(back, numbers, atol=1e-12)
+    row.error(back - numbers, 1e-12, "back")
 
 
-def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing():
+def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing(validation):
+    row = validation(what="numbers of a pair of one frequency, mixed", reference="those of the pair unmixed",
+                     why="rounding")
     rng = np.random.default_rng(7)
     axes = rng.standard_normal((9, 2))
     shape = np.linalg.qr(axes + 0.1 * rng.standard_normal((9, 2)))[0].astype(complex)
     angle = 0.7
     mixed = shape @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     numbers = numbers_of_modes(np.full((2, 2), 1.3), np.array([shape, mixed]), axes)[0]
-    np.testing.assert_allclose(numbers[1], numbers[0], atol=1e-12)
+    row.error(numbers[1] - numbers[0], 1e-12)
 
 
-def test_departures_far_from_the_model_change_as_the_design_says(prepared, record):
+def test_departures_far_from_the_model_change_as_the_design_says(prepared, record, validation):
     """Where half of a storey is amiss what is left over is large; its derivative with the parameters is still that of
     the signatures, to the second order of the differences."""
+    row = validation(what="residuals half a storey away from the model: derivatives with the parameters",
+                     reference="central differences of residuals", why="second order of their step, of the largest")
     problem, _ = diagnosis_problem(prepared, record(6, storey=3, factor=0.5))
     theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
     noise = noise_of(problem, residuals_at(problem, theta, ()))
@@ -207,12 +227,14 @@ def test_departures_far_from_the_model_change_as_the_design_says(prepared, recor
         unknowns[number] = 1.0
         for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):
             change = ((plus - minus) / 2e-4)[w > 0]
-            np.testing.assert_allclose(change, -made[w > 0], atol=1e-4 * np.abs(made).max())
+            row.error((change + made[w > 0]) / np.abs(made).max(), 1e-4)
 
 
-def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
+def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record, validation):
     """What goes along a ramp enters by its signature: beside what the sensors do already, as a constant does that is as
     large as the ramp is in that block."""
+    row = validation(what="a ramp of 1 % of stiffness beside a reversed channel: last block, of what it moves; first "
+                          "block", reference="a constant of that block's size", why="second order of 1 %; rounding")
     problem, theta = diagnosis_problem(prepared, record(6))
     constant = next(c for c in problem.time_profiles if c.kind == "constant")
     n = len(problem.blocks)
@@ -229,8 +251,8 @@ def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
     for a, b, c in zip(along, plain, whole, strict=True):
         moved = np.abs(c[-1] - b[-1]).max()
         # to the second order of one per cent of stiffness
-        np.testing.assert_allclose((a - b)[-1], (c - b)[-1], atol=0.02 * moved)
-        np.testing.assert_allclose((a - b)[0], 0.0, atol=1e-12)
+        row.error((a - c)[-1] / moved, 0.02, "last")
+        row.error((a - b)[0], 1e-12, "first")
     # the reversed channel matters: it moves otherwise than it would if it were not
     assert max(np.abs((c - b) - (d - e)).max() / np.abs(c - b).max()
                for b, c, d, e in zip(plain, whole, unseen, without, strict=True)) > 0.2

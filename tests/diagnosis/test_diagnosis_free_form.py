@@ -9,7 +9,7 @@ from scipy import linalg
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, points
 from probupdate.diagnosis.free_form import free_form
-from probupdate.diagnosis.gain import measures
+from probupdate.diagnosis.gain import SIGNIFICANT, measures
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.wording import free_form_words
 from probupdate.modal.modes import ModalData, ModalSet
@@ -59,20 +59,27 @@ def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
     ({"spring": 3e5}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg"),
     ({"mass": 250.0, "storey": 1}, PART_CAUSES[2], "(0.0, 0.0, 6.0) m"),
 ])
-def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, where):
+def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, where, validation):
+    row = validation(what="a spring to ground (3e5 N/m at storey 4, along x), a mass (250 kg at storey 2) from block "
+                          "20 on, in no row of the catalogue: part, place, time profile, onset; size in its standard "
+                          "deviations, its relative standard deviation; held-out gain over its standard error",
+                     reference="what was hidden")
     data = record(3, **hidden)
     known = examine(frame, data)
     assert known.diagnosis.verdict != "named"
     found = free_form(frame, known, data)
     (part,) = found.content["parts"]
-    assert (part["cause"], part["location"], part["time_profile"], part["elementary"]) == (cause, where, "step", True)
+    row.equal((part["cause"], part["location"], part["time_profile"], part["since"], part["elementary"]),
+              (cause, where, "step", data.sets[20].id, True), "part")
     size = hidden.get("spring") or hidden["mass"]
-    assert part["size"] == pytest.approx(size, abs=3 * part["size_std"]) and part["size_std"] < 0.3 * size
-    assert part["since"] == data.sets[20].id and found.content["complete"]
+    row.error((part["size"] - size) / part["size_std"], 3, "size", case=cause)
+    row.error(part["size_std"] / size, 0.3, "its standard deviation", case=cause)
+    assert found.content["complete"]
     # a spring makes modes along x faster, a mass all of them slower
     assert part["modes"] and all((m["frequency_percent"] > 0) == ("spring" in hidden) for m in part["modes"])
     outcome = found.outcome
     gain = measures(outcome.problem, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
+    row.least(gain["heldout_elpd"] / gain["heldout_elpd_se"], SIGNIFICANT, "gain")
     assert gain["significant"]
     said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
     assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
@@ -82,19 +89,24 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     ({"spring": 3e4}, "parameter, k2", "spring to ground: (0.0, 0.0, 12.0) m, along 0 deg"),
     ({"mass": 60.0, "storey": 2}, "parameter, k2", "added mass at a point: (0.0, 0.0, 9.0) m"),
 ])
-def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, nearest, part):
+def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, nearest, part, validation):
     """Small enough for stiffness of storeys to come near; the part is at its place, among all of its kind."""
+    row = validation(what="a spring to ground, a mass, small enough for stiffness of storeys to come near: "
+                          "*unexplained*, the part at its place more probable than the row",
+                     reference="what was hidden")
     found = examine(frame, record(11, **hidden)).diagnosis
     (note,) = [n for n in found.notes if n.startswith(nearest)]
-    assert found.verdict == "unexplained" and f"an elementary part, {part}" in note
+    row.count(found.verdict == "unexplained" and f"an elementary part, {part}" in note, 1, 1, case=note)
 
 
-def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, stepped):
+def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, stepped, validation):
+    row = validation(what="a storey that loosens, beside all elementary parts: verdict, cause, place; probability of "
+                          "all parts", reference="as without them; zero")
     _, data, alone = stepped
     found = examine(frame, data).diagnosis
     (finding,), (before,) = found.findings, alone.diagnosis.findings
-    assert found.verdict == "named" and (finding.cause, finding.location) == (before.cause, before.location)
-    assert sum(a.posterior_probability for a in finding.alternatives if a.cause in PART_CAUSES) < 0.05
+    row.equal((found.verdict, finding.cause, finding.location), ("named", before.cause, before.location), "name")
+    row.error(sum(a.posterior_probability for a in finding.alternatives if a.cause in PART_CAUSES), 0.05, "probability")
 
 
 def test_nothing_is_added_where_nothing_is_hidden(frame):
@@ -108,8 +120,10 @@ def test_a_model_without_a_picture_has_no_place_for_parts(frame):
     assert free_form(bare, examine(bare, data), data) is None
 
 
-def test_attached_parts_are_the_full_models(frame):
+def test_attached_parts_are_the_full_models(frame, validation):
     """Frequencies with a spring and a mass attached against the matrices with both added."""
+    row = validation(what="frequencies with elementary parts on the small basis",
+                     reference="the matrices with both added", why="eigensolver")
     rows = elementary(frame.small, str)
     spring = next(a for e, a in rows if e.cause == PART_CAUSES[0] and e.location.endswith("along 90 deg"))
     mass = next(a for e, a in rows if e.cause == PART_CAUSES[2])
@@ -121,7 +135,7 @@ def test_attached_parts_are_the_full_models(frame):
     K[2 * node + 1, 2 * node + 1] += 2e5
     M[2 * node : 2 * node + 2, 2 * node : 2 * node + 2] += 300.0 * np.eye(2)
     expected = np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)
-    assert small.at(theta).solve().frequency_hz == pytest.approx(expected, rel=1e-9)
+    row.error(small.at(theta).solve().frequency_hz / expected - 1, 1e-9)
 
 
 def test_points_are_where_members_meet_or_end_and_then_far_apart():

@@ -64,9 +64,11 @@ def stacked(y, places):
     return np.concatenate([y[q][at] for q, at in places])
 
 
-def test_predictive_density_is_that_of_the_written_out_joint_normal():
+def test_predictive_density_is_that_of_the_written_out_joint_normal(validation):
     """Route two knows no Woodbury and no posterior: training and held-out numbers are one normal vector, the held-out
     ones with an offset that has nothing to do with the training's share of what predicts them."""
+    row = validation(what="held-out blocks, steps and covariates included: log density, residuals, standard "
+                          "deviations, squared distance", reference="the joint normal written out", why="rounding")
     included = ((1, step_profile(N_BLOCK, 25), 0.8), (2, TimeProfile(kind="covariate", value=np.sin(np.arange(N_BLOCK)),
                                                            column="water_level_m"), 0.4))
     error_scale = tuple(np.random.default_rng(7).uniform(0.1, 0.3, (2, m)) for m in SIZES)
@@ -88,15 +90,17 @@ def test_predictive_density_is_that_of_the_written_out_joint_normal():
     left = np.eye(design.n_unknown) - common[:, None] * (operator @ Xt)
     Q = left @ S @ left.T + (common[:, None] * operator) @ Rt @ (common[:, None] * operator).T
     C = Xh @ Q @ Xh.T + Rh
-    assert found.log_density == pytest.approx(
-        stats.multivariate_normal(np.zeros(len(C)), C, allow_singular=False).logpdf(residual), rel=1e-9)
-    np.testing.assert_allclose(stacked(found.residual, places_h), residual, atol=1e-9)
-    np.testing.assert_allclose(stacked(found.std, places_h), np.sqrt(np.diag(C)), rtol=1e-9)
-    assert found.squared == pytest.approx(residual @ np.linalg.solve(C, residual), rel=1e-9)
+    density = stats.multivariate_normal(np.zeros(len(C)), C, allow_singular=False).logpdf(residual)
+    row.error(found.log_density / density - 1, 1e-9, "log density")
+    row.error(stacked(found.residual, places_h) - residual, 1e-9, "residuals")
+    row.error(stacked(found.std, places_h) / np.sqrt(np.diag(C)) - 1, 1e-9, "standard deviations")
+    row.error(found.squared / (residual @ np.linalg.solve(C, residual)) - 1, 1e-9, "squared distance")
 
 
-def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
+def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong(validation):
     """The squared distance of a held-out fold is chi-square; 60 records, each predicted once from the rest."""
+    row = validation(what="squared distance of held-out folds, nothing wrong, 60 records: Kolmogorov-Smirnov's p",
+                     reference="chi-square")
     design = make_design(n_block=30)
     rng = np.random.default_rng(9)
     held = gain.folds(30) == 2
@@ -105,7 +109,7 @@ def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
         found = predict(design, design.simulate(rng), held)
         u.append(stats.chi2.cdf(found.squared, found.n_number))
     # uniform: the Kolmogorov-Smirnov distance stays under its 0.1 % point
-    assert stats.kstest(u, "uniform").pvalue > 1e-3
+    row.least(stats.kstest(u, "uniform").pvalue, 1e-3)
 
 
 def shifted(design, time_profile, rng):
@@ -115,8 +119,12 @@ def shifted(design, time_profile, rng):
 
 
 @pytest.mark.parametrize("snr", [6.0, 12.0])
-def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
+def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr, validation):
     """log score: d^2 / 2 +- d for an effect of SNR d, d given by the design alone."""
+    row = validation(what="gain in nat of a step of signal-to-noise ratio d = 6 and 12, mean of eight records; in its "
+                          "standard errors; scatter between records over its standard error",
+                     reference="d^2 / 2 = 18 and 72; d / 2 = 3 and 6; one",
+                     why="3.3 standard errors of the mean and 10 %; chi-square's 99.9 %")
     time_profile = step_profile(N_BLOCK, 30)
     plain = make_design()
     rng = np.random.default_rng(10)
@@ -133,17 +141,24 @@ def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
     # mean of eight, each with standard deviation d; what four fifths of the record leave unsure of the size costs a
     # little more
     expected = snr**2 / 2
-    assert abs(np.mean(gains) - expected) < 3.3 * snr / np.sqrt(8) + 0.1 * expected
+    within = 3.3 * snr / np.sqrt(8) + 0.1 * expected
+    row.between(np.mean(gains), expected - within, expected + within, f"gain, {snr:g}")
     # d / 2 standard errors
-    assert np.mean(np.array(gains) / np.array(errors)) == pytest.approx(snr / 2, abs=1.2 + 0.1 * snr)
+    within = 1.2 + 0.1 * snr
+    row.between(np.mean(np.array(gains) / np.array(errors)), snr / 2 - within, snr / 2 + within,
+                f"standard errors, {snr:g}")
     # the stated error is that of the scatter between records: chi-square of 7 degrees of freedom, 99.9 %
-    assert 0.2 < np.std(gains, ddof=1) / np.mean(errors) < 1.9
+    row.between(np.std(gains, ddof=1) / np.mean(errors), 0.2, 1.9, "scatter")
 
 
 @pytest.mark.parametrize("noise", [1.0, 0.02])
-def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
+def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise, validation):
     """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the offset. What a
     prediction from four fifths of the record misses of the whole record's is then many times the noise."""
+    row = validation(what="gain in nat of a constant of signal-to-noise ratio d = 8, noise as large as the residual "
+                          "and a hundredth of it, mean of twelve records; scatter between records over its standard "
+                          "error; median standard error", reference="d^2 / 2 = 32; one; d = 8",
+                     why="3.3 standard errors of the mean and 10 %; chi-square's 99.9 %; half of d")
     plain, snr = make_design(noise=noise), 8.0
     constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
     trial = make_design(included=((0, constant, 1.0),), noise=noise)
@@ -154,16 +169,21 @@ def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
         y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
-    assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
+    within = 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
+    row.between(gains.mean(), snr**2 / 2 - within, snr**2 / 2 + within, "gain")
     # chi-square of 11 degrees of freedom, 99.9 %
-    assert 0.4 < np.std(gains, ddof=1) / errors.mean() < 1.7
+    row.between(np.std(gains, ddof=1) / errors.mean(), 0.4, 1.7, "scatter")
     # the larger of two, one of which is estimated from eight batches alone
-    assert np.median(errors) == pytest.approx(snr, rel=0.5)
+    row.between(np.median(errors), 0.5 * snr, 1.5 * snr, "standard error")
 
 
-def test_gain_where_one_stretch_alone_tells_an_unknown():
+def test_gain_where_one_stretch_alone_tells_an_unknown(validation):
     """A tolerance that shows at one heading, which the nacelle had in the first fold only: left out, that fold is
     predicted far worse than the rest, which must not make what all share less than nothing."""
+    row = validation(what="where one fold alone informs an unknown: least eigenvalue of covariances over the prior's; "
+                          "gain in nat of a constant of signal-to-noise ratio d = 8, mean of twelve records; scatter "
+                          "between records over its standard error", reference="zero; d^2 / 2 = 32; one or less",
+                     why="rounding; 3.3 standard errors of the mean and 10 %; chi-square's 99.9 %")
     snr, rng = 8.0, np.random.default_rng(14)
     constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
 
@@ -185,24 +205,27 @@ def test_gain_where_one_stretch_alone_tells_an_unknown():
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
         # of numbers of one, as the prior's standard deviations are; without the mend -0.04
-        assert np.linalg.eigvalsh(covariance / np.outer(prior, prior))[0] > -1e-9
+        row.least(np.linalg.eigvalsh(covariance / np.outer(prior, prior))[0], -1e-9, "eigenvalue")
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
     # as where all folds show the same: half the squared SNR, each with standard deviation SNR
-    assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
+    within = 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
+    row.between(gains.mean(), snr**2 / 2 - within, snr**2 / 2 + within, "gain")
     # chi-square of 11 degrees of freedom, 99.9 %; too large is what it may be, as differences of folds cancel
-    assert np.std(gains, ddof=1) / errors.mean() < 1.7
+    row.error(np.std(gains, ddof=1) / errors.mean(), 1.7, "scatter")
 
 
-def test_a_wrong_effect_gains_nothing():
+def test_a_wrong_effect_gains_nothing(validation):
     """Twenty records with nothing wrong: an effect taken in all the same is significant at most at the rate of its two
     errors."""
+    row = validation(what="gain of an effect that is not there, 20 records: not significant", reference="none is there",
+                     why="2.3 % each")
     plain, rng = make_design(), np.random.default_rng(11)
     extended = make_design(included=((0, step_profile(N_BLOCK, 20), 1.0),))
     found = [gain.contest((plain, y), (extended, y)) for y in (plain.simulate(rng) for _ in range(20))]
     # an effect that is not there costs, or gains by chance as much as its own error
     assert np.mean([c.elpd for c in found]) < 0.5
     # 2.3 % each: four and more of twenty would be p = 0.001
-    assert sum(c.significant for c in found) < 4
+    row.count(sum(not c.significant for c in found), len(found), 17)
 
 
 def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown():
@@ -268,9 +291,13 @@ def test_a_finding_carries_its_gain(stepped):
     assert "predicted better" in found_here["statement"]
 
 
-def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_linear_way(stepped):
+def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_linear_way(stepped, validation):
     """The plain way: from where nothing is known the model is fitted to the other blocks alone, and the held-out ones
     are predicted from there; frequencies of every fold."""
+    row = validation(what="held-out frequencies by linear conditioning, five folds: error over how far a fit moves "
+                          "them and a fifth of what a fold's mean is known to",
+                     reference="the model fitted anew to the other blocks from where nothing is known",
+                     why="both linearise, at places that differ by that")
     outcome = stepped[2]
     problem, fitted = outcome.problem, outcome.fitted
     noise, (one,) = fitted.design.noise, fitted.included
@@ -297,4 +324,4 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
             difference = (refitted.residual[q] - linear.residual[q]).mean(axis=0)[:3]
             # the two linearise at places that differ by `known`: a tenth of it, and a fiftieth of what the mean of
             # eight blocks of 0.1 % is known to
-            assert np.max(np.abs(difference)) < 0.1 * np.abs(known).max() + 0.02 * 1e-3 / np.sqrt(8)
+            row.error(difference / (np.abs(known).max() + 0.2 * 1e-3 / np.sqrt(8)), 0.1)

@@ -42,13 +42,15 @@ def prepared(frame_file):
 
 
 @pytest.mark.parametrize(("first", "second"), [("y1", "x5"), ("x4", "x5"), ("x2", "y2")])
-def test_exchanged_channels_are_named(prepared, record, first, second):
+def test_exchanged_channels_are_named(prepared, record, first, second, validation):
+    row = validation(what="exchanged channels in a frame, three pairs, one of them leaving no two shapes of a pair of "
+                          "modes: verdict, cause, place, time profile", reference="what was hidden")
     data = record(11)
     rows = [data.channels.index(c) for c in (first, second)]
     found = probupdate.diagnose(prepared, of_sensors(data, lambda s: exchanged(s, *rows)), sampler=False)
-    assert found.verdict == "named"
     (one,) = found.findings
-    assert (one.cause, one.location, one.time_profile) == ("swapped channels", f"{first} and {second}", "constant")
+    row.equal((found.verdict, one.cause, one.location, one.time_profile),
+              ("named", "swapped channels", f"{first} and {second}", "constant"))
 
 
 def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
@@ -75,19 +77,20 @@ def test_two_causes_at_the_end_of_what_they_can_be_are_no_explanation(prepared, 
     assert at_end and tight.verdict == "unexplained"
 
 
-def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepared, record):
+def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepared, record, validation):
+    row = validation(what="a reversed channel beside a wrong gain and a storey that loosens: verdict, causes, places",
+                     reference="what was hidden")
     data = record(12, storey=2, factor=0.85, from_block=22)
-    row, other = data.channels.index("x3"), data.channels.index("y5")
+    reversed_, other = data.channels.index("x3"), data.channels.index("y5")
 
     def change(shape):
-        shape[row] *= -1
+        shape[reversed_] *= -1
         shape[other] *= 1.4
         return shape
 
     found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
-    assert found.verdict == "named"
-    assert {(f.cause, f.location) for f in found.findings} == {
-        ("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}
+    row.equal((found.verdict, {(f.cause, f.location) for f in found.findings}),
+              ("named", {("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}))
 
 
 @pytest.mark.parametrize(("seed", "reverse", "first", "second"), [
@@ -95,8 +98,10 @@ def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepar
     (102, "x4", "x5", "y5"),  # a gain that the first fit is bent into, and of which nothing is left at the end
     (112, "y1", "x1", "y4"),  # a share of another channel is the only one whose fit settles at first
 ])
-def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, reverse, first, second):
+def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, reverse, first, second, validation):
     """Each hides the other from a search of one cause after the other."""
+    row = validation(what="a reversed channel beside two exchanged ones, three records in which each hid the other: "
+                          "causes, places", reference="both and nothing else")
     data = record(seed)
     rows = [data.channels.index(c) for c in (first, second)]
 
@@ -107,12 +112,14 @@ def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, revers
 
     found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
     assert found.verdict in ("named", "ambiguous")
-    assert {(f.cause, f.location) for f in found.findings} == {
-        ("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")}
+    row.equal({(f.cause, f.location) for f in found.findings},
+              {("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")})
 
 
-def test_an_exchange_that_was_none_is_given_up(prepared, record):
+def test_an_exchange_that_was_none_is_given_up(prepared, record, validation):
     """Two reversed channels side by side: the scores of a fit bent to follow them lead to an exchange of others."""
+    row = validation(what="two reversed channels side by side, where the first search leads to an exchange of others: "
+                          "causes, places", reference="both and nothing else")
     data = record(200)
     rows = [data.channels.index(c) for c in ("x2", "x3")]
 
@@ -122,11 +129,13 @@ def test_an_exchange_that_was_none_is_given_up(prepared, record):
 
     found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
     assert found.verdict in ("named", "ambiguous")
-    assert {(f.cause, f.location) for f in found.findings} == {("sensor polarity", "x2"), ("sensor polarity", "x3")}
+    row.equal({(f.cause, f.location) for f in found.findings}, {("sensor polarity", "x2"), ("sensor polarity", "x3")})
 
 
-def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
+def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record, validation):
     """A gain of a channel that is right, beside one that is not; and both where both are there."""
+    row = validation(what="gains included, one of them of a channel that is right, and two that are wrong: those that "
+                          "make the record more probable", reference="those that are there")
     data = record(17)
     right, wrong = data.channels.index("x2"), data.channels.index("y4")
     for factor, expected in ((1.0, [1]), (0.8, [0, 1])):
@@ -144,7 +153,8 @@ def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
         fitted = fit(problem, theta, included)
         # what is there makes the record more probable
         there = [i for i in range(2) if without(problem, fitted, i)[1] < 0]
-        assert fitted.settled and there == expected
+        assert fitted.settled
+        row.equal(there, expected)
 
 
 def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
@@ -173,8 +183,10 @@ def test_sizes_tried_lie_within_the_bounds_and_reach_them():
     assert sizes_of(free) == sorted(sizes_of(free)) and np.isfinite(sizes_of(free)).all()
 
 
-def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal():
+def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal(validation):
     """The mounting first, then the sensor's sign, then its cable, whatever was found first."""
+    row = validation(what="a sensor turned, reversed and exchanged, found in either order: shapes, correction",
+                     reference="product of the three matrices", why="rounding")
     effects = {(e.cause, e.location): e for e in measurement_effects([s.channel for s in SENSORS], SENSORS)}
     turn, reverse = effects["sensor rotation", "top about z"], effects["sensor polarity", "top-x"]
     swap = effects["swapped channels", "top-x and top-z"]
@@ -185,30 +197,33 @@ def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal():
     included = [(reverse, -2.0), (swap, 1.0), (turn, 30.0)]
     reference = Reference(tensor=np.diag([0.1, 0.2]), shape=shape)
     for order in (included, included[::-1]):
-        np.testing.assert_allclose(observed([reference], order)[0].shape, cable @ sign @ turned @ shape, atol=1e-14)
+        row.error(observed([reference], order)[0].shape - cable @ sign @ turned @ shape, 1e-14, "shapes")
         found = [IncludedEffect(effect=e, time_profile=None, size=size) for e, size in order]
         A, shift = corrections(3, found, np.ones(3), 1.0)
-        np.testing.assert_allclose(A, cable @ sign @ turned, atol=1e-14)
+        row.error(A - cable @ sign @ turned, 1e-14, "correction")
         assert shift == 0.0
 
 
-def test_a_step_within_a_block_is_told_so(prepared, record):
+def test_a_step_within_a_block_is_told_so(prepared, record, validation):
     """A block of which the last half has the effect is neither before nor after."""
+    row = validation(what="a step half-way through a block: verdict, place, values before and after it; its own value",
+                     reference="what was hidden; 0.5")
     data = record(4, storey=2, factor=0.7, from_block=19)
     half = record(4, storey=2, factor=0.85, from_block=18).sets[18]
     sets = (*data.sets[:18], half, *data.sets[19:])
     outcome = examine(prepared, replace(data, sets=sets))
-    assert outcome.diagnosis.verdict == "named"
     (one,) = outcome.fitted.included
     # the third storey, half of whose loss that block has
-    assert one.effect.location == "k3"
     value = one.time_profile.value
-    assert value[17] == 0.0 and value[19] == 1.0 and 0.2 <= value[18] <= 0.8
+    row.equal((outcome.diagnosis.verdict, one.effect.location, value[17], value[19]), ("named", "k3", 0.0, 1.0), "name")
+    row.between(value[18], 0.2, 0.8, "value")
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.3])
-def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor):
+def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor, validation):
     """Of records drawn from the design itself, and with noise of `factor` times the variance."""
+    row = validation(what="dispersion between neighbours, noise of 1 and 1.3 times the variance, mean of sixty records",
+                     reference="the factor", unit="standard errors")
     outcome = stepped[2]
     design, rng = outcome.null.design, np.random.default_rng(8)
     noise = replace(design.noise, covariance=tuple(factor * c for c in design.noise.covariance))
@@ -216,7 +231,7 @@ def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor):
     found_here = [neighbours_dispersion(outcome.problem, design, drawn.simulate(rng)) for _ in range(60)]
     # four standard errors; what is below one counts as one, which lifts the mean by 0.4 standard deviations of a record
     lifted = 0.4 * np.std(found_here) if factor == 1.0 else 0.0
-    assert np.mean(found_here) == pytest.approx(factor + lifted, abs=4 * np.std(found_here) / np.sqrt(len(found_here)))
+    row.error((np.mean(found_here) - factor - lifted) / np.std(found_here) * np.sqrt(len(found_here)), 4)
 
 
 def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepared, record):
@@ -238,10 +253,12 @@ def test_where_no_large_fault_fits_at_its_own_size_the_scores_choose(prepared, r
     assert "sensor gain, y2" in [n.effect.name for n in outcome.fitted.included]
 
 
-def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record, monkeypatch):
+def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record, monkeypatch, validation):
     """p of a thousand records drawn from the design: as many below every level as it says, as far as four hundred draws
     show a level (0.01 to 0.005). Of the directions that the catalogue spans: the mean frequencies' own p, of which
     the smaller of both counts twice, is the same for all."""
+    row = validation(what="p of the residual, 1000 records with nothing wrong: share below 0.01, 0.02, 0.05, 0.2, 0.4",
+                     reference="uniform", why="of 1000 records and of 400 draws", unit="standard errors")
     outcome = examine(prepared, record(3))
     monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)
@@ -252,4 +269,4 @@ def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record
                   for u in outcome.null.design.draw(np.random.default_rng(8), n)])
     for level in (0.01, 0.02, 0.05, 0.2, 0.4):
         spread = np.sqrt(level * (1 - level) * (1 / n + 1 / 400))
-        assert abs(np.mean(0.5 * p <= level) - level) < 3.3 * spread, level
+        row.error((np.mean(0.5 * p <= level) - level) / spread, 3.3, case=level)

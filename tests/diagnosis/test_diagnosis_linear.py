@@ -89,39 +89,45 @@ def dense(design):
     return np.column_stack(X), V, stacked
 
 
-def test_scores_information_and_likeness_are_those_of_the_written_out_covariance(design):
+def test_scores_information_and_likeness_are_those_of_the_written_out_covariance(design, validation):
+    row = validation(what="scores, information, score correlation of all candidates",
+                     reference="the covariance written out", why="rounding")
     X, V, stacked = dense(design)
     rng = np.random.default_rng(4)
     y = [np.where(design.noise.weight[q][:, None] > 0, rng.standard_normal((N_BLOCK, m)), 0.0)
          for q, m in enumerate(SIZES)]
     solved = np.linalg.solve(V, X)
     information = X.T @ solved
-    np.testing.assert_allclose(design.scores(y), solved.T @ stacked(lambda q, b: y[q][b]), rtol=1e-8)
-    np.testing.assert_allclose(design.information, np.diag(information), rtol=1e-8)
+    row.error(design.scores(y) / (solved.T @ stacked(lambda q, b: y[q][b])) - 1, 1e-8, "scores")
+    row.error(design.information / np.diag(information) - 1, 1e-8, "information")
     size = np.sqrt(np.diag(information))
     rows = np.arange(len(design.which))
-    np.testing.assert_allclose(design.score_correlation(rows), information / np.outer(size, size), atol=1e-8)
+    row.error(design.score_correlation(rows) - information / np.outer(size, size), 1e-8, "score correlation")
 
 
 @pytest.mark.parametrize("error_scale", [1.0, 0.2])
-def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
+def test_misfit_is_that_of_the_written_out_covariance(design, error_scale, validation):
+    row = validation(what="misfit; volume with density of the noise, volume alone, of the evidence",
+                     reference="the covariance written out: its inverse, its ln determinant", why="rounding")
     design = replace(design, error_scale=error_scale)
     _, V, stacked = dense(design)
     y = [np.random.default_rng(5).standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0)
          for q, m in enumerate(SIZES)]
     flat = stacked(lambda q, b: y[q][b])
-    assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
+    row.error(design.misfit(y, []) / (flat @ np.linalg.solve(V, flat)) - 1, 1e-8, "misfit")
     found_here = -2 * (design.log_volume + design.log_noise)
-    assert found_here == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-8)
+    row.error(found_here / np.linalg.slogdet(V)[1] - 1, 1e-8, "volume and density")
     noise_alone = sum(
         float(np.sum(np.linalg.slogdet(design.noise.covariance[q])[1] - m * np.log(w[w > 0])))
         for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))
     )
-    assert -2 * design.log_volume == pytest.approx(np.linalg.slogdet(V)[1] - noise_alone, rel=1e-8)
+    row.error(-2 * design.log_volume / (np.linalg.slogdet(V)[1] - noise_alone) - 1, 1e-8, "volume")
 
 
-def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(design):
+def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(design, validation):
     """Against scipy's normal density with the covariance written out for each model-error scale."""
+    row = validation(what="ln evidence over four model-error scales of signatures",
+                     reference="scipy's normal density with each covariance written out", why="rounding", unit="nat")
     rng = np.random.default_rng(6)
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     densities = []
@@ -130,7 +136,7 @@ def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(desig
         densities.append(stats.multivariate_normal.logpdf(stacked(lambda q, b: y[q][b]), cov=V))
     powers = 0.5 * len(V) * np.log(2 * np.pi)
     found_here = over_error_scales(design, lambda d: linear_evidence(d, y))
-    assert found_here == pytest.approx(np.log(np.mean(np.exp(densities))) + powers, abs=1e-8)
+    row.error(found_here - np.log(np.mean(np.exp(densities))) - powers, 1e-8)
     # nothing found, no model error
     plain = replace(design, model_errors=())
     assert over_error_scales(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
@@ -152,7 +158,9 @@ def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_
     assert over_error_scales(model_errors, lambda d: linear_evidence(d, nothing_left)) > behind
 
 
-def test_draws_have_the_covariance_of_the_scores(design):
+def test_draws_have_the_covariance_of_the_scores(design, validation):
+    row = validation(what="6000 bootstrap draws of the scores: covariance, mean", reference="covariance of the scores",
+                     why="78 entries, 12 means", unit="standard errors")
     X, V, _ = dense(design)
     information = X.T @ np.linalg.solve(V, X)
     n = 6000
@@ -161,8 +169,8 @@ def test_draws_have_the_covariance_of_the_scores(design):
     found = np.cov((drawn / size).T)
     # an entry of a sample covariance of n unit normals has standard deviation at most sqrt(2 / n); 78 of them, 4.5
     # standard deviations
-    assert np.max(np.abs(found - information / np.outer(size, size))) < 4.5 * np.sqrt(2 / n)
-    assert np.max(np.abs(drawn.mean(axis=0) / size)) < 4.5 / np.sqrt(n)
+    row.error((found - information / np.outer(size, size)) / np.sqrt(2 / n), 4.5, "covariance")
+    row.error(drawn.mean(axis=0) / size * np.sqrt(n), 4.5, "mean")
 
 
 def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
@@ -216,19 +224,21 @@ def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(d
     assert not np.allclose(z[0], design.scores(y) / np.sqrt(design.information), atol=1e-2)
 
 
-def test_drawn_records_are_the_same_summed_up_at_once_or_one_by_one(design, monkeypatch):
+def test_drawn_records_are_the_same_summed_up_at_once_or_one_by_one(design, monkeypatch, validation):
+    row = validation(what="scores of drawn records, summed up one by one", reference="at once",
+                     why="rounding, of the largest")
     whole = design.draw(np.random.default_rng(4), 9)
     monkeypatch.setattr(linear, "SUMMED", 1)
     # a sum of a record's numbers in another order differs by rounding
-    np.testing.assert_allclose(
-        design.draw(np.random.default_rng(4), 9), whole, rtol=1e-10, atol=1e-10 * np.abs(whole).max()
-    )
+    row.error((design.draw(np.random.default_rng(4), 9) - whole) / np.abs(whole).max(), 1e-10)
     assert not whole.flags.writeable
 
 
-def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_profile(design):
+def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_profile(design, validation):
     """Against the written-out covariance with that unknown in it, candidate by candidate; nothing changes beside what a
     sensor does, and along the very same profile v falls as the dispersion says."""
+    row = validation(what="scores and information beside a strong effect's model error",
+                     reference="the covariance written out with that unknown in it", why="rounding")
     rng = np.random.default_rng(8)
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     own, z = step_profile(N_BLOCK, 7), 60.0
@@ -244,10 +254,10 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
         f = F[:, j]
         variance = (model_error_dispersion(z) - 1) / (f @ np.linalg.solve(V, f))
         solved = np.linalg.solve(V + variance * np.outer(f, f), X[:, k])
-        assert u[k] == pytest.approx(solved @ flat, rel=1e-7)
-        assert v[k] == pytest.approx(solved @ X[:, k], rel=1e-7)
+        row.error(u[k] / (solved @ flat) - 1, 1e-7, "scores")
+        row.error(v[k] / (solved @ X[:, k]) - 1, 1e-7, "information")
     same = replace(along, which=np.array([(j, 3) for j in range(N_EFFECT)]))
     _, there = scores_beside(problem, same, y, [strong], [z])
-    np.testing.assert_allclose(there, same.information / model_error_dispersion(z), rtol=1e-9)
+    row.error(there * model_error_dispersion(z) / same.information - 1, 1e-9, "information along its own profile")
     sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), time_profile=own)
     np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)

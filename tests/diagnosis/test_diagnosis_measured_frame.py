@@ -51,15 +51,19 @@ def measured(study):
     return study.floor_modes(study.DATA)
 
 
-def test_the_braced_storey_is_named_from_a_uniform_frame(study, measured, tmp_path):
+def test_the_braced_storey_is_named_from_a_uniform_frame(study, measured, tmp_path, validation):
     """One measured set: by how much a model is wrong everywhere is estimated with the rest, of frequencies and of
     shapes: the third pair is 6 to 9 % off beside any brace, where shapes are a tenth off."""
+    row = validation(what="a measured frame with one braced storey, from a uniform model: verdict, place; posterior "
+                          "probability; size in its columns' stiffness, over its standard deviation",
+                     reference="storey 1 in y; 4 to 8 by the two lowest frequencies in y")
     found = study.asked(study.write_frame(tmp_path / "frame"), measured, 1.0)
-    assert found["verdict"] == "named"
     ((location, size, std, probability),) = found["findings"]
-    assert location == "brace_y1" and probability > 0.95
+    row.equal((found["verdict"], location), ("named", "brace_y1"), "place")
+    row.least(probability, 0.95, "probability")
     # the two lowest frequencies in y alone ask for 4 to 8
-    assert 3 < size < 9 and 3 * std < size
+    row.between(size, 3, 9, "size")
+    row.least(size / std, 3, "over its standard deviation")
     assert any("16 and 8 times as large as usual" in note for note in found["notes"])
 
 

@@ -9,10 +9,13 @@ from probupdate.diagnosis.search import exceeded, tail
 
 
 @pytest.mark.parametrize("mixing", [0.0, 0.3, 1.0, 8.0])
-def test_few_columns_do_not_make_what_is_least_known_look_small(mixing):
+def test_few_columns_do_not_make_what_is_least_known_look_small(mixing, validation):
     """Fifteen blocks of twenty columns in sixty dimensions: inverted as it is, such a covariance makes signatures
     that lean on its small directions too sure by n / (n - m) and more (Hartlap et al. 2007); shrunk to the diagonal it
     loses them where modes mix strongly. Channels' own scatter and six directions of mixing."""
+    row = validation(what="z with a noise pattern from 300 columns in 60 dimensions: its variance; power over the "
+                          "best; variance where the pattern is inverted as it is", reference="the true covariance",
+                     why="n / (n - m) and more would be lost")
     rng = np.random.default_rng(3)
     mixed = mixing * rng.standard_normal((60, 6)) * np.geomspace(1.0, 0.125, 6)
     true = np.eye(60) + mixed @ mixed.T
@@ -27,14 +30,17 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing):
             # variance that a signature's z really has, and what is left of the largest z that can be had
             variance.setdefault(name, []).append(own / length)
             power.setdefault(name, []).append(length / np.sqrt(own * np.einsum("ni,ij,nj->n", prints, best, prints)))
-    assert np.mean(variance["raw"]) > 1.4
-    assert np.mean(variance["factored"]) == pytest.approx(1.0, abs=0.1)
-    assert np.mean(power["factored"]) > 0.97
+    row.error(np.mean(variance["factored"]) - 1, 0.1, "variance")
+    row.least(np.mean(power["factored"]), 0.97, "power")
+    row.least(np.mean(variance["raw"]), 1.4, "inverted as it is")
 
 
 @pytest.mark.parametrize(("size", "n_log"), [(1, 1), (2, 3)])
-def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log):
+def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log, validation):
     """The variance of a scale estimated from differences of n blocks, over 3000 records, is 2 over its degrees."""
+    row = validation(what="degrees of freedom of a noise's scale, frequencies and shapes",
+                     reference="variance of the scale over 3000 records",
+                     why="3 % sampling, the rest cut-off of far differences")
     rng = np.random.default_rng(5)
     m = n_log + 8
     pattern = np.diag(np.geomspace(1e-5, 1e-4, m))
@@ -48,8 +54,8 @@ def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log):
         degrees = noise.degrees[0]
     spread = np.var(scales, axis=0) / np.mean(scales, axis=0) ** 2
     # a variance of 3000 draws is known to 3 %; differences far out are cut off, which takes a few per cent
-    assert spread[0] == pytest.approx(2 / degrees[0], rel=0.12)
-    assert spread[1] == pytest.approx(2 / degrees[-1], rel=0.12)
+    row.error(spread[0] * degrees[0] / 2 - 1, 0.12, "frequencies")
+    row.error(spread[1] * degrees[-1] / 2 - 1, 0.12, "shapes")
 
 
 def test_scales_are_drawn_together_where_they_were_told_together():
@@ -87,13 +93,15 @@ def noise_of(y, pattern):
 
 
 @pytest.mark.parametrize("at", [0, 1, 20, 39])
-def test_a_block_gone_wrong_counts_less_and_its_neighbours_as_before(at):
+def test_a_block_gone_wrong_counts_less_and_its_neighbours_as_before(at, validation):
+    row = validation(what="a block with three times the noise: its variance; weights of all others",
+                     reference="9; as before", why="a factor of 1.6: one block of 37 responses")
     y, pattern = record(np.random.default_rng(8))
     y[at] *= 3.0
     weight = noise_of(y, pattern).weight[0]
     # nine times the variance: estimated from one block of 37 responses, and as the difference to a neighbour
-    assert 9 / 1.6 < 1 / weight[at] < 9 * 1.6
-    assert np.all(np.delete(weight, at) == 1.0)
+    row.between(1 / weight[at], 9 / 1.6, 9 * 1.6, "variance")
+    row.equal(np.delete(weight, at), np.ones(len(y) - 1), "weights")
 
 
 def test_blocks_at_a_step_and_blocks_of_a_quiet_record_count_whole():

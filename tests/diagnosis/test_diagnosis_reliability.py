@@ -73,16 +73,24 @@ def test_lines_of_the_oc4_jacket_state_probabilities_with_their_alternatives(stu
 
 
 @pytest.mark.parametrize(("truth", "held"), [(lambda p: p, True), (lambda p: p**3, False)])
-def test_calibrated_probabilities_lie_on_the_diagonal_and_others_do_not(study, truth, held):
+def test_calibrated_probabilities_lie_on_the_diagonal_and_others_do_not(study, truth, held, validation):
+    row = validation(what="reliability diagram of 4000 made probabilities: intervals that hold the mean, Brier's "
+                          "score less its expectation, where calibrated; intervals that do not, the same, where not",
+                     reference="the diagonal", why="95 % binomial intervals")
     rng = np.random.default_rng(4)
     p = rng.uniform(0, 1, 4000)
     values = [study.Stated(float(x), bool(rng.random() < truth(x)), True, "x") for x in p]
     rows = study.bins(values)
     assert sum(r[2] for r in rows) == len(values)
     # seven intervals of 95 %: two outside have a probability of 0.04
-    assert (sum(low <= mean <= high for mean, _, _, low, high in rows) >= len(rows) - 1) is held
+    inside = sum(low <= mean <= high for mean, _, _, low, high in rows)
     score, expected = study.brier(values)
-    assert (abs(score - expected) < 0.01) is held
+    if held:
+        row.count(inside, len(rows), len(rows) - 1, "calibrated")
+        row.error(score - expected, 0.01, "its Brier's score")
+    else:
+        row.count(len(rows) - inside, len(rows), 2, "not calibrated")
+        row.least(abs(score - expected), 0.01, "its Brier's score, not calibrated")
 
 
 def test_the_script_draws(tmp_path):

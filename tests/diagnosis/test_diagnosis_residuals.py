@@ -58,8 +58,10 @@ def shares(r: Residual, q: int):
     return {"mean": r.mean_share(q), "slope": time_profile}
 
 
-def test_deviations_are_those_of_the_covariance_written_out(design):
+def test_deviations_are_those_of_the_covariance_written_out(design, validation):
     """cov(r) = W V^-1 W, both dense: V of all that is measured, W the same without what was fitted."""
+    row = validation(what="means and slopes of residuals: covariance, standard deviations, covariance between groups",
+                     reference="W V^-1 W written out", why="rounding, of each and of a tenth at least")
     rows = [(q, b, i) for q, m in enumerate(SIZES) for b in np.flatnonzero(design.noise.weight[q]) for i in range(m)]
     unknown = np.eye(design.n_unknown)
     G = np.array([[y[q][b, i] for q, b, i in rows] for y in map(design.expected, unknown)]).T
@@ -78,18 +80,22 @@ def test_deviations_are_those_of_the_covariance_written_out(design):
                 if p == q:
                     pick[i, k] = share[b]
             expected = pick @ exact @ pick.T
-            assert r.spread(q, share) == pytest.approx(expected, rel=1e-9, abs=1e-10)
-            assert r.along(q, share)[1] == pytest.approx(np.sqrt(np.diag(expected)), rel=1e-9)
+            row.error((r.spread(q, share) - expected) / np.maximum(np.abs(expected), 0.1), 1e-9, "covariance")
+            row.error(r.along(q, share)[1] / np.sqrt(np.diag(expected)) - 1, 1e-9, "standard deviations")
     mean, covariance = r.means
     first = np.zeros((SIZES[0], len(rows)))
     second = np.zeros((SIZES[1], len(rows)))
     for k, (p, b, i) in enumerate(rows):
         (first, second)[p][i, k] = r.mean_share(p)[b]
-    assert covariance[: SIZES[0], SIZES[0] :] == pytest.approx(first @ exact @ second.T, rel=1e-9, abs=1e-10)
+    between = first @ exact @ second.T
+    row.error((covariance[: SIZES[0], SIZES[0] :] - between) / np.maximum(np.abs(between), 0.1), 1e-9, "between groups")
     assert mean.shape == (sum(SIZES),)
 
 
-def test_standardised_remainders_of_drawn_records_are_standard_normal(design):
+def test_standardised_remainders_of_drawn_records_are_standard_normal(design, validation):
+    row = validation(what="standardised means and slopes of residuals, 400 drawn records: variance, mean; "
+                          "Kolmogorov-Smirnov's p", reference="standard normal", why="18 of them",
+                     unit="standard errors")
     rng = np.random.default_rng(2)
     z = []
     for _ in range(400):
@@ -97,9 +103,9 @@ def test_standardised_remainders_of_drawn_records_are_standard_normal(design):
         z.append(np.concatenate([np.divide(*r.along(q, s)) for q in range(2) for s in shares(r, q).values()]))
     z = np.array(z)
     # 400 draws: a variance is known to 7 %, 18 of them
-    assert np.abs(np.mean(z**2, axis=0) - 1).max() < 4 * np.sqrt(2 / 400)
-    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(400)
-    assert stats.kstest(z[:, 0], "norm").pvalue > 1e-3
+    row.error((np.mean(z**2, axis=0) - 1) / np.sqrt(2 / 400), 4, "variance")
+    row.error(z.mean(axis=0) * np.sqrt(400), 4, "mean")
+    row.least(stats.kstest(z[:, 0], "norm").pvalue, 1e-3, "p")
 
 
 def test_directions_that_an_alignment_takes_away_are_left_out():
@@ -187,7 +193,10 @@ def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monk
     assert 'id="posterior"' not in page and "posterior.nc" in page
 
 
-def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, record):
+def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, record, validation):
+    row = validation(what="90 % band of single blocks, frame with nothing hidden: share; p of the means, of the "
+                          "parameters", reference="95 % range of a binomial share; uniform",
+                     why="2 % for noise estimated from the same blocks")
     outcome = examine(prepared, record(2))
     assert outcome.fitted.included == () and outcome.diagnosis.verdict == "none"
     found = residuals(outcome)
@@ -195,21 +204,23 @@ def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, recor
     (bands,) = found["bands"]
     low, high = bands["blocks"]["within_90_expected"]
     # noise is estimated from the blocks themselves, and is what was drawn: the two bands hold their shares
-    assert low - 0.02 < bands["blocks"]["within_90"] < high + 0.02
+    row.between(bands["blocks"]["within_90"], low - 0.02, high + 0.02, "share")
     # the floor is wider than what this record's model gets wrong, never narrower
     assert bands["means"]["within_90"] >= bands["means"]["within_90_expected"][0]
-    assert bands["means"]["p"] > 1e-3
-    assert found["prior_shift"]["p_together"][0] > 1e-3
+    row.least(bands["means"]["p"], 1e-3, "means")
+    row.least(found["prior_shift"]["p_together"][0], 1e-3, "parameters")
     assert all(0 <= row["expected"][0] <= 1 for row in found["prior_shift"]["parameters"])
 
 
-def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record):
+def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record, validation):
     """A group that is one parameter by another name cannot be distinguished from it; a neighbour could."""
+    row = validation(what="size in z at which causes of score correlation 0.8 and 0.95 are distinguished",
+                     reference="5.2 and 10.4, power of a likelihood ratio", why="digits", unit="of z")
     prepared = prepare(frame_file, groups={"second storey": {"k2": 0.1}})
     found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18), sampler=False)
     assert found.verdict == "ambiguous"
     (sentence, *_) = found.splits
     assert "parameter, k2" in sentence and "group of parameters, second storey" in sentence
     assert "no record of these modes" in sentence
-    assert needed_z(0.8) == pytest.approx(5.2, abs=0.05) and needed_z(0.95) == pytest.approx(10.4, abs=0.05)
+    row.error([needed_z(0.8) - 5.2, needed_z(0.95) - 10.4], 0.05)
     assert "to split them:" in found.summary and "threshold |z|" in found.summary

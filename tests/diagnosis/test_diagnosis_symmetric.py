@@ -75,20 +75,26 @@ def found_in(model, data, **how):
 
 
 @pytest.mark.parametrize(("seed", "n_mode"), [(11, 6), (12, 12)], ids=["half of the modes", "all modes"])
-def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode):
+def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode, validation):
+    row = validation(what="six storeys equal in x and y, storey 1 in y eight times as stiff, half of its modes and "
+                          "all: verdict, cause, place, time profile; size in its standard deviations, its standard "
+                          "deviation; threshold of z", reference="what was hidden, +7")
     found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
-    assert found.verdict == "named"
     (one,) = found.findings
-    assert (one.cause, one.location, one.time_profile) == ("parameter", "ky1", "constant")
-    assert one.size == pytest.approx(7.0, abs=3 * one.size_std) and one.size_std < 1.5
-    assert found.threshold < SENSIBLE
+    row.equal((found.verdict, one.cause, one.location, one.time_profile), ("named", "parameter", "ky1", "constant"),
+              "name")
+    row.error((one.size - 7) / one.size_std, 3, "size")
+    row.error(one.size_std, 1.5, "its standard deviation")
+    row.error(found.threshold, SENSIBLE, "threshold")
 
 
-def test_nothing_is_found_on_a_model_equal_both_ways(model):
+def test_nothing_is_found_on_a_model_equal_both_ways(model, validation):
+    row = validation(what="the same frame with nothing hidden, ten records (of 60 more by hand 59): threshold of z; "
+                          "silent", reference="none", why="of alarms in 5 % three come up with a probability of 0.012")
     found = [found_in(model, record(seed)) for seed in range(21, 31)]
-    assert max(f.threshold for f in found) < SENSIBLE
+    row.error([f.threshold for f in found], SENSIBLE, "threshold")
     # of alarms in 5 % of records, three or more of ten have a probability of 0.012
-    assert sum(f.verdict != "none" for f in found) <= 2
+    row.count(sum(f.verdict == "none" for f in found), 10, 8, "silent")
 
 
 def test_a_fit_bent_far_from_its_priors_names_nothing(model):
@@ -101,19 +107,23 @@ def test_a_fit_bent_far_from_its_priors_names_nothing(model):
 
 
 @pytest.mark.parametrize("n_mode", [4, 6])
-def test_one_way_sensors_see_what_is_one_way(model, n_mode):
+def test_one_way_sensors_see_what_is_one_way(model, n_mode, validation):
     """The computed mate is across all sensors, the measured one not there."""
+    row = validation(what="sensors along the storey's change, and across it: cause and place; verdict",
+                     reference="what was hidden; none")
     found = found_in(model, record(3, storey_y1=8.0, n_mode=n_mode, channels=range(1, 12, 2)))
-    assert [(f.cause, f.location) for f in found.findings] == [("parameter", "ky1")]
-    assert found_in(model, record(4, storey_y1=8.0, channels=range(0, 12, 2))).verdict == "none"
+    row.equal([(f.cause, f.location) for f in found.findings], [("parameter", "ky1")])
+    row.equal(found_in(model, record(4, storey_y1=8.0, channels=range(0, 12, 2))).verdict, "none")
 
 
-def test_a_mode_whose_mate_was_not_measured(model):
+def test_a_mode_whose_mate_was_not_measured(model, validation):
     """Both ways are seen, one mode of the first pair was not identified in any set."""
+    row = validation(what="a pair of which one mode was not identified, a storey and nothing hidden: cause and place; "
+                          "verdict", reference="what was hidden; none")
     data = record(5)
-    assert found_in(model, data.of_modes([0, 2, 3, 4, 5])).verdict == "none"
+    row.equal(found_in(model, data.of_modes([0, 2, 3, 4, 5])).verdict, "none")
     data = record(6, storey_y1=8.0).of_modes([1, 2, 3, 4, 5])
-    assert [(f.cause, f.location) for f in found_in(model, data).findings] == [("parameter", "ky1")]
+    row.equal([(f.cause, f.location) for f in found_in(model, data).findings], [("parameter", "ky1")])
 
 
 def before_and_after(seed, **how):
@@ -121,9 +131,10 @@ def before_and_after(seed, **how):
     return replace(after, sets=(replace(before.sets[0], id="2025-01-01T00:00:00"), *after.sets))
 
 
-def test_a_reference_and_a_present_state(model):
+def test_a_reference_and_a_present_state(model, validation):
+    row = validation(what="a reference and a present state: cause, place, time profile", reference="what was hidden")
     found = found_in(model, before_and_after(7))
-    assert [(f.cause, f.location, f.time_profile) for f in found.findings] == [("parameter", "ky1", "step")]
+    row.equal([(f.cause, f.location, f.time_profile) for f in found.findings], [("parameter", "ky1", "step")])
     assert any("2 sets say nothing of their own scatter" in note for note in found.notes)
 
 
@@ -134,17 +145,21 @@ def test_two_equal_states_are_silent(model):
     )
 
 
-def test_frequencies_before_and_after(model):
+def test_frequencies_before_and_after(model, validation):
+    row = validation(what="frequencies alone of two states, a storey and nothing hidden: cause and time profile; "
+                          "verdict", reference="what was hidden; none")
     found = found_in(model, before_and_after(9, shapes=False))
-    assert [(f.cause, f.time_profile) for f in found.findings] == [("parameter", "step")]
+    row.equal([(f.cause, f.time_profile) for f in found.findings], [("parameter", "step")])
     assert any("frequencies alone" in note for note in found.notes)
-    assert found_in(model, record(9, n_set=2, shapes=False)).verdict == "none"
+    row.equal(found_in(model, record(9, n_set=2, shapes=False)).verdict, "none")
 
 
-def test_one_channel_of_many_sets_and_of_two(model):
-    assert found_in(model, record(10, channels=[11])).verdict == "none"
+def test_one_channel_of_many_sets_and_of_two(model, validation):
+    row = validation(what="one channel, two states with a storey and many sets with nothing hidden: cause and time "
+                          "profile; verdict", reference="what was hidden; none")
+    row.equal(found_in(model, record(10, channels=[11])).verdict, "none")
     found = found_in(model, before_and_after(10, channels=[11]))
-    assert [(f.cause, f.time_profile) for f in found.findings] == [("parameter", "step")]
+    row.equal([(f.cause, f.time_profile) for f in found.findings], [("parameter", "step")])
 
 
 def test_few_sets_without_deviations_are_refused(model):
