@@ -5,9 +5,12 @@ from peer_packages import opensees
 from validation import Collector, Row, properties
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
-NUMBERS = {"calibration", "diagnosis", "identification", "structure", "updating", "virtual"}
+NUMBERS = {"calibration", "campaign", "diagnosis", "farms", "identification", "lifetime", "structure", "updating",
+           "virtual"}
 # of these what is about files, processes and other packages
-ASKED_OF_ALL = {"test_effects_files", "test_identification_resume", "test_updating_files", "test_virtual_blind"}
+ASKED_OF_ALL = {"test_campaign_convert", "test_campaign_parquet", "test_campaign_reading", "test_campaign_zarr",
+                "test_effects_files", "test_identification_executors", "test_identification_resume", "test_uff_file",
+                "test_updating_files", "test_virtual_blind"}
 
 
 # before the markers choose

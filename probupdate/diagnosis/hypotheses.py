@@ -290,7 +290,8 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
-        large = bool(found.statistic.max() > LARGE)
+        # of frequencies alone first order says which of two equal modes moves, where either may
+        large = bool(found.statistic.max() > LARGE) or not problem.blocks.channels
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),

@@ -16,6 +16,7 @@ import numpy as np
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import gains
 from probupdate.effects.catalogue import Effect
@@ -25,8 +26,9 @@ from probupdate.errors import ConvergenceError
 DOUBLINGS = 7
 # of -2 ln posterior that another one explains beside the best, for both to be estimated together; turns taken at that
 ANOTHER, MOST_TURNS = 400.0, 6
-# effects of the structure that are solved at their own size, the best to first order
-MOST_SOLVED = 6
+# effects of the structure that are solved at their own size, the best to first order; of frequencies alone, which say
+# less to first order
+MOST_SOLVED, MOST_SOLVED_ALONE = 6, 24
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,6 +71,10 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
 
     misfit, before = design.misfit(centred, []), surprise([included])[0]
     size, lower = _linear(problem, design, centred)
+    exchanged = _pairs_exchanged(problem, theta, centred)
+    if exchanged is not None:
+        other, more = _linear(problem, design, exchanged)
+        size, lower = np.where(more > lower, other, size), np.maximum(more, lower)
     linear = count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
 
     def at_its_size(k: int, sizes: Sequence[float]) -> Tried:
@@ -90,10 +96,30 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
             result.append(at_its_size(k, sizes_of(effect)))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
-    for t in structural[:MOST_SOLVED]:
+    n_solved = MOST_SOLVED if problem.blocks.channels else MOST_SOLVED_ALONE
+    for t in structural[:n_solved]:
         sizes = _about(problem.effects[problem.which[t.candidate, 0]], t.size)
         result.append(at_its_size(t.candidate, sizes) if sizes else t)
-    return sorted([*result, *structural[MOST_SOLVED:]], key=lambda t: -t.gain)
+    return sorted([*result, *structural[n_solved:]], key=lambda t: -t.gain)
+
+
+def _pairs_exchanged(
+    problem: DiagnosisProblem, theta: np.ndarray, centred: Sequence[np.ndarray]
+) -> list[np.ndarray] | None:
+    """Of frequencies alone the residuals with those of neighbours exchanged that the model has close to each other:
+    what stiffens either of two equal modes makes it the upper one, and to first order that is told of one only. None
+    where there are shapes, or no neighbours so close."""
+    if problem.blocks.channels:
+        return None
+    predictor = problem.predictor
+    log = np.array([float(r.tensor[0, 0]) for r in predictor.references(predictor.small.at(theta), 0.0)])
+    result, at = list(centred), 0
+    while at < len(log) - 1:
+        if log[at + 1] - log[at] < MATE and len(result[at]) == len(result[at + 1]):
+            result[at], result[at + 1] = result[at + 1], result[at]
+            at += 1
+        at += 1
+    return result if any(a is not b for a, b in zip(result, centred, strict=True)) else None
 
 
 def _about(effect: Effect, size: float) -> list[float]:

@@ -83,7 +83,7 @@ def test_steps_of_a_small_job_say_one_object(tmp_path, capsys):
     assert update["files"] == [str(tmp_path / "update.json")]
     assert [c["name"] for c in update["table"]["columns"]][:3] == ["name", "unit", "initial"]
     assert update["table"]["columns"][2]["unit"] == OWN_UNIT
-    drawn = spoken(capsys, "sample", *problem, "--out", tmp_path / "posterior.nc", "--ess", "50", "--max-steps", "200")
+    drawn = spoken(capsys, "sample", *problem, "--out", tmp_path / "posterior.nc", "--ess", "20", "--max-steps", "60")
     assert len(drawn["table"]["rows"]) == len(update["table"]["rows"])
     compared = spoken(
         capsys,

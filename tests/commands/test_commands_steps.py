@@ -385,6 +385,7 @@ def test_footbridge_by_default_comes_near_the_published_update(tmp_path, validat
     assert "model discrepancy" in record.settings["weights"]
 
 
+@pytest.mark.long
 @pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
 def test_footbridge_with_the_measurements_error_alone_flags_what_is_pinned(tmp_path):

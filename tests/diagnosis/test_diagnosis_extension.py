@@ -122,6 +122,7 @@ def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record
     assert any("was not asked for" in s and command in s for s in content["extension"]["statements"])
 
 
+@pytest.mark.long
 def test_the_command_that_is_told_runs_where_the_parameters_lie_elsewhere(frame_file, record, tmp_path):
     model, parameters = tmp_path / "a model" / "frame.npz", tmp_path / "priors.toml"
     model.parent.mkdir()
@@ -268,7 +269,7 @@ def test_the_chain_is_laplaces_where_that_is_close(grouped, validation):
 
 def test_a_chain_that_stops_too_early_says_so(grouped):
     prepared, data, outcome, *_ = grouped
-    one, same = (extend(prepared, outcome, data, sampler=SamplerSettings(seed=5, target_ess=10**6, max_steps=200))
+    one, same = (extend(prepared, outcome, data, sampler=SamplerSettings(seed=5, target_ess=10**6, max_steps=60))
                  for _ in range(2))
     assert one.content["sampler"] == same.content["sampler"]
     assert one.content["sampler"]["converged"] is False and one.content["files"]["posterior"] is None

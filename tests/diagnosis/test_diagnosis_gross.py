@@ -41,7 +41,9 @@ def prepared(frame_file):
     return prepare(frame_file)
 
 
-@pytest.mark.parametrize(("first", "second"), [("y1", "x5"), ("x4", "x5"), ("x2", "y2")])
+@pytest.mark.parametrize(("first", "second"), [
+    pytest.param("y1", "x5", marks=pytest.mark.long), pytest.param("x4", "x5", marks=pytest.mark.long), ("x2", "y2"),
+])
 def test_exchanged_channels_are_named(prepared, record, first, second, validation):
     row = validation(what="exchanged channels in a frame, three pairs, one of them leaving no two shapes of a pair of "
                           "modes: verdict, cause, place, time profile", reference="what was hidden")
@@ -94,9 +96,10 @@ def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepar
 
 
 @pytest.mark.parametrize(("seed", "reverse", "first", "second"), [
-    (100, "y5", "x4", "y4"),  # alone, another exchange explains more than either
+    pytest.param(100, "y5", "x4", "y4", marks=pytest.mark.long),  # alone, another exchange explains more than either
     (102, "x4", "x5", "y5"),  # a gain that the first fit is bent into, and of which nothing is left at the end
-    (112, "y1", "x1", "y4"),  # a share of another channel is the only one whose fit settles at first
+    # a share of another channel is the only one whose fit settles at first
+    pytest.param(112, "y1", "x1", "y4", marks=pytest.mark.long),
 ])
 def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, reverse, first, second, validation):
     """Each hides the other from a search of one cause after the other."""
@@ -253,6 +256,7 @@ def test_where_no_large_fault_fits_at_its_own_size_the_scores_choose(prepared, r
     assert "sensor gain, y2" in [n.effect.name for n in outcome.fitted.included]
 
 
+@pytest.mark.long
 def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record, monkeypatch, validation):
     """p of a thousand records drawn from the design: as many below every level as it says, as far as four hundred draws
     show a level (0.01 to 0.005). Of the directions that the catalogue spans: the mean frequencies' own p, of which

@@ -33,13 +33,13 @@ HIDDEN = (
     (425, {"kind": "icing", "mass_kg": 1.2e4, **STEP}, "icing", "rotor", 1.2e4, 0.0),
 )
 # one of each class, without those that take longest
-QUICK = (412, 413, 416, 418, 425)
+QUICK = (412, 416, 425)
 
 
-# each is wanted in 95 of 100: fewer than four of five come up once in 44 times, fewer than eight of ten once in 87
+# each is wanted in 95 of 100: fewer than two of three come up once in 138 times, fewer than ten of twelve once in 51
 @pytest.mark.parametrize(("seeds", "least"), [
-    pytest.param(QUICK, 4, id="quick"),
-    pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 8, marks=pytest.mark.long, id="others"),
+    pytest.param(QUICK, 2, id="quick"),
+    pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 10, marks=pytest.mark.long, id="others"),
 ])
 def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
     right, found_here = 0, []
@@ -64,11 +64,12 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
 @pytest.mark.parametrize(("seed", "hidden", "wanted", "extend"), [
     pytest.param(431, (GAIN, WET), {("sensor gain", "T90-y"), ("wetted length", "all members")}, True,
                  marks=pytest.mark.long),
-    (432, (LATE, MASS), {("clock offset", "T90"), ("nacelle mass", "nacelle")}, False),
+    pytest.param(432, (LATE, MASS), {("clock offset", "T90"), ("nacelle mass", "nacelle")}, False,
+                 marks=pytest.mark.long),
 ])
 def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted, extend, validation):
-    row = validation(what="two effects at once in the virtual turbine, a clock offset and the nacelle's mass (long: a "
-                          "gain and wetted length): causes and places in the findings", reference="what was hidden")
+    row = validation(what="two effects at once in the virtual turbine (long), a clock offset and the nacelle's mass, a gain "
+                          "and wetted length: causes and places in the findings", reference="what was hidden")
     found = found_in(turbine, seed, *hidden, extend=extend)
     found_here = set().union(*(names(f) for f in found.findings))
     row.count(len(wanted & found_here), len(wanted), len(wanted), case=(found.verdict, found_here))

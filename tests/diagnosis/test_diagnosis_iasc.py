@@ -177,7 +177,8 @@ def test_braces_that_are_lost_are_named(prepared, number, pattern, time_profile,
     row.error((one["size"] - run.true_size(pattern, one["location"])) / one["std"], 3, "size")
 
 
-@pytest.mark.parametrize(("number", "pattern", "seed"), [(1, 2, 1), (3, 1, 1), (1, 1, 21)],
+@pytest.mark.parametrize(("number", "pattern", "seed"), [
+    pytest.param(1, 2, 1, marks=pytest.mark.long), (3, 1, 1), (1, 1, 21)],
                          ids=["two storeys", "one storey", "one storey, a mode beside an unmeasured one"])
 def test_storeys_that_lose_all_braces_at_a_step_are_named(prepared, number, pattern, seed, validation):
     """What is left of a storey without braces shows 3 % of one pair: a group's members lose their own tolerance too.

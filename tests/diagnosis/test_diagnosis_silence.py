@@ -16,10 +16,13 @@ from probupdate.virtual.modal_blocks import simulate_modes
 pytestmark = pytest.mark.hidden
 
 
-def test_nothing_hidden_in_the_turbine_nothing_found(turbine):
-    verdicts = [found_in(turbine, seed).verdict for seed in range(401, 411)]
-    # at 5 % each, three or more of ten come up once in 87 times
-    assert 10 - verdicts.count("none") <= 2, verdicts
+# at 5 % each, two or more of four come up once in 71 times, three or more of ten once in 87
+@pytest.mark.parametrize(("seeds", "most"), [
+    (range(401, 405), 1), pytest.param(range(401, 411), 2, marks=pytest.mark.long),
+], ids=["four", "ten"])
+def test_nothing_hidden_in_the_turbine_nothing_found(turbine, seeds, most):
+    verdicts = [found_in(turbine, seed).verdict for seed in seeds]
+    assert len(seeds) - verdicts.count("none") <= most, verdicts
 
 
 SLIPPING = {"kind": "soil_stiffness", "leg": "A", "direction": "axial", "factor": 0.4, **STEP}
@@ -54,6 +57,7 @@ def test_what_no_list_holds_is_not_named(turbine, seed, hidden):
     assert found_in(turbine, seed, hidden).verdict != "named"
 
 
+@pytest.mark.long
 def test_a_month_of_sets_tells_what_the_model_s_theory_leaves_out(tmp_path, validation):
     """Real members deform in shear and a Bernoulli-Euler model's do not: normal, so silence, and said. Without a row
     for it three of eight such months of 698 sets were named transition-piece flexibility, this seed's at z = 6.7."""

@@ -101,6 +101,7 @@ def started(described, out, jobs=1, shard=""):
     return subprocess.Popen(words, env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
 
 
+@pytest.mark.long
 def test_killed_in_two_processes_and_resumed_has_the_bytes_of_an_undisturbed_run(described, undisturbed, tmp_path):
     out = tmp_path / "out"
     child = started(described, out, jobs=2)
@@ -166,6 +167,7 @@ def test_two_shards_killed_and_resumed_lose_nothing_and_write_nothing_twice(desc
     assert poles and all(after[name] == left[name] for name in poles)
 
 
+@pytest.mark.long
 def test_two_runs_of_one_farm_on_one_folder_give_the_bytes_of_one(described, undisturbed, tmp_path):
     """Without shards both do all months; what one has just written the other takes, or writes once more."""
     out = tmp_path / "out"

@@ -111,6 +111,7 @@ def test_a_linear_problems_evidence_is_the_density_of_its_data(tmp_path, validat
     assert check.share > 0.999 and check.pareto_k < TRUSTED_K
 
 
+@pytest.mark.long
 def test_the_stated_deviation_is_the_scatter_over_seeds(tmp_path):
     problem = two_parameters()
     found = [evidence_of(problem, tmp_path / str(k), seed=k, ess=300) for k in range(5)]
