@@ -68,8 +68,8 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
                  marks=pytest.mark.long),
 ])
 def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted, extend, validation):
-    row = validation(what="two effects at once in the virtual turbine (long), a clock offset and the nacelle's mass, a gain "
-                          "and wetted length: causes and places in the findings", reference="what was hidden")
+    row = validation(what="two effects at once in the virtual turbine (long), a clock offset and the nacelle's mass, a "
+                          "gain and wetted length: causes and places in the findings", reference="what was hidden")
     found = found_in(turbine, seed, *hidden, extend=extend)
     found_here = set().union(*(names(f) for f in found.findings))
     row.count(len(wanted & found_here), len(wanted), len(wanted), case=(found.verdict, found_here))

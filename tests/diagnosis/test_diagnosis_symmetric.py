@@ -79,8 +79,8 @@ def found_in(model, data, **how):
 ], ids=["half of the modes", "all modes"])
 def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode, validation):
     row = validation(what="six storeys equal in x and y, storey 1 in y eight times as stiff, half of its modes "
-                          "(long: all): verdict, cause, place, time profile; size in its standard deviations, its standard "
-                          "deviation; threshold of z", reference="what was hidden, +7")
+                          "(long: all): verdict, cause, place, time profile; size in its standard deviations, its "
+                          "standard deviation; threshold of z", reference="what was hidden, +7")
     found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location, one.time_profile), ("named", "parameter", "ky1", "constant"),
@@ -150,7 +150,8 @@ def test_two_equal_states_are_silent(model):
 def test_frequencies_before_and_after(model, validation):
     """Either of two equal modes may be the one that moved: x and y are equally probable."""
     row = validation(what="frequencies alone of two states of a frame equal in x and y, a storey of y and nothing "
-                          "hidden: cause, time profile, places; verdict", reference="what was hidden, along x or y; none")
+                          "hidden: cause, time profile, places; verdict",
+                     reference="what was hidden, along x or y; none")
     found = found_in(model, before_and_after(9, shapes=False))
     (one,) = found.findings
     places = {one.location, *(a.location for a in one.alternatives)}
