@@ -291,7 +291,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
         # of frequencies alone first order says which of two equal modes moves, where either may
-        large = bool(found.statistic.max() > LARGE) or not problem.blocks.channels
+        large = bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),

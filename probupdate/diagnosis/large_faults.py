@@ -28,7 +28,7 @@ DOUBLINGS = 7
 ANOTHER, MOST_TURNS = 400.0, 6
 # effects of the structure that are solved at their own size, the best to first order; of frequencies alone, which say
 # less to first order
-MOST_SOLVED, MOST_SOLVED_ALONE = 6, 24
+MOST_SOLVED, MOST_SOLVED_ALONE = 6, 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
