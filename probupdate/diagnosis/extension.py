@@ -226,7 +226,7 @@ def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) ->
     """What became of one finding."""
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
-                    "time_profile": included.time_profile.name}
+                    "unit": effect.unit, "time_profile": included.time_profile.name}
     name = effect.adds.name if effect.adds is not None else added.name_of(included)
     if name is not None:
         return described_by | {"as": "parameter", "parameter": name}

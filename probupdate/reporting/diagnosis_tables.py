@@ -90,12 +90,55 @@ def extension_items(table: object) -> list[Element]:
     said = table.get("statements")
     title = "The model with what was found"
     first = [Items(title=title, statements=tuple(map(sentence, said)))] if said else []
-    rest = {k: v for k, v in table.items() if k != "statements"}
-    beside = _estimators_table(rest.get("after"), rest.get("sampler"))
-    if beside:
-        # what stands beside the others need not be listed alone
-        rest["sampler"] = {k: v for k, v in rest["sampler"].items() if k != "parameters"}
-    return [*first, *beside, *plain_table(title, rest)]
+    updated, sampler = table.get("after"), table.get("sampler")
+    shown = [*_taken_in(table.get("added")), *_parameters_beside(table), *_estimators_table(updated, sampler)]
+    # what stands in these tables or in the statements need not be listed once more
+    known = {"statements"} | ({"added"} if table.get("added") else set())
+    known |= {"before", "after", "joint", "mean_of_blocks"} if _parameters_of(updated) else set()
+    rest = {k: v for k, v in table.items() if k not in known}
+    if isinstance(sampler, Mapping):
+        rest["sampler"] = {k: v for k, v in sampler.items() if k != "parameters"}
+    return [*first, *shown, *plain_table(title, rest)]
+
+
+def _taken_in(added: object) -> list[Element]:
+    """Each finding with its size, and what it is in the extended model."""
+    if not isinstance(added, Sequence) or not added:
+        return []
+    rows = tuple((wording.name_of(f), f["time_profile"], _with_std(f["size"], f.get("size_std")), f.get("unit", MISSING),
+                  f"{f['as']} {f['parameter']}" if f.get("parameter") else f["as"]) for f in added)
+    return [Table(caption="Findings that were taken in", rows=rows, columns=(
+        Column(name="finding", number=False), Column(name="time profile", number=False),
+        Column(name="size with standard deviation"), Column(name="unit", number=False),
+        Column(name="taken in as", number=False)))]
+
+
+def _parameters_of(side: object) -> dict[str, Mapping]:
+    return {p["name"]: p for p in side.get("parameters", ())} if isinstance(side, Mapping) else {}
+
+
+def _parameters_beside(table: Mapping) -> list[Element]:
+    """Every parameter in the update of the mean: of the model as it is, and with the findings in it."""
+    before, after = (_parameters_of(table.get(side)) for side in ("before", "after"))
+    if not after:
+        return []
+    rows = []
+    for name, p in after.items():
+        old = before.get(name, {})
+        rows.append((name, _with_std(p.get("prior"), p.get("prior_std")), _with_std(old.get("map"), old.get("std")),
+                     _with_std(p["map"], p["std"]), number(p.get("deterministic")), fixed(old.get("prior_shift"), 2),
+                     fixed(p.get("prior_shift"), 2), "yes" if p.get("at_bound") else "no"))
+    columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="MAP, model as it is"),
+               Column(name="MAP, with the findings"), Column(name="deterministic, with the findings"),
+               Column(name="shift from the prior, as it is", unit="prior std"),
+               Column(name="shift, with the findings", unit="prior std"), Column(name="at a bound", number=False))
+    misfit = [side.get("misfit") for side in (table.get("before"), table.get("after")) if isinstance(side, Mapping)]
+    said = " and ".join(number(m) for m in misfit if m is not None)
+    responses = table["after"].get("effective_responses")
+    note = f"Misfit {said}" + (f" of {responses} effective responses" if responses is not None else "") + (
+        f", for the mean of {table['mean_of_blocks']} sets" if table.get("mean_of_blocks") else "") + "."
+    return [Table(caption="Parameters without and with the findings in the model", columns=columns, rows=tuple(rows),
+                  note=note if said else "")]
 
 
 def _estimators_table(updated: object, sampler: object) -> list[Element]:
