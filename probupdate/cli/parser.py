@@ -6,7 +6,7 @@ import argparse
 import textwrap
 from collections.abc import Callable
 from difflib import get_close_matches
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from probupdate import __version__
 from probupdate.cli import beginning, estimates, records, results
@@ -46,7 +46,7 @@ class _Parser(argparse.ArgumentParser):
 class _VerbParser(_Parser):
     """An option that the command does not have is its own error, with what may have been meant, not the program's."""
 
-    def parse_known_args(self, args=None, namespace=None):
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             known = [option for action in self._actions for option in action.option_strings]

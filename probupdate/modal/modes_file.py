@@ -94,8 +94,8 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
     for s in sets:
         for key, value in s.environment.items():
             if isinstance(value, str) and key in numbers:
-                raise InputError(f"{path}, set {s.id}, environment, {key}", f"is the word '{value:.40}', and a number in "
-                                 f"set {numbers[key]}", "give numbers, and null where there was no measurement")
+                raise InputError(f"{path}, set {s.id}, environment, {key}", f"is the word '{value:.40}', and a number "
+                                 f"in set {numbers[key]}", "give numbers, and null where there was no measurement")
 
 
 # of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit

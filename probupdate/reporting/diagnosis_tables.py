@@ -105,8 +105,9 @@ def _taken_in(added: object) -> list[Element]:
     """Each finding with its size, and what it is in the extended model."""
     if not isinstance(added, Sequence) or not added:
         return []
-    rows = tuple((wording.name_of(f), f["time_profile"], _with_std(f["size"], f.get("size_std")), f.get("unit", MISSING),
-                  f"{f['as']} {f['parameter']}" if f.get("parameter") else f["as"]) for f in added)
+    rows = tuple((wording.name_of(f), f["time_profile"], _with_std(f["size"], f.get("size_std")),
+                  f.get("unit", MISSING), f"{f['as']} {f['parameter']}" if f.get("parameter") else f["as"])
+                 for f in added)
     return [Table(caption="Findings that were taken in", rows=rows, columns=(
         Column(name="finding", number=False), Column(name="time profile", number=False),
         Column(name="size with standard deviation"), Column(name="unit", number=False),

@@ -126,8 +126,8 @@ def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, 
 def test_the_parameters_stand_without_and_with_the_findings(full_run, diagnosis_of, unfigured):
     """In the field's words, not by the keys of the file."""
     extension = extension_with(asked=False, reason="this was not asked for", parameters=[]) | {
-        "added": [{"cause": "joints loosened", "location": "face AB, bay 2", "size": -0.587, "size_std": 0.04, "unit": "-",
-                   "time_profile": "step", "as": "parameter", "parameter": "joint_AB_2"}],
+        "added": [{"cause": "joints loosened", "location": "face AB, bay 2", "size": -0.587, "size_std": 0.04,
+                   "unit": "-", "time_profile": "step", "as": "parameter", "parameter": "joint_AB_2"}],
         "before": {"misfit": 81.4, "parameters": []}, "mean_of_blocks": 15}
     extension["after"] |= {"effective_responses": 86}
     extension["after"]["parameters"][0] |= {"prior_shift": -1.957, "at_bound": False}
