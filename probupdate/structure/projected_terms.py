@@ -19,8 +19,8 @@ from probupdate.runtime.arrays import frozen_array
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProjectedTerms:
     """B^T K_t B for constant symmetric K_t (n_dof, n_dof) and a basis B (n_dof, r), and behind them parts F^T F that
-    are given on the basis by their few rows F. row, column (n_entry,): places of the terms' joint pattern; entry (n_term,
-    n_entry): sparse, what each term has there; added: F (n, r) of each part."""
+    are given on the basis by their few rows F. row, column (n_entry,): places of the terms' joint pattern; entry
+    (n_term, n_entry): sparse, what each term has there; added: F (n, r) of each part."""
 
     basis: np.ndarray
     row: np.ndarray
