@@ -31,6 +31,11 @@ class Quantity:
     limit: list[float]
     worst: list[float]
 
+    def __post_init__(self):
+        # numbers of numpy do not travel between the processes of a run
+        self.limit, self.worst = ([x.item() if isinstance(x, np.generic) else x for x in some]
+                                  for some in (self.limit, self.worst))
+
     def with_another(self, other: Quantity) -> Quantity:
         """The worst of both: the largest error, the smallest value, the widest range; counts are added up."""
         assert self.kind == other.kind, f"{self.kind} and {other.kind} of one quantity"
