@@ -252,6 +252,16 @@ def test_a_row_holds_bounds_from_below_ranges_and_counts():
             wrong()
 
 
+def test_a_row_holds_plain_numbers():
+    """Those of numpy ended a run in several processes, which send one another plain ones only."""
+    row = Row(what="gains", reference="planted")
+    row.error(np.array([1e-3]), below=np.float64(0.1), of="size")
+    row.count(np.int64(3), np.int64(4), np.int64(2), of="found")
+    ((_, kept),) = properties([row])
+    numbers = [x for q in kept["quantities"].values() for x in (*q["limit"], *q["worst"])]
+    assert len(numbers) == 5 and all(type(x) in (int, float) for x in numbers)
+
+
 @pytest.mark.parametrize("name", (*PAPERS, *PAGES))
 def test_links_lead_somewhere(name):
     for target in re.findall(r"\]\(([^)]+)\)", text(name)):
