@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from probupdate import __version__
 from probupdate.cli import beginning, estimates, records, results
@@ -41,19 +41,6 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-class _VerbParser(_Parser):
-    """An option that the command does not have is its own error, with what may have been meant, not the program's."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        found, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            known = [option for action in self._actions for option in action.option_strings]
-            near = [m for word in unknown for m in get_close_matches(word.split("=")[0], known, n=1)]
-            meant = f"; did you mean {' '.join(near)}?" if near else ""
-            self.error(f"unknown: {' '.join(unknown)}{meant}")
-        return found, unknown
 
 
 # keys of --json beyond those that every command has
@@ -94,7 +81,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", help="one of the commands below",
-                                  parser_class=_VerbParser)
+                                  parser_class=_Parser)
     about: dict[str, str] = {}
 
     def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:
@@ -110,3 +97,18 @@ def build_parser() -> argparse.ArgumentParser:
         group.add_commands(verb)
     parser.epilog = commands_by_group(about)
     return parser
+
+
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments of a command. One that it does not have is the command's own error, not the program's, with what
+    may have been meant."""
+    parser = build_parser()
+    found, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        (verbs,) = (action.choices for action in parser._actions if action.dest == "verb")
+        verb = dict(verbs or {})[found.verb]
+        known = [option for action in verb._actions for option in action.option_strings]
+        near = [m for word in unknown for m in get_close_matches(word.split("=")[0], known, n=1)]
+        meant = f"; did you mean {' '.join(near)}?" if near else ""
+        verb.error(f"unknown: {' '.join(unknown)}{meant}")
+    return found

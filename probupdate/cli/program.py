@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from probupdate.cli.parser import build_parser
+from probupdate.cli.parser import build_parser, parsed
 from probupdate.cli.process import ended_by_signals
 from probupdate.cli.terminal import complain, terminal_progress
 from probupdate.errors import InputError, ProbupdateError
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     program = "probupdate"
     try:
         with ended_by_signals():
-            a = build_parser().parse_args(arguments)
+            a = parsed(arguments)
             program = f"probupdate {a.verb}"
             # an announcement of another package's next release, once a day and machine; it says nothing of this run
             warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor",

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from probupdate.cli import EXAMPLES, GROUPS, build_parser
+from probupdate.cli.parser import parsed
 
 (VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
 
@@ -45,6 +46,6 @@ def test_help_asks_for_nothing_heavy():
 
 def test_an_unknown_option_is_the_commands_own_error(capsys):
     with pytest.raises(SystemExit, match="2"):
-        build_parser().parse_args([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
+        parsed([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
     said = capsys.readouterr().err
     assert said == "probupdate update: unknown: --alpa 3; did you mean --alpha?; see probupdate update --help\n"
