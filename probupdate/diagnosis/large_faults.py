@@ -107,7 +107,7 @@ def _pairs_exchanged(
     problem: DiagnosisProblem, theta: np.ndarray, centred: Sequence[np.ndarray]
 ) -> list[np.ndarray] | None:
     """Of frequencies alone the residuals with those of neighbours exchanged that the model has close to each other:
-    what stiffens either of two equal modes makes it the upper one, and to first order that is told of one only. None
+    what stiffens either of two equal modes makes it the upper one, and first order says so of one only. None
     where there are shapes, or no neighbours so close."""
     if problem.blocks.channels:
         return None

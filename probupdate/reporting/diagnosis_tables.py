@@ -48,7 +48,8 @@ def _pairs_of(gain: Mapping) -> list[str]:
 
 
 def _measure_words(key: str) -> str:
-    return key.replace("_", " ").replace("rms", "root mean square of").replace("max", "largest") + (
+    words = key.replace("_", " ").replace("rms", "root mean square of").replace("max", "largest")
+    return words.replace("mac", "MAC").replace("crps", "CRPS of") + (
         " [%]" if "frequency_error" in key else " [-]")
 
 
@@ -91,14 +92,14 @@ def extension_items(table: object) -> list[Element]:
     title = "The model with what was found"
     first = [Items(title=title, statements=tuple(map(sentence, said)))] if said else []
     updated, sampler = table.get("after"), table.get("sampler")
-    shown = [*_taken_in(table.get("added")), *_parameters_beside(table), *_estimators_table(updated, sampler)]
+    estimated = _estimators_table(updated, sampler)
     # what stands in these tables or in the statements need not be listed once more
     known = {"statements"} | ({"added"} if table.get("added") else set())
     known |= {"before", "after", "joint", "mean_of_blocks"} if _parameters_of(updated) else set()
     rest = {k: v for k, v in table.items() if k not in known}
-    if isinstance(sampler, Mapping):
+    if estimated and isinstance(sampler, Mapping):
         rest["sampler"] = {k: v for k, v in sampler.items() if k != "parameters"}
-    return [*first, *shown, *plain_table(title, rest)]
+    return [*first, *_taken_in(table.get("added")), *_parameters_beside(table), *estimated, *plain_table(title, rest)]
 
 
 def _taken_in(added: object) -> list[Element]:
@@ -133,13 +134,21 @@ def _parameters_beside(table: Mapping) -> list[Element]:
                Column(name="MAP, with the findings"), Column(name="deterministic, with the findings"),
                Column(name="shift from the prior, as it is", unit="prior std"),
                Column(name="shift, with the findings", unit="prior std"), Column(name="at a bound", number=False))
-    misfit = [side.get("misfit") for side in (table.get("before"), table.get("after")) if isinstance(side, Mapping)]
-    said = " and ".join(number(m) for m in misfit if m is not None)
-    responses = table["after"].get("effective_responses")
-    note = f"Misfit {said}" + (f" of {responses} effective responses" if responses is not None else "") + (
-        f", for the mean of {table['mean_of_blocks']} sets" if table.get("mean_of_blocks") else "") + "."
     return [Table(caption="Parameters without and with the findings in the model", columns=columns, rows=tuple(rows),
-                  note=note if said else "")]
+                  note=_update_words(table))]
+
+
+def _update_words(table: Mapping) -> str:
+    """How both models fit, and which update did not settle."""
+    sides = [(words, side) for words, side in (("as it is", table.get("before")), ("with the findings", table["after"]))
+             if isinstance(side, Mapping)]
+    misfit = " and ".join(f"{number(side['misfit'])} ({words})" for words, side in sides if "misfit" in side)
+    responses, n_set = table["after"].get("effective_responses"), table.get("mean_of_blocks")
+    said = [f"Misfit {misfit}" + (f" of {responses} effective responses" if responses is not None else "")
+            + (f", for the mean of {n_set} sets" if n_set else "") + "."] if misfit else []
+    said += [f"The deterministic update of the model {words} has NOT settled." for words, side in sides
+             if side.get("settled") is False]
+    return " ".join(said)
 
 
 def _estimators_table(updated: object, sampler: object) -> list[Element]:

@@ -140,7 +140,7 @@ def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
     together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
     who = ", ".join(names) or "the parameters together"
     return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
-                    text=" ".join(shifts) + together, action=CHECK_PRIORS)]
+                    text=typeset(" ".join(shifts)) + together, action=CHECK_PRIORS)]
 
 
 def _of_update(run: Run) -> list[Finding]:
