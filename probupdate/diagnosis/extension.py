@@ -429,16 +429,18 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
 
 
 def size_statements(added: Sequence[dict], parameters: Sequence[dict]) -> list[str]:
-    """Where the update of the mean gives a finding another size than the whole record did."""
+    """Where the update of the mean gives a finding another size than the whole record did, or ends at a bound."""
     rows, said = {p["name"]: p for p in parameters}, []
     for one in added:
         row = rows.get(one.get("parameter"))
         if one["as"] != "parameter" or row is None or one["time_profile"] not in ("constant", "step"):
             continue
         size = row["map"] - row["prior"]
-        if abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
+        # at a bound it is the bound's, and its standard deviation says nothing of how far off that is
+        if row["at_bound"] or abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
             why = ("the record shows it as a change, the mean after it only as one more share of an absolute value"
                    if one["time_profile"] == "step" else "the mean lacks the tolerances that the diagnosis allows for")
             said.append(f"{row['name']}: found as {one['size']:.4g} +- {one['size_std']:.2g}, but {size:.4g} +- "
-                        f"{row['std']:.2g} by the update of the mean: {why}; take the found one")
+                        f"{row['std']:.2g}{', at a bound,' if row['at_bound'] else ''} by the update of the mean: "
+                        f"{why}; take the found one")
     return said

@@ -116,11 +116,11 @@ def _actions(content: Mapping) -> list[Element]:
 
 
 def _hidden_beside_found(hidden: Sequence[str], findings: Sequence[Mapping]) -> Table:
-    rows = [(h, f) for h, f in zip_longest(hidden, map(wording.finding_words, findings), fillvalue="-")]
+    rows = [(h, typeset(f)) for h, f in zip_longest(hidden, map(wording.finding_words, findings), fillvalue="-")]
     return Table(caption="What was hidden in this virtual campaign, and what the diagnosis found",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
                  note="Each in its own order. Sizes of findings are changes from the neutral value: a factor of 0.75 "
-                      "is -25 %.")
+                      "is −25 %.")
 
 
 def _findings_table(findings: Sequence[Mapping]) -> Table:

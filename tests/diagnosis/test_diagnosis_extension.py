@@ -314,10 +314,14 @@ def test_where_the_chain_and_laplace_part_is_said_with_how_much():
 
 
 def test_a_size_that_the_mean_tells_otherwise_is_said_with_both():
-    row = {"name": "mass", "prior": 0.0, "map": 5726.0, "std": 5133.0}
+    row = {"name": "mass", "prior": 0.0, "map": 5726.0, "std": 5133.0, "at_bound": False}
     one = {"as": "parameter", "parameter": "mass", "time_profile": "step", "size": 24513.0, "size_std": 2569.0}
     (words,) = size_statements([one], [row])
     assert "2.451e+04 +- 2.6e+03" in words and "5726 +- 5.1e+03" in words and "as a change" in words
     assert not size_statements([one | {"size": 12000.0}], [row])
+    # a leg of 0.72 that the mean leaves whole, at its bound, with nearly the prior's standard deviation
+    (words,) = size_statements([one | {"size": -0.28, "size_std": 0.03}],
+                               [{"name": "mass", "prior": 1.0, "map": 1.0, "std": 0.26, "at_bound": True}])
+    assert "found as -0.28 +- 0.03, but 0 +- 0.26, at a bound, by the update of the mean" in words
     assert not size_statements([one | {"time_profile": "ramp"}], [row])
     assert not size_statements([one | {"as": "other"}], [row])
