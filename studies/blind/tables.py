@@ -35,6 +35,11 @@ def is_named(finding: dict, effect: dict) -> bool:
     return finding["cause"] == effect["cause"] and finding["location"] == effect["location"]
 
 
+def rightly_named(line: dict) -> bool:
+    """Whether every finding of a record was hidden in it: a second one that is not there is a wrong name too."""
+    return bool(line["findings"]) and all(any(is_named(f, e) for e in line["effects"]) for f in line["findings"])
+
+
 def in_set(finding: dict, effect: dict) -> bool:
     """Named, or among the alternatives that an ambiguous finding lists."""
     return is_named(finding, effect) or any(
@@ -97,8 +102,7 @@ def summary(lines: list[dict]) -> str:
                        ("that cannot", {x["id"] for x in found if distinguishable(x["effects"][0]) is False})):
         out.append(rate(f"detected singles {words}: right first", len(first & ids), len(ids)))
         out.append(rate(f"detected singles {words}: in the named set", len(held & ids), len(ids)))
-    out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
-                    len(sure)))
+    out.append(rate("verdict 'named' and all findings right", sum(map(rightly_named, sure)), len(sure)))
     sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"]
              and x["effects"][0]["cause"] not in OWN_UNIT and is_named(x["findings"][0], x["effects"][0])
              and x["findings"][0]["size_std"] > 0]
@@ -121,7 +125,9 @@ def summary(lines: list[dict]) -> str:
     within = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
     out.append(rate("detected twins: the true one in the set", len(within), len(twin)))
     out.append(rate("detected twins: ambiguous, unexplained or the true one", sum(
-        x["verdict"] != "named" or is_named(x["findings"][0], x["effects"][0]) for x in twin), len(twin)))
+        x["verdict"] != "named" or rightly_named(x) for x in twin), len(twin)))
+    several = [x for x in pair if x["verdict"] == "named"]
+    out.append(rate("pairs: verdict 'named' and all findings right", sum(map(rightly_named, several)), len(several)))
     below = by.get("below", [])
     out.append(rate("below the limit: none, or the right name", sum(
         x["verdict"] == "none" or any(in_set(f, x["effects"][0]) for f in x["findings"]) for x in below), len(below)))
