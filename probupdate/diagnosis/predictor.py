@@ -170,15 +170,15 @@ def observed(references: Sequence[Reference], effects: Sequence[tuple[Effect, fl
     if not effects:
         return list(references)
     shape, shift = _as_seen(*_side_by_side(references), effects)
-    return [Reference(tensor=r.tensor + np.diag(shift[own][: len(r.tensor)]), shape=shape[:, own])
+    return [Reference(tensor=r.tensor + (r.members[1] * shift[own]) @ r.members[1].T,
+                      shape=shape[:, own] @ r.members[1].T)
             for r, own in zip(references, _columns(references), strict=True)]
 
 
 def _side_by_side(references: Sequence[Reference]) -> tuple[np.ndarray, np.ndarray]:
-    """Shapes (n_channel, n) of all references, and the frequency of each (n,)."""
-    width = [r.shape.shape[1] for r in references]
-    return (np.concatenate([r.shape for r in references], axis=1),
-            np.repeat([r.frequency_hz for r in references], width))
+    """Shapes (n_channel, n) of all references' modes, and the frequency of each (n,)."""
+    return (np.concatenate([r.shape @ r.members[1] for r in references], axis=1),
+            np.concatenate([r.members[0] for r in references]))
 
 
 def _columns(references: Sequence[Reference]) -> list[slice]:
@@ -218,8 +218,9 @@ def effect_signatures(
                                                               strict=True):
         t_change, s_change = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
         if of_sensors:
-            s_change[:, :, of_sensors] = d_shape[:, own]
-            t_change[:, :, of_sensors] = np.eye(len(tensor))[:, :, None] * d_log[own][:, None]
+            turn = reference.members[1]
+            s_change[:, :, of_sensors] = np.einsum("cip,ki->ckp", d_shape[:, own], turn)
+            t_change[:, :, of_sensors] = np.einsum("ai,ip,bi->abp", turn, d_log[own], turn)
         result.append(signature(there, t_change, s_change, axes))
     return result
 
@@ -227,8 +228,8 @@ def effect_signatures(
 def _sensor_changes(
     effects: Sequence[Effect], references: Sequence[Reference], seen: Sequence[tuple[Effect, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Change per unit size of each effect of sensors: of all references' shapes side by side (n_channel, n, n_effect)
-    and of their ln f (n, n_effect)."""
+    """Change per unit size of each effect of sensors: of the shapes of all references' modes side by side (n_channel, n,
+    n_effect) and of their ln f (n, n_effect)."""
     shape, frequency = _side_by_side(references)
     d_shape, d_log = np.empty((*shape.shape, len(effects)), complex), np.empty((len(frequency), len(effects)))
     for j, effect in enumerate(effects):
@@ -247,8 +248,11 @@ def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[E
     """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
     if not seen:
         return shape
-    flat = shape.reshape(shape.shape[0], -1)
-    return _as_seen(flat, np.full(flat.shape[1], reference.frequency_hz), seen)[0].reshape(shape.shape)
+    frequency, turn = reference.members
+    of_members = np.einsum("ckn,ki->cin", shape, turn)
+    flat = of_members.reshape(shape.shape[0], -1)
+    changed = _as_seen(flat, np.repeat(frequency, shape.shape[2]), seen)[0].reshape(of_members.shape)
+    return np.einsum("cin,ki->ckn", changed, turn)
 
 
 @lru_cache(maxsize=8)
