@@ -33,7 +33,7 @@ class Reference:
     @cached_property
     def members(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequency (k,) of each of its modes, and their directions (k, k), columns, in the axes. A clock or a filter
-        turns the phase of each by its own frequency: at 54 ms two that are 4 % apart differ by as much as noise shows."""
+        turns the phase of each by its own frequency: at 54 ms two that are 4 % apart differ by more than noise."""
         log, turn = np.linalg.eigh(self.tensor)
         return np.exp(log), turn
 
