@@ -228,8 +228,8 @@ def effect_signatures(
 def _sensor_changes(
     effects: Sequence[Effect], references: Sequence[Reference], seen: Sequence[tuple[Effect, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Change per unit size of each effect of sensors: of the shapes of all references' modes side by side (n_channel, n,
-    n_effect) and of their ln f (n, n_effect)."""
+    """Change per unit size of each effect of sensors: of the shapes of all references' modes side by side
+    (n_channel, n, n_effect) and of their ln f (n, n_effect)."""
     shape, frequency = _side_by_side(references)
     d_shape, d_log = np.empty((*shape.shape, len(effects)), complex), np.empty((len(frequency), len(effects)))
     for j, effect in enumerate(effects):
