@@ -102,7 +102,7 @@ def demo(
         steps.side_by_side({
             "update": (_update, model, nine, files["update"]),
             "sample": (_sample, model, nine, files["posterior"], seed),
-            "diagnose": (_diagnose, model, modes, campaign, out / "diagnosis.json", seed, hidden),
+            "diagnose": (_diagnose, model, modes, campaign, out / "diagnosis.json", seed, hidden, runs),
         }, jobs, progress)
         with steps.of("compare", again=True):
             compared = verbs.compare(files["update"], files["posterior"], model=model)
@@ -176,9 +176,11 @@ def _sample(model: Path, nine: Path, out: Path, seed: int, progress: Progress = 
 
 
 def _diagnose(
-    model: Path, modes: Path, campaign: Path, out: Path, seed: int, hidden: str, progress: Progress = silent
+    model: Path, modes: Path, campaign: Path, out: Path, seed: int, hidden: str, runs: Executor,
+    progress: Progress = silent,
 ) -> str:
-    diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, sampler=False, progress=progress)
+    diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, sampler=False, jobs=runs,
+                               progress=progress)
     diagnosis.write(out)
     return f"{diagnosis.summary}\n{_hidden_and_found(hidden, diagnosis)}"
 

@@ -14,9 +14,12 @@ from probupdate.runtime.progress import Progress
 def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.diagnose(
-        a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-        extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
+    from probupdate.runtime.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.diagnose(
+            a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
+            extend=not a.no_extend, sampler=not a.no_sampler, jobs=runs, progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
 
@@ -63,6 +66,7 @@ def add_commands(verb: AddCommand) -> None:
                    help="leave out the gain on held-out blocks and the model and data with the findings in them")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
                    "(40 s for a turbine); the command that samples it is said instead")
+    on_workers(p, "processes for hypotheses, updates and the sampler's ensembles (1); the numbers do not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 

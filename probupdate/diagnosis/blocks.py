@@ -191,7 +191,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         ids=tuple(s.id for s in sets), hours=frozen_array(hours),
         channels=tuple(data.channels[k] for k in kept_channels), labels=names, groups=groups,
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex),
-        angle_deg=frozen_array(np.nan_to_num(angle)), environment=tuple(s.environment for s in sets),
+        angle_deg=frozen_array(np.nan_to_num(angle)), environment=tuple(dict(s.environment) for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), factors=factors,
         notes=tuple(notes), few=few, std_alone=not any(s.covariance_factors is not None for s in sets),
     )

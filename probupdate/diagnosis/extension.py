@@ -10,7 +10,7 @@ one way, with the standard deviations of that mean and of model form.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, write_modes
 from probupdate.model.parameters import Parameter
+from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.extend import EffectParameter, extended_model, write_extended
@@ -60,13 +61,14 @@ class Extension:
 def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
     sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, seed: int = 1,
-    progress: Progress = silent,
+    runs: Executor = SERIAL, progress: Progress = silent,
 ) -> Extension:
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
     <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`
-    (where the model's parameters came from, if from another file) and `seed` are for the command that is given."""
+    (where the model's parameters came from, if from another file) and `seed` are for the command that is given. On the
+    executor `runs` the model as it is and with the findings are updated side by side."""
     problem, fitted = outcome.problem, outcome.fitted
     added = _Added.of(prepared, fitted)
     mean, n_block = mean_set(problem, fitted)
@@ -76,9 +78,8 @@ def extend(
     angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
     alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],))
-    before, _ = _updated_if_possible(lambda: _Added().model(prepared, angle), alone)
-    progress("updating with the findings", 1, 2)
-    after, model = _updated_if_possible(lambda: added.model(prepared, angle), averaged)
+    (before, _), (after, model) = runs.in_order(
+        _updated_if_possible, [(_Added(), alone), (added, averaged)], shared=(prepared, angle))
     progress("updating with the findings", 2, 2)
     command, place = "", None
     foreign = prepared.description is not None and "model" in places and parameters_file is not None
@@ -89,7 +90,7 @@ def extend(
             command = sampling_command(places.get("model", prepared.path), places["mean"], place,
                                        seed if sampler is None else sampler.seed,
                                        parameters=None if "model" in places else parameters_file)
-    chain = _chain(model, averaged, sampler, place, command, progress)
+    chain = _chain(model, averaged, sampler, place, command, runs, progress)
     files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
     files |= {key: path.name for key, path in places.items()}
     if model is not None and sampler is not None and place is not None and "refused" not in chain:
@@ -136,20 +137,23 @@ def _written(
 
 def _chain(
     model: AffineModel | None, averaged: ModalData, sampler: SamplerSettings | None, place: Path | None, command: str,
-    progress: Progress,
+    runs: Executor, progress: Progress,
 ) -> dict:
     """What the sampler says of the mean with the findings in the model, or why it was not run."""
     if sampler is None:
         return not_sampled(command, reason="this was not asked for")
     if model is None:
         return not_sampled(command, refused="the model with them was not updated")
-    return sampled(model, averaged, sampler, place, command, progress)
+    return sampled(model, averaged, sampler, place, command, runs, progress)
 
 
-def _updated_if_possible(opened: Callable[[], AffineModel], data: ModalData) -> tuple[dict, AffineModel | None]:
-    """What the estimators find, and the model; without it where they refuse, which is a result: the findings stand."""
+def _updated_if_possible(
+    prepared: Prepared, angle_deg: float, added: _Added, data: ModalData
+) -> tuple[dict, AffineModel | None]:
+    """What the estimators find with this added to the model, and the model; without it where they refuse, which is a
+    result: the findings stand."""
     try:
-        model = opened()
+        model = added.model(prepared, angle_deg)
         return updated(model, data), model
     except (ConvergenceError, InputError) as error:
         return {"refused": str(error), "parameters": [], "too_alike": []}, None

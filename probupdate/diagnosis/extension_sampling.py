@@ -12,6 +12,7 @@ import numpy as np
 
 from probupdate.errors import ProbupdateError
 from probupdate.modal.modes import ModalData
+from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
 from probupdate.structure.affine import AffineModel
 from probupdate.updating.discrepancy import default_likelihood
@@ -42,14 +43,15 @@ def not_sampled(command: str, **why: str) -> dict:
 
 
 def sampled(
-    model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, command: str, progress: Progress
+    model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, command: str, runs: Executor,
+    progress: Progress,
 ) -> dict:
     """The chain's numbers for diagnosis.json, its file written to `out`; where the sampler refuses or fails, why."""
     try:
         with tempfile.TemporaryDirectory() as folder:
             # a chain kept beside the file would be another problem's once the record changes
             posterior = sample_posterior(model, data, Path(folder) / "chain", weights=default_likelihood(model, data),
-                                         settings=settings, progress=progress)
+                                         settings=settings, jobs=runs, progress=progress)
         if out is not None:
             write_posterior(posterior, out)
     except ProbupdateError as error:

@@ -99,6 +99,9 @@ def _design(
     prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
     column = {j: k for k, j in enumerate(catalogue)}
     scatter = [(column[j], profile, std) for j, profile, std in _members_scatter(problem, included)]
+    # whole arrays of their own: products of parts of larger ones differ in the last digit from those of copies, which
+    # other processes have
+    nuisance, effect = (tuple(map(np.ascontiguousarray, parts)) for parts in (nuisance, effect))
     return Design(
         bin_of=bin_of,
         nuisance=nuisance,

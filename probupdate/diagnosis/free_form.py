@@ -20,6 +20,7 @@ from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
+from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
@@ -56,7 +57,8 @@ def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
 
 
 def free_form(
-    prepared: Prepared, known: Outcome, data: ModalData, *, seed: int = 1, progress: Progress = silent
+    prepared: Prepared, known: Outcome, data: ModalData, *, seed: int = 1, runs: Executor = SERIAL,
+    progress: Progress = silent,
 ) -> FreeForm | None:
     """The same search with elementary parts in the catalogue; None where the model has no picture to place them in, or
     where none of them is taken in. `known`: what the catalogue made of the record."""
@@ -65,7 +67,7 @@ def free_form(
         return None
     wider = prepared_with(prepared, [parts[k] for k in most_promising(known.problem, known.null, parts)])
     try:
-        outcome = examine(wider, data, most=MOST_PARTS, seed=seed, progress=progress)
+        outcome = examine(wider, data, most=MOST_PARTS, seed=seed, runs=runs, progress=progress)
     except ConvergenceError:
         return None
     if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.included):

@@ -38,6 +38,7 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local
 from probupdate.diagnosis.stress_ratio import fatigue_change
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import Sensor
+from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # contiguous folds of the record, each predicted from the others: so many, or more where one side of a step is short
@@ -202,34 +203,51 @@ def measures(
     return result
 
 
-def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) -> tuple[dict, ...]:
+def gains(
+    prepared: Prepared, outcome: Outcome, *, runs: Executor = SERIAL, progress: Progress = silent
+) -> tuple[dict, ...]:
     """Of every finding, added after those before it, what it gains: `measures`, sensors that took no part, how the
-    parameters move (in prior standard deviations) and what it changes of fatigue."""
+    parameters move (in prior standard deviations) and what it changes of fatigue. On the executor `runs` findings side
+    by side."""
     problem = outcome.problem
     fits = stages(problem, outcome.null, outcome.fitted)
     noise = outcome.null.design.noise
     levels = levels_of(problem.blocks.channels, prepared.sensors)
     progress("held-out blocks", 0, len(fits))
-    sides = [None if f is None else (f, held_out_sensors(problem, f, noise, levels)) for f in fits]
-    result = []
-    for number, (without, with_it) in enumerate(pairwise(sides), start=1):
-        if without is None or with_it is None:
-            result.append({"statement": "gain not measured: the model with the effects up to this one alone does not "
-                           "settle"})
-            continue
-        (old, before), (new, after) = without, with_it
-        solution = measures(problem, old, new, noise=noise)
-        solution["heldout_sensors"] = [
-            {"level": level, "channels": list(own), "rms_error_before": before[level][0],
-             "rms_error_after": after[level][0], "max_error_before": before[level][1],
-             "max_error_after": after[level][1]}
-            for level, own in levels.items()
-        ]
-        solution["parameter_shifts"] = _shifts(problem, old, new)
-        solution["fatigue"] = fatigue_change(prepared, problem, old, new)
-        result.append(solution)
-        progress("held-out blocks", number, len(fits))
-    return tuple(result)
+    # what their designs were asked for before is as large as all else
+    lean = [None if f is None else replace(f, design=replace(f.design)) for f in fits]
+    errors = runs.in_order(_sensor_errors, [(f,) for f in lean], shared=(problem, noise, levels))
+    progress("held-out blocks", 1, len(fits))
+    steps = list(pairwise(zip(lean, errors, strict=True)))
+    found = runs.in_order(_gain_of, steps, shared=(prepared, problem, noise, levels))
+    progress("held-out blocks", len(fits), len(fits))
+    return tuple(found)
+
+
+def _sensor_errors(
+    problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]], one: Fit | None
+) -> dict[str, tuple[float, float]]:
+    """`held_out_sensors` of a fit, nothing where there is none."""
+    return {} if one is None else held_out_sensors(problem, one, noise, levels)
+
+
+def _gain_of(
+    prepared: Prepared, problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]],
+    without: tuple[Fit | None, dict], with_it: tuple[Fit | None, dict],
+) -> dict:
+    """Of one finding, from a fit without it to one with it, each with its errors at sensors that took no part."""
+    (old, before), (new, after) = without, with_it
+    if old is None or new is None:
+        return {"statement": "gain not measured: the model with the effects up to this one alone does not settle"}
+    solution = measures(problem, old, new, noise=noise)
+    solution["heldout_sensors"] = [
+        {"level": level, "channels": list(own), "rms_error_before": before[level][0],
+         "rms_error_after": after[level][0], "max_error_before": before[level][1], "max_error_after": after[level][1]}
+        for level, own in levels.items()
+    ]
+    solution["parameter_shifts"] = _shifts(problem, old, new)
+    solution["fatigue"] = fatigue_change(prepared, problem, old, new)
+    return solution
 
 
 def _shifts(problem: DiagnosisProblem, old: Fit, new: Fit) -> dict[str, float]:

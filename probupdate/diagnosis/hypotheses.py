@@ -38,6 +38,7 @@ from probupdate.diagnosis.search import (
 from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
+from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
 
 # hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
@@ -256,8 +257,11 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
     return IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=tried.size)
 
 
-def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
-    """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
+def explore(
+    problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, runs: Executor, progress: Progress
+) -> Explored:
+    """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects; those that do
+    not need one another side by side on the executor `runs`."""
     n_searched = len(problem.which)
     # what a design is asked for is as large as all else together, and goes with the search that asked for it
     null = replace(null, design=replace(null.design))
@@ -265,7 +269,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     one_more: dict[frozenset, bool] = {}
-    compared, renewed = Ranking(), set()
+    compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
     while len(searches) < MOST_LOOKED:
         key = _next_looked_at(*compared.order(problem, known), searches)
@@ -296,7 +300,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
-        _fit_moves(problem, here, moves, known, noise_anew=large)
+        _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
@@ -338,18 +342,26 @@ def _renewed_with_its_like(
 
 def _fit_moves(
     problem: DiagnosisProblem, here: Hypothesis, moves: Sequence[Move], known: dict[frozenset, Hypothesis], *,
-    noise_anew: bool,
+    noise_anew: bool, runs: Executor,
 ) -> None:
     """Adds to `known` where the moves lead that were not fitted before, or from a place that promises more than that
     fit came to: of large effects one that began without the others may have ended anywhere."""
-    for move in moves:
-        there = key_of(problem, move.candidates)
-        before = known.get(there)
-        if before is not None and here.log_posterior + move.promise < before.log_posterior + CLOSE:
+    there = [key_of(problem, move.candidates) for move in moves]
+
+    def worth_it(number: int) -> bool:
+        before = known.get(there[number])
+        return before is None or here.log_posterior + moves[number].promise >= before.log_posterior + CLOSE
+
+    # what is very wrong makes the noise of the fit without it wrong too
+    base = None if noise_anew else replace(here.fitted, design=replace(here.fitted.design))
+    numbers = [number for number in range(len(moves)) if worth_it(number)]
+    tasks = [(here.fitted.theta if moves[k].theta is None else moves[k].theta, moves[k]) for k in numbers]
+    for number, fitted in zip(numbers, runs.in_order(_fitted, tasks, shared=(problem, base)), strict=True):
+        if fitted is None or not worth_it(number):
             continue
-        fitted = _fitted(problem, here, move, noise_anew)
-        if fitted is not None and (before is None or fitted.log_posterior > before.log_posterior):
-            known[there] = fitted
+        before = known.get(there[number])
+        if before is None or fitted.log_posterior > before.log_posterior:
+            known[there[number]] = _of_this_process(fitted, moves[number], base)
 
 
 def _competing(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
@@ -369,18 +381,29 @@ def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
     return frozenset((int(j), problem.time_profiles[c].name) for j, c in problem.which[list(candidates)])
 
 
-def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew: bool) -> Hypothesis | None:
-    """The hypothesis that a move leads to; None where the model has no modes there or nothing is left of an effect."""
-    theta = here.fitted.theta if move.theta is None else move.theta
+def _fitted(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move: Move) -> Hypothesis | None:
+    """The hypothesis that a move leads to, from these parameters and with the noise of `base` if that is given; None
+    where the model has no modes there or nothing is left of an effect."""
     try:
-        # what is very wrong makes the noise of the fit without it wrong too
-        fitted = fitted_without_candidates(problem, theta, move.included, base=None if noise_anew else here.fitted)
+        fitted = fitted_without_candidates(problem, theta, move.included, base=base)
     except ConvergenceError:
         return None
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.prior_scale for n in fitted.included):
         # it cannot be on the side that the score asked for
         return None
     return hypothesis_of(problem, move.candidates, move.z, fitted).without_design()
+
+
+def _of_this_process(one: Hypothesis, move: Move, base: Fit | None) -> Hypothesis:
+    """The same with the effects, time profiles and noise that it was fitted with, of which another process returns
+    copies: which one is meant is known by the object itself."""
+    design = one.fitted.design if base is None else replace(one.fitted.design, noise=base.design.noise)
+
+    def own(included: Sequence[IncludedEffect]) -> tuple[IncludedEffect, ...]:
+        return tuple(replace(known, size=n.size) for known, n in zip(move.included, included, strict=True))
+
+    return replace(one, fitted=replace(one.fitted, included=own(one.fitted.included), design=design),
+                   stored=None if one.stored is None else own(one.stored))
 
 
 def hypothesis_of(
@@ -426,7 +449,9 @@ class Ranking:
     marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both
     alike; and far from its own fit neither is linear."""
 
-    def __init__(self):
+    def __init__(self, runs: Executor):
+        self._runs = runs
+        # with the objects whose numbers stand in the key, so that these stay theirs
         self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
 
     def order(
@@ -434,34 +459,59 @@ class Ranking:
     ) -> tuple[list[frozenset], list[float]]:
         """Keys, the most probable first, with the ln posterior relative to it. A fit that has not settled stands where
         it stopped, below what its hypothesis could reach."""
-        best = max(known, key=lambda k: known[k].log_posterior)
-        relative = {k: self._relative(problem, h, known[best]) for k, h in known.items()}
+        best = known[max(known, key=lambda k: known[k].log_posterior)]
+        self._evaluate(problem, [h for h in known.values() if _is_close(h, best)], best)
+        relative = {k: self._relative(h, best) for k, h in known.items()}
         top = max(relative.values())
         keys = sorted(relative, key=lambda k: -relative[k])
         return keys, [relative[k] - top for k in keys]
 
-    def _relative(self, problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> float:
-        apart = one.log_posterior - best.log_posterior
-        if one is best or apart < -CLOSE:
-            return apart
+    def _evaluate(self, problem: DiagnosisProblem, close: Sequence[Hypothesis], best: Hypothesis) -> None:
+        """The evidence of each of the hypotheses and of the best one, about the parameters of either; side by side
+        places, as at one of them the model is solved once for all."""
         noise = best.fitted.design.noise
+        asked: dict[bytes, tuple[np.ndarray, dict[int, Hypothesis]]] = {}
+        for one in close:
+            for theta, h in ((p.fitted.theta, h) for p in (one, best) for h in (one, best)):
+                place = theta.tobytes()
+                if (place, id(h), id(noise)) not in self._known:
+                    asked.setdefault(place, (theta, {}))[1][id(h)] = h
+        tasks = [(theta, [h.fitted.included for h in there.values()]) for theta, there in asked.values()]
+        values = self._runs.in_order(_evidence_about, tasks, shared=(problem, noise))
+        for (place, (_, there)), found in zip(asked.items(), values, strict=True):
+            self._known |= {(place, number, id(noise)): (value, h, noise)
+                            for (number, h), value in zip(there.items(), found, strict=True)}
 
-        def about(theta: np.ndarray, h: Hypothesis) -> float:
-            key = theta.tobytes(), id(h), id(noise)
-            if key not in self._known:
-                try:
-                    value = marginal_evidence(problem, theta, h.fitted.included, noise)
-                except ConvergenceError:
-                    # no modes that pair with the measured ones there
-                    value = -np.inf
-                self._known[key] = value, h, noise
-            return self._known[key][0]
+    def _relative(self, one: Hypothesis, best: Hypothesis) -> float:
+        apart = one.log_posterior - best.log_posterior
+        if not _is_close(one, best):
+            return apart
 
-        places = one.fitted.theta, best.fitted.theta
-        own, other = (max(about(p, h) for p in places) for h in (one, best))
+        def about(place: Hypothesis, h: Hypothesis) -> float:
+            return self._known[place.fitted.theta.tobytes(), id(h), id(best.fitted.design.noise)][0]
+
+        own, other = (max(about(place, h) for place in (one, best)) for h in (one, best))
         if not np.isfinite([own, other]).all():
             return apart
         return own - other - (one.promised - best.promised) + one.log_prior - best.log_prior
+
+
+def _is_close(one: Hypothesis, best: Hypothesis) -> bool:
+    return one is not best and one.log_posterior - best.log_posterior >= -CLOSE
+
+
+def _evidence_about(
+    problem: DiagnosisProblem, noise: Noise, theta: np.ndarray, hypotheses: Sequence[Sequence[IncludedEffect]]
+) -> list[float]:
+    """`marginal_evidence` of each of the hypotheses, -inf where the model has no modes that pair with the measured ones.
+    """
+    found = []
+    for included in hypotheses:
+        try:
+            found.append(marginal_evidence(problem, theta, included, noise))
+        except ConvergenceError:
+            found.append(-np.inf)
+    return found
 
 
 def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:

@@ -323,7 +323,7 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
             continue
         basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
         projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
-        planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
+        planes.append(np.ascontiguousarray(np.linalg.eigh(projector)[1][:, -len(members):]))
     return ModalPredictor(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
 
 

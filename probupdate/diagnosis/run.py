@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +22,7 @@ from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
+from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.updating.ensemble import SamplerSettings
@@ -44,6 +44,7 @@ def diagnose_files(
     sampler: SamplerSettings | bool = True,
     seed: int = 1,
     out: str | Path | None = None,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Diagnosis:
     """`model`: a file, or one made ready by `prepare` for many records; None: measurement and environmental and
@@ -51,7 +52,8 @@ def diagnose_files(
     does not. `groups`: name -> {parameter: change}, or a TOML file of them. `effects`: a user's own; see `prepare`.
     `extend`: measure what each finding gains on held-out blocks, put the findings into model and data,
     written beside `out` (diagnosis.json's place), and run the estimators again, or where no row explains the record
-    look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`). """
+    look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
+    `jobs`: processes, or an executor, for hypotheses and updates; the numbers are the same on any. """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
     wrong_rate = rate_finding(tests)
     data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
@@ -63,17 +65,16 @@ def diagnose_files(
         return _with_tests(found, tests, wrong_rate)
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
-    whole = partial(_whole, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters, out=out,
-                    progress=progress)
-    if isinstance(model, Prepared):
-        return _with_tests(whole(model), tests, wrong_rate)
-    if not isinstance(model, Path):
+    if not isinstance(model, Path | Prepared):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")
-    own = read_parameters(parameters) if parameters else None
-    prepared = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects,
-                       progress=progress)
-    return _with_tests(whole(prepared), tests, wrong_rate)
+    if isinstance(model, Path):
+        own = read_parameters(parameters) if parameters else None
+        model = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects, progress=progress)
+    with executor(jobs) as runs:
+        found = _whole(model, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters,
+                       out=out, runs=runs, progress=progress)
+    return _with_tests(found, tests, wrong_rate)
 
 
 def _refuse_without_model(**given) -> None:
@@ -95,25 +96,25 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
 
 def _whole(
     prepared: Prepared, *, data: ModalData, seed: int, extended: bool, sampler: SamplerSettings | bool,
-    parameters_file: str | Path | None, out: str | Path | None, progress: Progress,
+    parameters_file: str | Path | None, out: str | Path | None, runs: Executor, progress: Progress,
 ) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
-    outcome = examine(prepared, data, seed=seed, progress=progress)
+    outcome = examine(prepared, data, seed=seed, runs=runs, progress=progress)
     found = outcome.diagnosis
     few = outcome.problem.blocks.few
     if extended and few and found.findings:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
                                       "measured, and the model was not extended"))
     elif extended and found.findings:
-        found = _with_gains(found, gains(prepared, outcome, progress=progress))
+        found = _with_gains(found, gains(prepared, outcome, runs=runs, progress=progress))
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)
         more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
-                            seed=seed, progress=progress)
+                            seed=seed, runs=runs, progress=progress)
         found = replace(found, extended_model=more.model, extension=more.content)
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few:
-        free = free_form(prepared, outcome, data, seed=seed, progress=progress)
+        free = free_form(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
         if free is not None:
             null, fitted = free.outcome.null, free.outcome.fitted
             gain = measures(free.outcome.problem, null, fitted, noise=null.design.noise)
