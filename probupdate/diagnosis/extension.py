@@ -38,7 +38,9 @@ from probupdate.structure.extend_matrices import Group, group_parameter, write_g
 from probupdate.structure.load import load_model
 from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.ensemble import SamplerSettings
-from probupdate.updating.runs import deterministic_update
+from probupdate.updating.problem import build_problem
+from probupdate.updating.runs import find_maximum
+from probupdate.updating.tikhonov import update
 
 # a parameter is identified by the data if its standard deviation falls below this share of its prior's, and if no other
 # goes with it
@@ -353,21 +355,20 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
 def updated(model: AffineModel, data: ModalData) -> dict:
     """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its standard
     deviations by Laplace's method."""
-    record = deterministic_update(model, data, weights=default_likelihood(model, data))
-    scheme = record.scheme("prior")
-    std = np.sqrt(np.diag(record.map_covariance))
-    correlation = record.map_covariance / np.outer(std, std)
-    names = record.parameters.names
+    problem = build_problem(model, data, weights=default_likelihood(model, data))
+    anchored = update(problem, penalty="prior")
+    theta = anchored.theta[-1]
+    laplace = find_maximum(problem, [theta, problem.parameters.initial])
+    std = np.sqrt(np.diag(laplace.covariance))
     return {
-        "misfit": record.map_misfit, "effective_responses": record.n_effective, "settled": bool(scheme.converged),
+        "misfit": laplace.misfit, "effective_responses": problem.n_effective, "settled": bool(anchored.converged),
         "parameters": [
-            {"name": p.name, "prior": p.initial, "prior_std": p.std, "deterministic": float(scheme.theta[-1][k]),
-             "map": float(record.map_theta[k]), "std": float(std[k]),
-             "prior_shift": standardised_shift(p, float(record.map_theta[k])),
-             "at_bound": bool(record.map_at_bound[k])}
-            for k, p in enumerate(record.parameters)
+            {"name": p.name, "prior": p.initial, "prior_std": p.std, "deterministic": float(theta[k]),
+             "map": float(laplace.theta[k]), "std": float(std[k]),
+             "prior_shift": standardised_shift(p, float(laplace.theta[k])), "at_bound": bool(laplace.at_bound[k])}
+            for k, p in enumerate(problem.parameters)
         ],
-        "too_alike": _too_alike(names, correlation),
+        "too_alike": _too_alike(problem.parameters.names, laplace.covariance / np.outer(std, std)),
     }
 
 

@@ -14,6 +14,7 @@ from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.extension_sampling import bounded
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import gains, measures
+from probupdate.diagnosis.hypotheses import MOST_MOVES
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
@@ -68,10 +69,12 @@ def diagnose_files(
     if not isinstance(model, Path | Prepared):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")
-    if isinstance(model, Path):
-        own = read_parameters(parameters) if parameters else None
-        model = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects, progress=progress)
     with executor(jobs) as runs:
+        # processes import while the model is made ready
+        runs.prepare(MOST_MOVES, __name__)
+        if isinstance(model, Path):
+            own = read_parameters(parameters) if parameters else None
+            model = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects, progress=progress)
         found = _whole(model, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters,
                        out=out, runs=runs, progress=progress)
     return _with_tests(found, tests, wrong_rate)

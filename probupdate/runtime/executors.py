@@ -85,20 +85,24 @@ class Executor(ABC):
 
     @abstractmethod
     def completed(
-        self, function: Callable[..., T], tasks: Sequence[tuple], *, shared: tuple = (), least: int | None = None,
+        self, function: Callable[..., T], tasks: Sequence[tuple], *, least: int | None = None,
         lost: Callable[[tuple], T] | None = None,
     ) -> Iterator[T]:
-        """function(*shared, *task) of every task, in the order in which they end. `function` must be importable by
-        name. shared: what all tasks begin with, sent to a cluster once. least: tasks that are worth a process of their
-        own. lost: of a task that ends the process it runs in, also alone, the result is lost(task), and the others go
-        on; without, that is an error."""
+        """function(*task) of every task, in the order in which they end. `function` must be importable by name.
+        least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
+        alone, the result is lost(task), and the others go on; without, that is an error."""
 
     def in_order(self, function: Callable[..., T], tasks: Sequence[tuple], *, shared: tuple = ()) -> list[T]:
-        """function(*shared, *task) of every task, in their order; each is worth a process, but for one alone."""
-        runs = self if len(tasks) > 1 else SERIAL
-        numbered = [(number, function, task) for number, task in enumerate(tasks)]
-        found = dict(runs.completed(_numbered, numbered, shared=(shared,), least=1))
+        """function(*shared, *task) of every task, in their order. Each is worth a process, but for one alone; what is
+        shared may be large. What is one object in a task and in what is shared is one in the process it runs in."""
+        if len(tasks) < 2:
+            return [function(*shared, *task) for task in tasks]
+        found = dict(self._numbered(function, tasks, shared))
         return [found[number] for number in range(len(tasks))]
+
+    def _numbered(self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple) -> Iterator[tuple[int, T]]:
+        numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
+        return self.completed(_numbered, numbered, least=1)
 
     def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
@@ -139,14 +143,14 @@ def dask_cluster(address: str) -> Executor:
     return _DaskCluster(address)
 
 
-def _numbered(shared: tuple, number: int, function: Callable[..., T], task: tuple) -> tuple[int, T]:
+def _numbered(number: int, function: Callable[..., T], shared: tuple, task: tuple) -> tuple[int, T]:
     return number, function(*shared, *task)
 
 
 @final
 class _Serial(Executor):
-    def completed(self, function, tasks, *, shared=(), least=None, lost=None):
-        yield from (function(*shared, *task) for task in tasks)
+    def completed(self, function, tasks, *, least=None, lost=None):
+        yield from (function(*task) for task in tasks)
 
 
 SERIAL: Executor = _Serial()
@@ -160,17 +164,17 @@ class _Processes(Executor):
         self._size = 0
         self._others: set[int | None] = set()
 
-    def completed(self, function, tasks, *, shared=(), least=None, lost=None):
+    def completed(self, function, tasks, *, least=None, lost=None):
         size = self._size or min(self._jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
         if size <= 1 and lost is None:
-            yield from SERIAL.completed(function, tasks, shared=shared)
+            yield from SERIAL.completed(function, tasks)
             return
         left = list(enumerate(tasks))
         while left:
             # which of the tasks that were running ended the processes nobody knows: each is tried alone
             ended: set[int] = set()
             try:
-                for number, result in self._shared_out(function, shared, left, max(size, 1)):
+                for number, result in self._shared_out(function, left, max(size, 1)):
                     ended.add(number)
                     yield result
             except BrokenProcessPool:
@@ -180,7 +184,7 @@ class _Processes(Executor):
             left = [item for item in left if item[0] not in ended]
             suspects, left = left[: (1 + WAITING) * max(size, 1)], left[(1 + WAITING) * max(size, 1) :]
             for _, task in suspects:
-                yield _alone(function, shared, task, lost)
+                yield _alone(function, task, lost)
 
     def prepare(self, count, *modules):
         pool = self._pool or self._start(self._jobs)
@@ -189,7 +193,7 @@ class _Processes(Executor):
                 pool.submit(_import_all, modules)
 
     def _shared_out(
-        self, function: Callable, shared: tuple, tasks: list[tuple[int, tuple]], size: int
+        self, function: Callable, tasks: list[tuple[int, tuple]], size: int
     ) -> Iterator[tuple[int, object]]:
         """(number, result) as they come, tasks begun in their order."""
         pool = self._pool or self._start(size)
@@ -199,7 +203,7 @@ class _Processes(Executor):
             while True:
                 for number, task in islice(waiting, (1 + WAITING) * self._size - len(running)):
                     with one_thread_each():
-                        running[pool.submit(function, *shared, *task)] = number
+                        running[pool.submit(function, *task)] = number
                 if not running:
                     return
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -239,36 +243,38 @@ class _DaskCluster(Executor):
             raise InputError("scheduler", f"nothing answers at {address} ({type(error).__name__})",
                              "start one with `dask scheduler` and give its address") from None
 
-    def completed(self, function, tasks, *, shared=(), least=None, lost=None):
+    def completed(self, function, tasks, *, least=None, lost=None):
         distributed = _distributed()
         waiting = iter(tasks)
-        # once, not with every task
-        at_workers = self._client.scatter(list(shared), hash=False) if shared else []
         given: dict[str, tuple] = {}
         running = distributed.as_completed(loop=self._client.loop)
         try:
-            self._submit(running, function, at_workers, waiting, self._room(), given)
+            self._submit(running, function, waiting, self._room(), given)
             for future in running:
                 task = given.pop(future.key)
                 yield self._result(future, task, lost)
                 # what came back is dropped at the worker; as many follow as have room
                 future.release()
-                self._submit(running, function, at_workers, waiting, self._room() - running.count(), given)
+                self._submit(running, function, waiting, self._room() - running.count(), given)
         finally:
             left = list(running.futures)
             if left:
                 self._client.cancel(left)
+
+    def _numbered(self, function, tasks, shared):
+        # a cluster keeps once what every task's message would hold
+        held = self._client.scatter([_Held(shared, tasks)], hash=False)[0]
+        return self.completed(_one_of, [(number, function, held) for number in range(len(tasks))])
 
     def _room(self) -> int:
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
         return (1 + WAITING) * max(len(workers), 1)
 
     def _submit(
-        self, running: Any, function: Callable, shared: list, waiting: Iterator[tuple], count: int,
-        given: dict[str, tuple],
+        self, running: Any, function: Callable, waiting: Iterator[tuple], count: int, given: dict[str, tuple]
     ) -> None:
         for task in islice(waiting, max(count, 0)):
-            future = self._client.submit(_at_worker, __version__, function, task, *shared, pure=False)
+            future = self._client.submit(_at_worker, __version__, function, task, pure=False)
             given[future.key] = task
             running.add(future)
 
@@ -290,6 +296,19 @@ class _DaskCluster(Executor):
         self._client.close(timeout=ANSWER_S)
 
 
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """Tasks and what they share as one object: of a tuple distributed sends each element by itself, and what was one
+    object in two of them is no more."""
+
+    shared: tuple
+    tasks: Sequence[tuple]
+
+
+def _one_of(number: int, function: Callable[..., T], held: _Held) -> tuple[int, T]:
+    return number, function(*held.shared, *held.tasks[number])
+
+
 def _distributed() -> Any:
     try:
         import distributed  # pyright: ignore[reportMissingImports]  (an extra of its own)
@@ -299,7 +318,7 @@ def _distributed() -> Any:
     return distributed
 
 
-def _at_worker(version: str, function: Callable, task: tuple, *shared: object) -> object:
+def _at_worker(version: str, function: Callable, task: tuple) -> object:
     """A task at a Dask worker, which may have joined late: refused where its numbers might differ by rounding."""
     threads = _distributed().get_worker().state.nthreads
     if version != __version__:
@@ -308,16 +327,14 @@ def _at_worker(version: str, function: Callable, task: tuple, *shared: object) -
     if threads != 1 or any(os.environ.get(name) != "1" for name in ONE_THREAD[:2]):
         raise InputError("scheduler", "a worker runs several threads, so that its numbers differ in the last digits",
                          START_WORKERS)
-    return function(*shared, *task)
+    return function(*task)
 
 
-def _alone(
-    function: Callable, shared: tuple, task: tuple, lost: Callable[[tuple], object] | None
-) -> object:
+def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
     with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
                                                 initializer=_end_with_parent) as pool:
         try:
-            return pool.submit(function, *shared, *task).result()
+            return pool.submit(function, *task).result()
         except BrokenProcessPool:
             if lost is None:
                 raise _ended() from None
