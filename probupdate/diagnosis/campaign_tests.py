@@ -7,13 +7,13 @@ tower. The rotor shows it, as its lines lie at multiples of the speed in SCADA.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import block_files, read_block
-from probupdate.campaign.checking import FEWEST_PIECES, compare_block
+from probupdate.campaign.checking import FEWEST_PIECES, Compared, compare_block
 from probupdate.campaign.findings import (
     RATE_LIMIT,
     SIGMA,
@@ -24,14 +24,15 @@ from probupdate.campaign.findings import (
     scale_findings,
     sensor_findings,
 )
-from probupdate.campaign.heading import block_sway
-from probupdate.campaign.reading import Campaign
+from probupdate.campaign.heading import Sway, block_sway
+from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.diagnosis.results import Finding
 from probupdate.modal.modes import ModalData
+from probupdate.runtime.executors import LEAST_TASKS, SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # blocks read, evenly spread; those with a turning rotor from which lines are taken
@@ -48,33 +49,56 @@ MEASURED = {"gain": "sensor gain", "gain change": "sensor gain", "common gain": 
             "reference": "sensor gain", "nacelle heading": "nacelle heading"}
 
 
-def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[dict]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _BlockTests:
+    """What one block's record shows: its state, its channels' table, what sensors say of one another, rotor lines, and
+    which way it sways (None where it cannot be told)."""
+
+    id: str
+    state: str
+    channels: pd.DataFrame
+    compared: Compared | None
+    lines: list[np.ndarray]
+    sway: Sway | None
+
+
+def _block_tests(
+    campaign: Campaign, rule: StateRule, pieces: int, n_compared: int, start: pd.Timestamp,
+    touching: tuple[RecordFile, ...],
+) -> _BlockTests:
+    block = read_block(campaign, start, touching)
+    conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
+    state = str(conditions["state"])
+    rows = channel_table(block, campaign.channels)
+    found = compare_block(campaign, block, state, conditions, rows, pieces=pieces, n_compared=n_compared)
+    lines: list[np.ndarray] = []
+    sway = None
+    if campaign.scada is not None:
+        lines = line_scores(block, campaign.scada)
+        usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+        sway = block_sway(block, campaign.sensors, usable, conditions)
+    return _BlockTests(id=block.id, state=state, channels=rows, compared=found, lines=lines, sway=sway)
+
+
+def campaign_tests(
+    campaign: Campaign, *, runs: Executor = SERIAL, progress: Progress = silent
+) -> list[dict]:
     """Rows as in diagnosis.json's details: kind, cause, channels, statement; the sampling rate's has size and size_std
-    too (share by which the records' clock runs fast), also where nothing is wrong with it (suspected: false)."""
+    too (share by which the records' clock runs fast), also where nothing is wrong with it (suspected: false). Blocks
+    are read side by side on the executor `runs`."""
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
     files = list(block_files(campaign).items())
     chosen = np.unique(np.round(np.linspace(0, len(files) - 1, min(MOST_BLOCKS, len(files)))).astype(int))
-    tables, compared, lines, sways, states = [], [], [], [], {}
     pieces = -(-FEWEST_PIECES // max(len(chosen), 1))
-    for number, k in enumerate(chosen):
-        progress("testing raw records", number, len(chosen))
-        start, touching = files[k]
-        block = read_block(campaign, start, touching)
-        conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
-        states[block.id] = str(conditions["state"])
-        rows = channel_table(block, campaign.channels)
-        tables.append(rows)
-        found = compare_block(campaign, block, states[block.id], conditions, rows, pieces=pieces,
-                              n_compared=len(chosen))
-        compared += [] if found is None else [found]
-        if campaign.scada is not None:
-            lines += line_scores(block, campaign.scada)
-            usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
-            sway = block_sway(block, campaign.sensors, usable, conditions)
-            sways += [] if sway is None else [sway]
-    progress("testing raw records", len(chosen), len(chosen))
-    table = pd.concat(tables, ignore_index=True)
-    ratio = rate_ratio(lines)
+    progress("testing raw records", 0, len(chosen))
+    blocks = runs.in_order(_block_tests, [files[k] for k in chosen], shared=(campaign, rule, pieces, len(chosen)),
+                           least=LEAST_TASKS // 2,
+                           ended=lambda count: progress("testing raw records", count, len(chosen)))
+    table = pd.concat([b.channels for b in blocks], ignore_index=True)
+    compared = [b.compared for b in blocks if b.compared is not None]
+    sways = [b.sway for b in blocks if b.sway is not None]
+    states = {b.id: b.state for b in blocks}
+    ratio = rate_ratio([line for b in blocks for line in b.lines])
     own = channel_findings(table, campaign.sensors)
     sentences = [*own, *mounting_findings(compared, own), *clock_findings(compared, campaign.channels)[0]]
     sentences += scale_findings(table, states, campaign.sensors, sentences)

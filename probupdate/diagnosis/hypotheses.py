@@ -503,8 +503,7 @@ def _is_close(one: Hypothesis, best: Hypothesis) -> bool:
 def _evidence_about(
     problem: DiagnosisProblem, noise: Noise, theta: np.ndarray, hypotheses: Sequence[Sequence[IncludedEffect]]
 ) -> list[float]:
-    """`marginal_evidence` of each of the hypotheses, -inf where the model has no modes that pair with the measured ones.
-    """
+    """`marginal_evidence` of each of the hypotheses, -inf where no modes of the model pair with the measured ones."""
     found = []
     for included in hypotheses:
         try:

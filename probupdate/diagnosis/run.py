@@ -55,26 +55,27 @@ def diagnose_files(
     written beside `out` (diagnosis.json's place), and run the estimators again, or where no row explains the record
     look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
     `jobs`: processes, or an executor, for hypotheses and updates; the numbers are the same on any. """
-    tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
-    wrong_rate = rate_finding(tests)
-    data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
     sensors = campaign.sensors if sensors is None and campaign is not None else sensors
-    if model is None:
-        _refuse_without_model(parameters=parameters, groups=groups, effects=[e for e in effects if e.adds is not None])
-        found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
-                                       progress=progress)
-        return _with_tests(found, tests, wrong_rate)
-    if isinstance(groups, str | Path):
-        groups = _read_groups(groups)
-    if not isinstance(model, Path | Prepared):
-        raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
-                         "export its matrices as model.npz")
     with executor(jobs) as runs:
-        # processes import while the model is made ready
+        # processes import while what they are given is made ready
         runs.prepare(MOST_MOVES, __name__)
+        tests = campaign_tests(campaign, runs=runs, progress=progress) if campaign is not None else []
+        wrong_rate = rate_finding(tests)
+        data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
+        if model is None:
+            _refuse_without_model(parameters=parameters, groups=groups,
+                                  effects=[e for e in effects if e.adds is not None])
+            found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
+                                           progress=progress)
+            return _with_tests(found, tests, wrong_rate)
+        if isinstance(groups, str | Path):
+            groups = _read_groups(groups)
         if isinstance(model, Path):
             own = read_parameters(parameters) if parameters else None
             model = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects, progress=progress)
+        if not isinstance(model, Prepared):
+            raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
+                             "export its matrices as model.npz")
         found = _whole(model, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters,
                        out=out, runs=runs, progress=progress)
     return _with_tests(found, tests, wrong_rate)

@@ -92,17 +92,25 @@ class Executor(ABC):
         least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
         alone, the result is lost(task), and the others go on; without, that is an error."""
 
-    def in_order(self, function: Callable[..., T], tasks: Sequence[tuple], *, shared: tuple = ()) -> list[T]:
-        """function(*shared, *task) of every task, in their order. Each is worth a process, but for one alone; what is
-        shared may be large. What is one object in a task and in what is shared is one in the process it runs in."""
-        if len(tasks) < 2:
-            return [function(*shared, *task) for task in tasks]
-        found = dict(self._numbered(function, tasks, shared))
+    def in_order(
+        self, function: Callable[..., T], tasks: Sequence[tuple], *, shared: tuple = (), least: int = 1,
+        ended: Callable[[int], None] = lambda count: None,
+    ) -> list[T]:
+        """function(*shared, *task) of every task, in their order. least: tasks that are worth a process of their own;
+        one alone is not. What is shared may be large; what is one object in a task and in what is shared is one in the
+        process it runs in. ended: called with the number of tasks that have ended."""
+        runs = self if len(tasks) > 1 else SERIAL
+        found: dict[int, T] = {}
+        for number, result in runs._numbered(function, tasks, shared, least):
+            found[number] = result
+            ended(len(found))
         return [found[number] for number in range(len(tasks))]
 
-    def _numbered(self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple) -> Iterator[tuple[int, T]]:
+    def _numbered(
+        self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple, least: int
+    ) -> Iterator[tuple[int, T]]:
         numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
-        return self.completed(_numbered, numbered, least=1)
+        return self.completed(_numbered, numbered, least=least)
 
     def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
@@ -261,7 +269,7 @@ class _DaskCluster(Executor):
             if left:
                 self._client.cancel(left)
 
-    def _numbered(self, function, tasks, shared):
+    def _numbered(self, function, tasks, shared, least):
         # a cluster keeps once what every task's message would hold
         held = self._client.scatter([_Held(shared, tasks)], hash=False)[0]
         return self.completed(_one_of, [(number, function, held) for number in range(len(tasks))])
