@@ -66,8 +66,8 @@ def add_commands(verb: AddCommand) -> None:
                    help="leave out the gain on held-out blocks and the model and data with the findings in them")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
                    "(40 s for a turbine); the command that samples it is said instead")
-    on_workers(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do not depend "
-               "on it", 1)
+    on_workers(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do not "
+               "depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 

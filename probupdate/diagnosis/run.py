@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,15 +32,44 @@ if TYPE_CHECKING:
     from probupdate.model.interface import Model
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelSource:
+    """Which model a diagnosis is of, and what goes with it: `model` a file, or one made ready by `prepare` for many
+    records; None: measurement and environmental and operational conditions only. `sensors`: where they are, if the
+    campaign does not say. `parameters`: of a model of matrices. `groups`: name -> {parameter: change}, or a TOML file
+    of them. `effects`: a user's own; see `prepare`."""
+
+    model: Path | Model | Prepared | None
+    sensors: tuple[Sensor, ...] | None = None
+    parameters: str | Path | None = None
+    groups: str | Path | Mapping[str, Mapping[str, float]] | None = None
+    effects: Sequence[Effect] = ()
+
+    def prepared(self, sensors: tuple[Sensor, ...] | None, progress: Progress) -> Prepared:
+        """Raises InputError where the model has no matrices."""
+        if isinstance(self.model, Prepared):
+            return self.model
+        if not isinstance(self.model, Path):
+            raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
+                             "export its matrices as model.npz")
+        own = read_parameters(self.parameters) if self.parameters else None
+        groups = _read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
+        return prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
+                       progress=progress)
+
+    def refuse_without_model(self) -> None:
+        own = [e for e in self.effects if e.adds is not None]
+        for name, value in (("parameters", self.parameters), ("groups", self.groups), ("effects", own)):
+            if value:
+                raise InputError("diagnose", f"{name} are given, but no model they belong to",
+                                 "give --model, or leave it")
+
+
 def diagnose_files(
-    model: Path | Model | Prepared | None,
+    source: ModelSource,
     data: ModalData,
     *,
-    sensors: tuple[Sensor, ...] | None = None,
     campaign: Campaign | None = None,
-    parameters: str | Path | None = None,
-    groups: str | Path | Mapping[str, Mapping[str, float]] | None = None,
-    effects: Sequence[Effect] = (),
     extend: bool = True,
     sampler: SamplerSettings | bool = True,
     seed: int = 1,
@@ -48,43 +77,26 @@ def diagnose_files(
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Diagnosis:
-    """`model`: a file, or one made ready by `prepare` for many records; None: measurement and environmental and
-    operational conditions only. `campaign`: its raw records are tested too, and say where the sensors are if `sensors`
-    does not. `groups`: name -> {parameter: change}, or a TOML file of them. `effects`: a user's own; see `prepare`.
-    `extend`: measure what each finding gains on held-out blocks, put the findings into model and data,
-    written beside `out` (diagnosis.json's place), and run the estimators again, or where no row explains the record
-    look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
-    `jobs`: processes, or an executor, for hypotheses and updates; the numbers are the same on any. """
-    sensors = campaign.sensors if sensors is None and campaign is not None else sensors
+    """`campaign`: its raw records are tested too, and say where the sensors are if `source` does not. `extend`: measure
+    what each finding gains on held-out blocks, put the findings into model and data, written beside `out`
+    (diagnosis.json's place), and run the estimators again, or where no row explains the record look for elementary
+    parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`). `jobs`: processes, or an
+    executor, for records, hypotheses and updates; the numbers are the same on any."""
+    sensors = campaign.sensors if source.sensors is None and campaign is not None else source.sensors
     with executor(jobs) as runs:
         # processes import while what they are given is made ready
         runs.prepare(MOST_MOVES, __name__)
         tests = campaign_tests(campaign, runs=runs, progress=progress) if campaign is not None else []
         wrong_rate = rate_finding(tests)
         data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
-        if model is None:
-            _refuse_without_model(parameters=parameters, groups=groups,
-                                  effects=[e for e in effects if e.adds is not None])
-            found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
+        if source.model is None:
+            source.refuse_without_model()
+            found = diagnose_without_model(data, sensors, campaign_check=tests, effects=source.effects, seed=seed,
                                            progress=progress)
-            return _with_tests(found, tests, wrong_rate)
-        if isinstance(groups, str | Path):
-            groups = _read_groups(groups)
-        if isinstance(model, Path):
-            own = read_parameters(parameters) if parameters else None
-            model = prepare(model, parameters=own, sensors=sensors, groups=groups, effects=effects, progress=progress)
-        if not isinstance(model, Prepared):
-            raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
-                             "export its matrices as model.npz")
-        found = _whole(model, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters,
-                       out=out, runs=runs, progress=progress)
+        else:
+            found = _whole(source.prepared(sensors, progress), data=data, seed=seed, extended=extend, sampler=sampler,
+                           parameters_file=source.parameters, out=out, runs=runs, progress=progress)
     return _with_tests(found, tests, wrong_rate)
-
-
-def _refuse_without_model(**given) -> None:
-    for name, value in given.items():
-        if value:
-            raise InputError("diagnose", f"{name} are given, but no model they belong to", "give --model, or leave it")
 
 
 def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | None) -> Diagnosis:

@@ -269,7 +269,7 @@ class _DaskCluster(Executor):
             if left:
                 self._client.cancel(left)
 
-    def _numbered(self, function, tasks, shared, least):
+    def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold
         held = self._client.scatter([_Held(shared, tasks)], hash=False)[0]
         return self.completed(_one_of, [(number, function, held) for number in range(len(tasks))])

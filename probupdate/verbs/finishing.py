@@ -47,12 +47,12 @@ def diagnose(
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors are,
-    and its raw records are tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of
-    parameters).
+    and its raw records are tested too. `options`: `sensors`, `groups` and `effects` of `diagnosis.run.ModelSource` (own
+    effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
     """
     from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.prepare import Prepared
-    from probupdate.diagnosis.run import diagnose_files
+    from probupdate.diagnosis.run import ModelSource, diagnose_files
 
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
@@ -62,7 +62,9 @@ def diagnose(
     gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
-    return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
+    of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects") if key in options}
+    source = ModelSource(model=path, parameters=parameters, **of_model)
+    return diagnose_files(source, data, campaign=records, seed=seed, progress=progress, **options)
 
 
 @names_files("run", "run")
