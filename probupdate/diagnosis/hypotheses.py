@@ -38,7 +38,7 @@ from probupdate.diagnosis.search import (
 from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
-from probupdate.runtime.executors import Executor
+from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress
 
 # hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
@@ -449,7 +449,7 @@ class Ranking:
     marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both
     alike; and far from its own fit neither is linear."""
 
-    def __init__(self, runs: Executor):
+    def __init__(self, runs: Executor = SERIAL):
         self._runs = runs
         # with the objects whose numbers stand in the key, so that these stay theirs
         self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
