@@ -269,10 +269,15 @@ def explore(
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     one_more: dict[frozenset, bool] = {}
+    # by number of effects, what one effect more promised the most probable hypothesis
+    promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
     while len(searches) < MOST_LOOKED:
-        key = _next_looked_at(*compared.order(problem, known), searches)
+        keys, relative = compared.order(problem, known)
+        key = _next_looked_at(keys, relative, searches)
+        if key is None and one_more[keys[0]]:
+            key = _in_place_of_what_led_nowhere(keys, relative, searches, promised)
         if key is None:
             break
         if key and key not in renewed:
@@ -301,6 +306,7 @@ def explore(
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
         _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
+        promised.setdefault(len(key), max([m.promise for m in moves if len(m.candidates) > len(key)], default=0.0))
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
@@ -329,6 +335,23 @@ def _next_looked_at(
     levels = [len(k) for k in looked_at]
     return next((k for k, r in zip(keys, relative, strict=True)
                  if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))), None)
+
+
+def _in_place_of_what_led_nowhere(
+    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
+    promised: Mapping[int, float],
+) -> frozenset | None:
+    """Where what the most probable hypotheses led to leaves something, another of as many effects, the fewest first, of
+    the WIDTH from which moves are made: one that is behind by less than one more effect `promised` the first. Beside
+    something large that none of them has, fits differ by what they take up of it."""
+    levels = [len(k) for k in looked_at]
+    for number, promise in sorted(promised.items()):
+        own = [(k, r) for k, r in zip(keys, relative, strict=True) if len(k) == number]
+        if number and levels.count(number) < WIDTH:
+            found = next((k for k, r in own if k not in looked_at and r > own[0][1] - promise), None)
+            if found is not None:
+                return found
+    return None
 
 
 def _renewed_with_its_like(

@@ -20,6 +20,7 @@ from probupdate.runtime.arrays import frozen_array
 # a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
 # does not give its tensor: what the noise does to it grows with the square of one over this
 INDEPENDENCE = 0.5
+ACROSS = "a mode of the model lies across the measured one that it is paired with"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,10 +69,12 @@ def _inverse(shape: np.ndarray) -> np.ndarray:
     return np.linalg.solve(shape.T.conj() @ shape, shape.T.conj())
 
 
-def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def numbers_of_modes(
+    frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray, least: float = INDEPENDENCE
+) -> tuple[np.ndarray, np.ndarray]:
     """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) with the group's axes (n_channel, k) -> (n,
     n_response) and independent (n,) bool: False where the pair's shapes are too alike to say anything, or a single one
-    lies across its axis; zero there."""
+    lies across its axis (by `least`); zero there."""
     k = frequency_hz.shape[1]
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
@@ -82,14 +85,14 @@ def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarr
     if k == 1:
         # a shape across the axis, scaled to it, would be as large as one over what is along it
         along = np.abs(in_plane[:, 0, 0]) * np.linalg.norm(axes)
-        independent = along > INDEPENDENCE * np.linalg.norm(shape[:, :, 0], axis=1)
+        independent = along >= least * np.linalg.norm(shape[:, :, 0], axis=1)
         tensor = log[:, :, None]
     else:
         # each shape's direction in the plane, along its own main phase
         turned = in_plane * np.exp(-0.5j * np.angle(np.sum(in_plane**2, axis=1)))[:, None, :]
         directions = turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
         left, singular, right = np.linalg.svd(directions)
-        independent = singular[:, -1] > INDEPENDENCE
+        independent = singular[:, -1] >= least
         turn = left @ right
         tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)
     # what is not stated is not looked at; it may have no inverse
@@ -100,9 +103,13 @@ def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarr
 
 
 def numbers_of(reference: Reference, axes: np.ndarray) -> np.ndarray:
-    """(n, n_response) of n blocks' expected modes."""
+    """(n, n_response) of n blocks' expected modes. One that lies across the measured mode it is paired with is as far off
+    as it is: it has no noise that its numbers would amplify, and one that is no number would explain any shape."""
     value, turn = np.linalg.eigh(reference.tensor)
-    return numbers_of_modes(np.exp(value), reference.shape @ turn, axes)[0]
+    try:
+        return numbers_of_modes(np.exp(value), reference.shape @ turn, axes, least=0.0)[0]
+    except np.linalg.LinAlgError:
+        raise ConvergenceError(ACROSS, axes) from None
 
 
 def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
@@ -127,9 +134,7 @@ def signature(
     try:
         back = np.linalg.inv(in_plane)
     except np.linalg.LinAlgError:
-        raise ConvergenceError(
-            "a mode of the model lies across the measured one that it is paired with", axes
-        ) from None
+        raise ConvergenceError(ACROSS, axes) from None
     turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
     aligned = np.einsum("cjn,ji->cin", shape_change, back)
     outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)

@@ -15,6 +15,7 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import diagnosis_problem
 from probupdate.diagnosis.run import _read_groups
+from probupdate.runtime.executors import SERIAL
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
 from records import KINDS, draw_record
@@ -95,18 +96,19 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
     monkeypatch.setattr(hypotheses, "key_of", lambda problem, candidates: {0: one, 1: other}[candidates[0]])
     made = []
 
-    def fitted(problem, here, move, noise_anew):
+    def fitted(problem, base, theta, move):
         made.append(move.candidates)
         return SimpleNamespace(log_posterior={0: 11_000.0, 1: 5.0}[move.candidates[0]])
 
     monkeypatch.setattr(hypotheses, "_fitted", fitted)
+    monkeypatch.setattr(hypotheses, "_of_this_process", lambda one, move, base: one)
     known = {one: SimpleNamespace(log_posterior=-212_866.0), other: SimpleNamespace(log_posterior=10_990.0)}
     before = dict(known)
-    moves = [SimpleNamespace(candidates=(k,), promise=9.0) for k in (0, 1)]
-    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=11_008.0), moves, known, noise_anew=False)
+    moves = [SimpleNamespace(candidates=(k,), promise=9.0, theta=0.0) for k in (0, 1)]
+    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=11_008.0), moves, known, noise_anew=True, runs=SERIAL)
     # what came to about what is promised is not made again
     row.equal((made, known[one].log_posterior), ([(0,)], 11_000.0))
     assert known[other] is before[other]
     # and never exchanged for a worse one
-    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=2e4), moves, known, noise_anew=False)
+    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=2e4), moves, known, noise_anew=True, runs=SERIAL)
     assert made == [(0,), (0,), (1,)] and known[other] is before[other]
