@@ -103,8 +103,8 @@ def numbers_of_modes(
 
 
 def numbers_of(reference: Reference, axes: np.ndarray) -> np.ndarray:
-    """(n, n_response) of n blocks' expected modes. One that lies across the measured mode it is paired with is as far off
-    as it is: it has no noise that its numbers would amplify, and one that is no number would explain any shape."""
+    """(n, n_response) of n blocks' expected modes. One that lies across the measured mode it is paired with is as far
+    off as it is: it has no noise that its numbers would amplify, and one without numbers would explain any shape."""
     value, turn = np.linalg.eigh(reference.tensor)
     try:
         return numbers_of_modes(np.exp(value), reference.shape @ turn, axes, least=0.0)[0]
