@@ -220,7 +220,8 @@ def test_an_expected_mode_across_the_measured_one_is_far_from_it_and_never_witho
     """Two exchanged channels may lay a mode across the one that it is paired with: its numbers were zeros, which any
     measured shape is near to, and such channels explained a record of other faults (ln f off by 38 and 55 %)."""
     row = validation(what="an expected mode turned by up to 89 degrees across its axis; two of a pair that are seen "
-                          "along one direction: ln f, distance of shapes", reference="as not turned, the angle's tangent; 5",
+                          "along one direction: ln f, distance of shapes",
+                     reference="as not turned, the angle's tangent; 5",
                      why="rounding")
     axes, other = np.split(np.linalg.qr(np.random.default_rng(1).standard_normal((9, 3)))[0], [2], axis=1)
     for angle in (0.0, 0.5, 1.0, 1.4, 1.55):
