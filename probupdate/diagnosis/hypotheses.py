@@ -269,7 +269,7 @@ def explore(
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     one_more: dict[frozenset, bool] = {}
-    # by number of effects, what one effect more promised the most probable hypothesis
+    # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
@@ -306,7 +306,8 @@ def explore(
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
         _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
-        promised.setdefault(len(key), max([m.promise for m in moves if len(m.candidates) > len(key)], default=0.0))
+        if large:
+            promised.setdefault(len(key), max([m.promise for m in moves if len(m.candidates) > len(key)], default=0.0))
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
