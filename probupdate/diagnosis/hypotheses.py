@@ -306,8 +306,7 @@ def explore(
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
         _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
-        if large:
-            promised.setdefault(len(key), max([m.promise for m in moves if len(m.candidates) > len(key)], default=0.0))
+        promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
@@ -326,6 +325,10 @@ def _may_be_more(fitted: Hypothesis | None) -> bool:
     """Whether a hypothesis that promised more than one with an effect less, and is not the most probable, may yet be
     more: it could not be fitted, or stands where its fit stopped."""
     return fitted is None or not fitted.fitted.settled
+
+
+def _promised_by_one_more(moves: Sequence[Move], number: int) -> float:
+    return max([m.promise for m in moves if len(m.candidates) > number], default=0.0)
 
 
 def _next_looked_at(
