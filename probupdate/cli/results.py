@@ -13,7 +13,6 @@ from probupdate.runtime.progress import Progress
 
 def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
-
     from probupdate.runtime.executors import executor
 
     with executor(a.jobs, a.scheduler) as runs:

@@ -80,9 +80,7 @@ def _block_tests(
     return _BlockTests(id=block.id, state=state, channels=rows, compared=found, lines=lines, sway=sway)
 
 
-def campaign_tests(
-    campaign: Campaign, *, runs: Executor = SERIAL, progress: Progress = silent
-) -> list[dict]:
+def campaign_tests(campaign: Campaign, *, runs: Executor = SERIAL, progress: Progress = silent) -> list[dict]:
     """Rows as in diagnosis.json's details: kind, cause, channels, statement; the sampling rate's has size and size_std
     too (share by which the records' clock runs fast), also where nothing is wrong with it (suspected: false). Blocks
     are read side by side on the executor `runs`."""

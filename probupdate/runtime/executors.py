@@ -110,7 +110,7 @@ class Executor(ABC):
         self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple, least: int
     ) -> Iterator[tuple[int, T]]:
         numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
-        return self.completed(_numbered, numbered, least=least)
+        return self.completed(_with_its_number, numbered, least=least)
 
     def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
@@ -151,7 +151,7 @@ def dask_cluster(address: str) -> Executor:
     return _DaskCluster(address)
 
 
-def _numbered(number: int, function: Callable[..., T], shared: tuple, task: tuple) -> tuple[int, T]:
+def _with_its_number(number: int, function: Callable[..., T], shared: tuple, task: tuple) -> tuple[int, T]:
     return number, function(*shared, *task)
 
 

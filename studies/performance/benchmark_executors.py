@@ -9,14 +9,14 @@ imported the package before the clock runs. Files are compared byte by byte.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
-import probupdate
+from demonstrated import asked
+
 from probupdate import verbs
 from probupdate.runtime.executors import SERIAL, Executor, dask_cluster, processes
 
@@ -61,12 +61,7 @@ def executors(stack: ExitStack) -> dict[str, Executor]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path)
-    parser.add_argument("--repeat", type=int, default=1)
-    a = parser.parse_args()
-    if not (a.run / "report.html").exists():
-        probupdate.demo(a.run, jobs=2)
+    a = asked(__doc__)
     n_block = len(list((a.run / "modes.json.blocks").glob("*.poles.npz")))
     with ExitStack() as stack:
         known = executors(stack)

@@ -8,27 +8,21 @@ depend on what else the machine does as much as seconds do; pages are compared b
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from contextlib import nullcontext
 from importlib import import_module
-from pathlib import Path
 from unittest import mock
 
-import probupdate
+from demonstrated import asked
+
 from probupdate.reporting import compose, style
 from probupdate.reporting.run_files import read_run
 from probupdate.runtime.executors import executor
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path)
-    parser.add_argument("--repeat", type=int, default=1)
-    a = parser.parse_args()
-    if not (a.run / "report.html").exists():
-        probupdate.demo(a.run, jobs=2)
+    a = asked(__doc__)
     run = read_run(a.run, lambda *_: None)
     least: dict[str, list[float]] = {}
     pages = set()
