@@ -94,14 +94,23 @@ def evaluations(posterior: Posterior) -> tuple[int, int]:
     return int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
 
 
+def _left_at_a_bound(extension: Mapping) -> list[str]:
+    """Parameters that findings became, of which the update of the mean says nothing but where its bound is."""
+    added = {one.get("parameter") for one in extension.get("added", ()) if one.get("as") == "parameter"}
+    after = extension.get("after", {}).get("parameters", ())
+    return [p["name"] for p in after if p.get("at_bound") and p["name"] in added]
+
+
 def _of_diagnosis(run: Run) -> list[Finding]:
     content = run.diagnosis
     if content is None or content["verdict"] == "none":
         return []
     named = "; ".join(finding_words(f) for f in content["findings"])
-    actions = [f"{name_of(f)}: {f['check']}." for f in content["findings"] if f.get("check")]
+    actions = [sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
     if content.get("extended_model"):
-        actions.append(f"Then update again with {content['extended_model']}, which has the findings in it.")
+        held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
+        but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
+        actions.append(f"Then update again with {content['extended_model']}, which has the findings in it{but}.")
     if not actions:
         actions.append("Find what is missing in the model before the parameters are read as properties of the "
                        "structure: the section on the diagnosis shows where model and measurement part.")

@@ -58,6 +58,23 @@ def test_the_verdict_of_the_page_mentions_a_finding_before_its_numbers(full_run,
     assert not any("disagree" in f.text for f in findings(replace(full_run, diagnosis=diagnosis_of("none"))))
 
 
+def test_what_to_do_does_not_send_a_size_that_was_found_into_an_update_that_leaves_it_at_its_bound(
+    full_run, diagnosis_of
+):
+    content = diagnosis_of("named") | {"extended_model": "diagnosis.model.toml"}
+    added = [{"as": "parameter", "parameter": "leg_B_4"}, {"as": "correction of the modal sets"}]
+
+    def advice(at_bound: bool) -> str:
+        after = {"parameters": [{"name": "py", "at_bound": True}, {"name": "leg_B_4", "at_bound": at_bound}]}
+        run = replace(full_run, diagnosis=content | {"extension": {"added": added, "after": after}})
+        return next(f.action for f in findings(run) if f.short.startswith("the diagnosis found"))
+
+    asked = "update again with diagnosis.model.toml, which has the findings in it"
+    assert advice(False).endswith(f"{asked}.") and "Sensor gain" in advice(False)
+    assert advice(True).endswith(f"{asked}; take the size found of leg_B_4, which the update of the mean leaves at a "
+                                 "bound.")
+
+
 def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagnosis_of, unfigured):
     content = diagnosis_of("named")
     content |= {"parameters": [], "detectable_sizes": [], "adequacy_p": None,
