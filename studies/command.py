@@ -41,7 +41,8 @@ STUDIES = {
         runs=(("frame.py",),), quick=(("frame.py",),), seeds="1", takes="minutes"),
     "blind": Study(
         question="How often is a hidden effect detected and named rightly, and how often is there a false alarm?",
-        runs=(("run.py", OUT), ("tables.py", OUT)), quick=(("run.py", OUT, "--families", "null", "--most", "2"),),
+        runs=(("run.py", OUT), ("tables.py", OUT), ("signatures.py",)),
+        quick=(("run.py", OUT, "--families", "null", "--most", "2"), ("signatures.py", "--each", "1")),
         seeds="the number of the case", takes="hours"),
     "calibration": Study(
         question="Do 90 % credible intervals contain the truth in 90 %?",

@@ -5,19 +5,22 @@ from peer_packages import opensees
 from validation import Collector, Row, properties
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
-NUMBERS = {"calibration", "campaign", "diagnosis", "farms", "identification", "lifetime", "structure", "updating",
-           "virtual"}
+NUMBERS = {"calibration", "campaign", "diagnosis", "farms", "identification", "lifetime", "reporting", "structure",
+           "updating", "virtual"}
 # of these what is about files, processes and other packages
 ASKED_OF_ALL = {"test_campaign_convert", "test_campaign_parquet", "test_campaign_reading", "test_campaign_zarr",
-                "test_effects_files", "test_identification_executors", "test_identification_resume", "test_uff_file",
-                "test_updating_files", "test_virtual_blind"}
+                "test_effects_files", "test_identification_executors", "test_identification_resume",
+                "test_report_run", "test_uff_file", "test_updating_files", "test_virtual_blind"}
+# and what reads the code's text
+OF_THE_TEXT = {"test_layering"}
 
 
 # before the markers choose
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        if item.path.parent.name in NUMBERS and item.path.stem not in ASKED_OF_ALL:
+        of_numbers = item.path.parent.name in NUMBERS and item.path.stem not in ASKED_OF_ALL
+        if of_numbers or item.path.stem in OF_THE_TEXT:
             item.add_marker(pytest.mark.numbers)
 
 

@@ -163,7 +163,7 @@ def moves_from(
     promises."""
     priors = np.log(_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
-    states = [(None, here.fitted, 0.0)] if add else []
+    states: list[tuple[int | None, Fit, float]] = [(None, here.fitted, 0.0)] if add else []
     states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
     for out, base, lost in states:
@@ -172,10 +172,7 @@ def moves_from(
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
-        u, v = scores_beside(problem, base.design, base.centred, base.included, scores)
-        usable = (base.design.share_left > LEAST_LEFT) & (v > 0) & ~np.isin(effect_of, effect_of[list(others)])
-        z = np.where(usable, u / np.sqrt(np.where(usable, v, 1.0)), 0.0)
-        gain, size = gains(problem, u, np.where(usable, v, 0.0))
+        usable, z, gain, size = _to_first_order(problem, base, others, scores)
         scale = model_error_dispersion(float(np.abs(z).max()))
         if out is None:
             promise = gain / scale + priors
@@ -195,6 +192,28 @@ def moves_from(
             result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=float(promise[k]),
                                included=(*base.included, _added(problem, base, k, size[k]))))
     return sorted(result, key=lambda m: -m.promise)
+
+
+def _to_first_order(
+    problem: DiagnosisProblem, base: Fit, included: Sequence[int], z_included: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of every candidate (n_candidate,) beside those `included` in a fit: whether it can be added there, its z, its ln
+    Bayes factor and its size."""
+    effect_of = problem.which[:, 0]
+    u, v = scores_beside(problem, base.design, base.centred, base.included, z_included)
+    usable = (base.design.share_left > LEAST_LEFT) & (v > 0) & ~np.isin(effect_of, effect_of[list(included)])
+    z = np.where(usable, u / np.sqrt(np.where(usable, v, 1.0)), 0.0)
+    return usable, z, *gains(problem, u, np.where(usable, v, 0.0))
+
+
+def _one_more_promises(problem: DiagnosisProblem, here: Hypothesis, found: Search) -> bool:
+    """Whether what a search beside a hypothesis found beyond its threshold promises, before any fit, to make the record
+    more probable."""
+    if not found.statistic.max() > found.threshold:
+        return False
+    _, z, gain, _ = _to_first_order(problem, here.fitted, here.candidates, here.z)
+    promise = gain / model_error_dispersion(float(np.abs(z).max())) + np.log(_shares(problem))
+    return bool(promise.max() > 0)
 
 
 def _score_correlation(
@@ -291,8 +310,8 @@ def explore(
         found = first if not key else search(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
         searches[key] = found
-        over = one_more[key] = bool(found.statistic.max() > found.threshold)
-        add = len(here.candidates) < most and over
+        one_more[key] = _one_more_promises(problem, here, found)
+        add = len(here.candidates) < most and bool(found.statistic.max() > found.threshold)
         if not key and not add:
             break
         if add:
@@ -316,7 +335,7 @@ def explore(
     if keys[0] not in searches:
         found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
         searches[keys[0]] = found
-        one_more[keys[0]] = bool(found.statistic.max() > found.threshold)
+        one_more[keys[0]] = _one_more_promises(problem, last, found)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
                     first=first, last=searches[keys[0]], one_more=one_more[keys[0]])
 

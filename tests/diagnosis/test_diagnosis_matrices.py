@@ -138,6 +138,22 @@ def test_a_fit_that_runs_out_of_steps_is_unexplained_and_not_an_error(prepared, 
     assert NOT_SETTLED in outcome.diagnosis.notes
 
 
+@pytest.mark.parametrize(("alarms", "hidden", "verdict"), [
+    # beyond a threshold of 0.9 false alarms, though nothing is there that its prior odds make probable
+    (0.9, {}, "named"),
+    (0.01, {"storey": 1, "factor": 0.8, "from_block": 20}, "unexplained"),
+])
+def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_probable(
+    prepared, record, monkeypatch, alarms, hidden, verdict
+):
+    monkeypatch.setattr("probupdate.diagnosis.search.FALSE_NEXT", alarms)
+    outcome = examine(prepared, record(5, gain=("y4", 1.12), **hidden), most=1)
+    assert outcome.last.statistic.max() > outcome.last.threshold
+    assert outcome.diagnosis.verdict == verdict
+    by_chance = [note for note in outcome.diagnosis.notes if "more probable than chance" in note]
+    assert bool(by_chance) == (verdict == "named")
+
+
 def test_a_size_at_the_end_of_what_its_row_allows_is_said(prepared, record):
     found = probupdate.diagnose(prepared, record(5, storey=2, factor=0.08), sampler=False)
     (note,) = [note for note in found.notes if "stands at an end" in note]
