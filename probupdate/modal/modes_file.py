@@ -208,9 +208,11 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
 def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:
     """Keys of a set that are missing, misspelt, of another kind, or of more modes than there can be."""
     _refuse_misspelt(where, raw, SET_KEYS)
-    if not isinstance(raw.get("frequency_hz"), list) or "shape_re" not in raw:
-        raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list",
-                         "give both; null where not measured")
+    if not isinstance(raw.get("frequency_hz"), list):
+        raise InputError(where, "'frequency_hz' is missing or no list", "give it; null where not measured")
+    if n_channel and "shape_re" not in raw:
+        raise InputError(where, f"'shape_re' is missing for {n_channel} channels",
+                         'give it, null where not measured; of frequencies alone write "channels": []')
     if not isinstance(raw.get("environment") or {}, dict):
         raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
     n_mode = len(raw["frequency_hz"])

@@ -113,10 +113,17 @@ def test_minimal_file_and_null_rows(tmp_path):
     assert not data.sets[1].measured[0] and np.all(np.isnan(data.sets[1].shape))
 
 
+def test_frequencies_alone_need_no_shapes(tmp_path):
+    data = read_modes(write(tmp_path, {"channels": [], "sets": [{"id": "1", "frequency_hz": [1.0, 2.5]}]}))
+    assert data.sets[0].shape.shape == (0, 2) and data.sets[0].frequency_hz.tolist() == [1.0, 2.5]
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
         (lambda c: c.update(channels=["a"]), "shape_re"),
+        (lambda c: c["sets"][0].pop("shape_re"), r'of frequencies alone write "channels": \[\]'),
+        (lambda c: c["sets"][0].pop("frequency_hz"), "'frequency_hz' is missing"),
         (lambda c: c.update(channels=["a", "a"]), "twice"),
         (lambda c: c.update(sets=[]), "no set"),
         (lambda c: c.update(chanels=["a"]), "did you mean 'channels'"),
