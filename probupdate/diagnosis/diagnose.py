@@ -167,9 +167,11 @@ def _explored(
     if not tried:
         raise failures[-1]
     common, shapes = _most_probable(tried)
-    best = tried[common, shapes][1].hypotheses[0].fitted
-    alone = {f: log_evidence(problem, fitted) for f in FREQUENCY_SCALES
-             if (fitted := _fitted_at(_scaled(problem, f, shapes), best)) is not None}
+    found = tried[common, shapes][1]
+    # its effects may be crosstalks that were taken up on the way
+    wider = replace(problem, effects=found.problem.effects, which=found.problem.which)
+    alone = {f: log_evidence(wider, fitted) for f in FREQUENCY_SCALES
+             if (fitted := _fitted_at(_scaled(wider, f, shapes), found.hypotheses[0].fitted)) is not None}
     frequencies = max(alone, key=lambda f: alone[f], default=common)
     if frequencies != common:
         explore_at(frequencies, shapes)
