@@ -292,9 +292,14 @@ def _by_chance(explored: Explored) -> list[str]:
     if explored.one_more or not last.statistic.max() > last.threshold:
         return []
     j, c = last.which[int(np.argmax(last.statistic))]
+    # of searches beside findings fewer may alarm than of the first one, whose threshold the summary states
+    beside = explored.hypotheses[0].candidates
+    where = " beside the findings" if beside else ""
+    threshold = (f"the threshold of {last.threshold:.1f} that holds there (of the first search "
+                 f"{explored.first.threshold:.1f})" if beside else f"the threshold of {last.threshold:.1f}")
     return [
         f"{explored.problem.effects[j].name} ({explored.problem.time_profiles[c].name}) scores |z| = "
-        f"{last.statistic.max():.1f}, beyond the threshold of {last.threshold:.1f}; by their evidence and prior odds "
+        f"{last.statistic.max():.1f}{where}, beyond {threshold}; by their evidence and prior odds "
         "no effect of the catalogue is more probable than chance"
     ]
 
