@@ -103,8 +103,7 @@ def test_arviz_opens_the_posterior(estimated):
 
     data = arviz.from_netcdf(str(estimated / "posterior.nc"))
     posterior = read_posterior(estimated / "posterior.nc")
-    for name in GROUPS:
-        assert data[name] is not None
+    assert set(GROUPS) <= set(data.groups())
     assert set(data["posterior"].data_vars) == {"low", "middle", "high"}
     assert np.array_equal(data["posterior"]["middle"].values, posterior.theta[:, :, 1])
     assert data["log_likelihood"]["response"].shape == posterior.theta.shape[:2]
@@ -192,7 +191,10 @@ def test_a_turbine_through_every_step(turbine):
     assert np.all(np.abs(drawn.draws.mean(axis=0) - truth) < 3 * drawn.draws.std(axis=0))
     # --model brings the pile head's stiffness over the posterior
     compared = json.loads((turbine / "compare.json").read_text())
-    assert {"k_xy", "k_z"} <= set(compared["derived"]) and compared["derived"]["k_xy"]["mean"] > 0
+    # py is updated, the axial soil is not
+    across, along = compared["derived"]["k_xy"], compared["derived"]["k_z"]
+    assert 0.01 < across["cov"] < 0.5 and abs(across["mean"] / across["map"] - 1) < 2 * across["cov"]
+    assert along["cov"] < 1e-9 and along["mean"] == pytest.approx(along["map"], rel=1e-9)
     assert main(["report", str(turbine), "--out", str(turbine / "report.html")]) == 0
     page = (turbine / "report.html").read_text(encoding="utf-8")
     assert all(name in page for name in UPDATED)

@@ -1,6 +1,7 @@
 """The exported joint distribution and FORM beside OpenTURNS."""
 
 import importlib.util
+import json
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,16 @@ def test_the_written_file_is_the_same_distribution(tmp_path):
     cases = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(cases)
     (path,), _ = cases.joint(tmp_path)
-    assert to_openturns(read_joint(path)).getDimension() == 2
+    words = json.loads(path.read_text())
+    other = to_openturns(read_joint(path))
+    assert list(other.getDescription()) == words["parameters"] == ["a", "b"]
+    for k in range(2):
+        found = [other.getMarginal(k).computeQuantile(level)[0] for level in (0.1, 0.5, 0.9)]
+        assert found == pytest.approx(np.interp((0.1, 0.5, 0.9), words["level"], words["quantile"][k]), abs=2e-6)
+    ot.RandomGenerator.SetSeed(1)
+    # four standard errors
+    rank = stats.spearmanr(np.array(other.getSample(20_000))).statistic
+    assert rank == pytest.approx(words["rank_correlation"][0][1], abs=0.03)
 
 
 def test_form_is_openturns(validation):

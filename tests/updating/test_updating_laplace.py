@@ -85,7 +85,9 @@ def test_resolution_is_zero_where_the_data_say_nothing_and_one_where_they_say_al
     assert abs(top.resolution[2]) < 1e-9
     assert top.covariance[2, 2] == pytest.approx(0.2**2, rel=1e-9)
     assert top.theta[2] == pytest.approx(-1.0, abs=1e-9)
-    assert 0.999 < top.resolution[0] <= 1.0
+    # R = I - P W_Theta
+    std = LINEAR_PARAMETERS.std[0]
+    assert top.resolution[0] > 0.999 and top.resolution[0] == pytest.approx(1 - top.covariance[0, 0] / std**2, abs=1e-9)
 
 
 # the chain with its close pairs
