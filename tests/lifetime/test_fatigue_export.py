@@ -183,7 +183,10 @@ def test_factors_have_the_parts_of_the_one_model(done, run):
             assert table["bias"][k] == pytest.approx(0.55, abs=0.05)
             assert table["cov_set_to_set"][k] == pytest.approx(np.std(np.log([0.010, 0.011, 0.012]), ddof=1), rel=1e-6)
         if quantity == "stress range":
-            assert all(table[p][k] is not None and table[p][k] >= 0 for p in parts)
+            # of the tower the tolerances may be no part; what is measured and what was believed before always are
+            shares = [table[p][k] for p in parts]
+            assert np.isfinite(shares).all() and min(shares) >= 0 and 1e-3 < max(shares) < 0.1
+            assert table["cov_measurement"][k] > 1e-4 and table["cov_prior"][k] > 1e-3
 
 
 def test_parts_of_a_parameter_add_up_to_its_variance(run, validation):

@@ -265,6 +265,6 @@ def test_steps_that_overshoot_are_shortened(monkeypatch, validation):
     row.error(found.theta[0] - end.x, below=1e-7)
     assert anchored.converged
     assert anchored.theta[-1, 0] == pytest.approx(end.x, abs=1e-6)
-    assert np.all(anchored.share <= 1)
+    assert anchored.share.min() < 0.9 and anchored.share.max() <= 1
     monkeypatch.setattr(tikhonov, "RELAX_BELOW", 0.0)
     assert len(update(problem, penalty="prior").share) > 2 * len(anchored.share)
