@@ -167,9 +167,11 @@ def _explored(
     if not tried:
         raise failures[-1]
     common, shapes = _most_probable(tried)
-    best = tried[common, shapes][1].hypotheses[0].fitted
-    alone = {f: log_evidence(problem, fitted) for f in FREQUENCY_SCALES
-             if (fitted := _fitted_at(_scaled(problem, f, shapes), best)) is not None}
+    found = tried[common, shapes][1]
+    # its effects may be crosstalks that were taken up on the way
+    wider = replace(problem, effects=found.problem.effects, which=found.problem.which)
+    alone = {f: log_evidence(wider, fitted) for f in FREQUENCY_SCALES
+             if (fitted := _fitted_at(_scaled(wider, f, shapes), found.hypotheses[0].fitted)) is not None}
     frequencies = max(alone, key=lambda f: alone[f], default=common)
     if frequencies != common:
         explore_at(frequencies, shapes)
@@ -290,9 +292,14 @@ def _by_chance(explored: Explored) -> list[str]:
     if explored.one_more or not last.statistic.max() > last.threshold:
         return []
     j, c = last.which[int(np.argmax(last.statistic))]
+    # of searches beside findings fewer may alarm than of the first one, whose threshold the summary states
+    beside = explored.hypotheses[0].candidates
+    where = " beside the findings" if beside else ""
+    threshold = (f"the threshold of {last.threshold:.1f} that holds there (of the first search "
+                 f"{explored.first.threshold:.1f})" if beside else f"the threshold of {last.threshold:.1f}")
     return [
         f"{explored.problem.effects[j].name} ({explored.problem.time_profiles[c].name}) scores |z| = "
-        f"{last.statistic.max():.1f}, beyond the threshold of {last.threshold:.1f}; by their evidence and prior odds "
+        f"{last.statistic.max():.1f}{where}, beyond {threshold}; by their evidence and prior odds "
         "no effect of the catalogue is more probable than chance"
     ]
 

@@ -73,7 +73,8 @@ class DetectableSize:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
-    """The whole answer; `threshold` of |z| for the whole catalogue. `summary` is for people, `content` for files."""
+    """The whole answer; `threshold` of |z|: of the whole catalogue before any finding is included (without a model of
+    the first look, the lower one of frequencies and sensors). `summary` is for people, `content` for files."""
 
     verdict: str
     p_value: float
@@ -113,7 +114,7 @@ class Diagnosis:
         if nearest:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
         lines += [f"  {s}" for s in wording.free_form_words(content)]
-        lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
+        lines.append(f"{wording.threshold_words(content)} (below 5 % of false alarms); "
                      f"{wording.adequacy_words(content) or 'the residuals were not tested'}")
         lines += [f"shifted: {s}" for s in wording.prior_shift_words(content)]
         detectable_sizes = wording.best_detectable(content, 5)

@@ -118,6 +118,17 @@ def verdict_words(content: Mapping) -> str:
     return f"{parted} ({p}) by {count}, {each}with a posterior probability of 0.95 or more."
 
 
+def threshold_words(content: Mapping) -> str:
+    """The threshold that decides whether anything is found at all, and of which search it is: those beside a finding
+    have one of their own. Empty where none is stated."""
+    value = content.get("threshold")
+    if value is None:
+        return ""
+    if content["details"].get("without_model"):
+        return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors"
+    return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included"
+
+
 def adequacy_words(content: Mapping) -> str:
     p = content.get("adequacy_p")
     if p is None:

@@ -1,6 +1,6 @@
 """Where fatigue is looked at: ends of braces at legs and crossings, girth welds; hot spots round their circumference.
 
-Hot-spot stress after DNV-RP-C203 (2011), eq. 3.3.1, at eight places from crown to saddle: the axial stress by factors
+Hot-spot stress after DNV-RP-C203 (2011), section 3.3, at eight places from crown to saddle: the axial stress by factors
 of crown and saddle and their mean between, bending in plane by the cosine and out of plane by the sine of the place's
 angle.
 """

@@ -1,7 +1,7 @@
 """Stress concentration factors of simple tubular joints by Efthymiou's parametric equations.
 
 Efthymiou, Development of SCF formulae and generalised influence functions for use in fatigue analysis (Recent
-Developments in Tubular Joints Technology, Surrey 1988), as DNV-RP-C203 (2011), appendix B, tables B-1 to B-5 print
+Developments in Tubular Joints Technology, Surrey 1988), as DNV-RP-C203 (2011), appendix B, tables B-1 to B-3 print
 them: T and Y joints with chord ends of stated fixity, X joints under balanced loads, K joints with a gap under balanced
 axial load and unbalanced bending. Overlapped, stiffened, grouted and multiplanar joints are not in them.
 
@@ -118,8 +118,8 @@ def cross(g: Geometry) -> tuple[SideFactors, SideFactors]:
 
 
 def kay(g: Geometry, other: Geometry, gap_m: float) -> tuple[SideFactors, SideFactors]:
-    """(chord, brace) of brace g of a K joint with brace `other` across a gap, table B-3: balanced axial load 20, 22
-    (one value all round), unbalanced bending in plane 8, 9 and out of plane 21, 23."""
+    """(chord, brace) of brace g of a K joint with brace `other` across a gap, table B-3: balanced axial load 20, 21
+    (one value all round), unbalanced bending in plane 8, 9 and out of plane 23, 24."""
     b, c, t, s = g.beta, g.gamma, g.tau, g.sine
     sines = sorted((s, other.sine))
     betas = sorted((b, other.beta))

@@ -9,7 +9,14 @@ from statistics import NormalDist
 from probupdate.diagnosis import wording
 from probupdate.io.result_table import plural
 from probupdate.reporting import figures
-from probupdate.reporting.diagnosis_tables import extension_items, gain_items, plain_table, row_table, sentence, typeset
+from probupdate.reporting.diagnosis_tables import (
+    extension_items,
+    gain_items,
+    plain_table,
+    row_table,
+    typeset,
+    typeset_with_stop,
+)
 from probupdate.reporting.elements import (
     Column,
     Element,
@@ -42,7 +49,7 @@ def diagnosis_section(run: Run) -> Section | None:
     shown = content["details"].get("residuals")
     items: list[Element] = [_tiles(content), *_actions(content)]
     if content["notes"]:
-        items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
+        items.append(Items(title="Notes", statements=tuple(map(typeset_with_stop, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
     if hidden:
         items.insert(0, _hidden_beside_found(hidden, content["findings"]))
@@ -84,7 +91,7 @@ def _tiles(content: Mapping) -> Tiles:
         Tile(label="chance of a record like this with nothing wrong",
              value=wording.probability_words(content["p_value"]),
              detail="of the whole search, its largest score against a bootstrap"
-             + (f"; threshold |z| = {content['threshold']:.1f}" if content.get("threshold") else "")),
+             + (f"; {words}" if (words := wording.threshold_words(content)) else "")),
     ]
     if adequacy is not None:
         shown.append(Tile(label="is the rest explained?", value=wording.probability_words(adequacy),
@@ -99,14 +106,14 @@ def _actions(content: Mapping) -> list[Element]:
         check = f.get("check")
         if check:
             statements.append(f"{wording.name_of(f)}: {check}.")
-    statements += [sentence(s) for s in content.get("splits", ())]
+    statements += [typeset_with_stop(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
     if content["verdict"] == "unexplained" and content["parameters"]:
         statements.append("Do not read the updated parameters as properties of the structure: find what is missing in "
                           "the model first. The maps below show where model and measurement part.")
     if content["verdict"] == "unexplained" and nearest:
         statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
-    statements += [sentence(s) for s in wording.free_form_words(content)]
+    statements += [typeset_with_stop(s) for s in wording.free_form_words(content)]
     if content.get("extended_model"):
         statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
     if content["verdict"] == "none":
@@ -252,7 +259,7 @@ def _prior_shifts(content: Mapping, shown: Mapping | None) -> list[Element]:
     sentences = wording.prior_shift_words(content)
     if sentences:
         items.append(Items(title="Shifted where the prior did not expect it", level="warning",
-                           statements=tuple(map(sentence, sentences))))
+                           statements=tuple(map(typeset_with_stop, sentences))))
     return items
 
 
@@ -278,7 +285,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
     if isinstance(stated, list) and stated:
         said = [r for r in stated if isinstance(r, Mapping) and isinstance(r.get("statement"), str)]
         for suspected, title in ((True, "Suspected in the raw records"), (False, "Raw records without a fault")):
-            here = tuple(sentence(r["statement"]) for r in said if r.get("suspected", True) is suspected)
+            here = tuple(typeset_with_stop(r["statement"]) for r in said if r.get("suspected", True) is suspected)
             if here:
                 items.append(Items(title=title, statements=here, level="warning" if suspected else "plain"))
         items += row_table("Tests of the raw records", [r for r in stated if r not in said])

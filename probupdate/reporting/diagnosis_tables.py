@@ -10,7 +10,7 @@ from probupdate.diagnosis import wording
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, fixed, number, percent
 
 
-def sentence(text: str) -> str:
+def typeset_with_stop(text: str) -> str:
     """Closed with a full stop; begins as it is written, for names have small letters too."""
     return typeset(text if text.endswith(".") else f"{text}.")
 
@@ -25,7 +25,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     if not gained:
         return []
     items: list[Element] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
-        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
+        typeset_with_stop(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
                 for k, _, g in gained for key in _pairs_of(g)]
     if measured:
@@ -90,7 +90,7 @@ def extension_items(table: object) -> list[Element]:
         return []
     said = table.get("statements")
     title = "The model with what was found"
-    first = [Items(title=title, statements=tuple(map(sentence, said)))] if said else []
+    first = [Items(title=title, statements=tuple(map(typeset_with_stop, said)))] if said else []
     updated, sampler = table.get("after"), table.get("sampler")
     estimated = _estimators_table(updated, sampler)
     # what stands in these tables or in the statements need not be listed once more
@@ -204,7 +204,7 @@ def row_table(caption: str, rows: Sequence) -> list[Element]:
     if not rows:
         return []
     if all(isinstance(r, str) for r in rows):
-        return [Items(title=caption, statements=tuple(map(sentence, rows)))]
+        return [Items(title=caption, statements=tuple(map(typeset_with_stop, rows)))]
     rows = [r for r in rows if isinstance(r, Mapping)]
     keys = [k for k in dict.fromkeys(k for r in rows for k in r)
             if any(isinstance(r.get(k), str | int | float) for r in rows)]

@@ -119,7 +119,7 @@ class Section:
     shown: int = 0
 
 
-def sentence(text: str, names: Collection[str] = ()) -> str:
+def full_sentence(text: str, names: Collection[str] = ()) -> str:
     """A capital first and a full stop last; a name (one of `names`, or what is no plain word, such as k_t) stays as it
     is written."""
     first = re.split(r"[\s,;:=(]", text, maxsplit=1)[0]

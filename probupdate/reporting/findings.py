@@ -9,7 +9,7 @@ import numpy as np
 
 from probupdate.diagnosis.wording import finding_words, name_of, prior_shift_words, verdict_words
 from probupdate.reporting.diagnosis_tables import typeset
-from probupdate.reporting.elements import count, fixed, number, sentence
+from probupdate.reporting.elements import count, fixed, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
@@ -59,13 +59,13 @@ def _of_fit(run: Run) -> list[Finding]:
         return []
     if misses(update):
         its = "more of its" if stated_error(update) else "its"
-        return [Finding(level="warning", short="the model does not fit", text=sentence(fit_sentence(update)),
+        return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
                         action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
                         "--discrepancy and update again.")]
     if too_close(update):
         return [Finding(
             level="caution", short="the stated standard deviations are too wide for these data",
-            text=sentence(fit_sentence(update)),
+            text=full_sentence(fit_sentence(update)),
             action="Update with the standard deviations of the identification (--weights measured) where those assumed "
             "are wider: intervals become as narrow as the data allow.")]
     return []
@@ -106,7 +106,7 @@ def _of_diagnosis(run: Run) -> list[Finding]:
     if content is None or content["verdict"] == "none":
         return []
     named = "; ".join(finding_words(f) for f in content["findings"])
-    actions = [sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
+    actions = [full_sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
     if content.get("extended_model"):
         held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
         but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
@@ -141,7 +141,7 @@ def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
     # by state; the last is after the findings are included
     chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
     p = chances[-1]
-    shifts = [sentence(t) for t in prior_shift_words(content)]
+    shifts = [full_sentence(t) for t in prior_shift_words(content)]
     unlikely = p is not None and p < NO_CHANCE
     if not shifts and not unlikely:
         return []

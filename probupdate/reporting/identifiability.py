@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.identifiability import (
+    BOUND,
+    KNOWN,
+    PARTLY,
+    PRIOR,
+    gaussian_width,
+    identifiability,
+    sampled_width,
+)
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, misses
 
@@ -57,9 +65,8 @@ def contraction(update: UpdateRecord, posterior: Posterior | None) -> np.ndarray
     """Posterior over prior standard deviation (n_param,): of the draws over the prior as cut at its bounds, or, where
     nothing was sampled, of the Gaussian at the maximum."""
     if posterior is None:
-        return np.sqrt(np.diag(update.map_covariance)) / update.parameters.std
-    prior = np.array([p.distribution.std() for p in update.parameters])
-    return np.std(posterior.draws, axis=0, ddof=1) / prior
+        return gaussian_width(update.map_covariance, update.parameters)
+    return sampled_width(posterior.draws, update.parameters)
 
 
 def identifiabilities(update: UpdateRecord, posterior: Posterior | None) -> tuple[Identifiability, ...]:

@@ -22,8 +22,8 @@ from probupdate.reporting.elements import (
     Section,
     Table,
     fixed,
+    full_sentence,
     percent,
-    sentence,
 )
 from probupdate.reporting.identification_pictures import (
     block_of,
@@ -135,10 +135,10 @@ def identification_section(run: Run) -> Section:
         items += _judged_pictures(run, run.modes)
         said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)
         if said:
-            items.append(Items(title="The rotor's harmonics", statements=tuple(map(sentence, said))))
+            items.append(Items(title="The rotor's harmonics", statements=tuple(map(full_sentence, said))))
         odd = unmatched_sentences(run.modes)
         if odd:
-            items.append(Items(title="What does not match the model", statements=tuple(map(sentence, odd))))
+            items.append(Items(title="What does not match the model", statements=tuple(map(full_sentence, odd))))
     return Section(anchor="identified", title="Identification", items=tuple(items),
                    lead="Every pole of every block, and what was taken for a mode of the structure.")
 

@@ -19,9 +19,9 @@ from probupdate.reporting.elements import (
     Tiles,
     count,
     fixed,
+    full_sentence,
     number,
     percent,
-    sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, Finding, evaluations, findings, worst
 from probupdate.reporting.identifiability import (
@@ -315,7 +315,7 @@ def remarkable(run: Run) -> list[str]:
             share = number(100 * fallback / evaluated, 2)
             said.append(f"{count(fallback)} of {count(evaluated)} evaluations ({share} %) fell outside "
                         "the reduced basis and were answered by the full model: exact, but slow.")
-        said += [sentence(t, update.parameters.names) for t in posterior.record.get("notes", ())
+        said += [full_sentence(t, update.parameters.names) for t in posterior.record.get("notes", ())
                  if t not in update.left_out]
     if run.comparison is not None:
         far = [r.name for r in run.comparison.rows if abs(r.step_distance) > 1]

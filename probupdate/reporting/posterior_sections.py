@@ -17,8 +17,8 @@ from probupdate.reporting.elements import (
     Table,
     count,
     fixed,
+    full_sentence,
     number,
-    sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, evaluations
 from probupdate.reporting.identifiability import contraction
@@ -162,7 +162,7 @@ def comparison_section(run: Run) -> Section:
     rows = run.comparison.rows
     items: list[Element] = []
     if run.comparison.notes:
-        notes = tuple(sentence(n, run.comparison.names) for n in run.comparison.notes)
+        notes = tuple(full_sentence(n, run.comparison.names) for n in run.comparison.notes)
         items.append(Items(title="In short", statements=notes))
     items.append(_values_table(rows))
     truth = _truth_table(run)
@@ -264,7 +264,7 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     names = [r.name for r in rows]
     cells = []
     for r in rows:
-        words = " ".join([r.sentence, *(sentence(flag, names) for flag in r.flags)]).strip()
+        words = " ".join([r.sentence, *(full_sentence(flag, names) for flag in r.flags)]).strip()
         cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}

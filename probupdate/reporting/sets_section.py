@@ -15,9 +15,9 @@ from probupdate.reporting.elements import (
     Table,
     Text,
     fixed,
+    full_sentence,
     number,
     percent,
-    sentence,
 )
 from probupdate.reporting.values import Run
 from probupdate.updating.information import METRIC_WORDS, Information, read_information, recommendation
@@ -33,7 +33,7 @@ def sets_section(run: Run) -> Section | None:
     items += [_views_table(views), Text(paragraphs=(views.advice,)), _score_table(views)]
     if views.modes:
         items.append(_modes_table(views))
-    notes = tuple(sentence(n, [r.name for r in views.rows]) for n in views.notes)
+    notes = tuple(full_sentence(n, [r.name for r in views.rows]) for n in views.notes)
     items.append(Items(title="What holds for the whole", statements=notes))
     return Section(anchor="sets", title="All sets", items=tuple(items),
                    lead=f"{len(views.ids)} sets read in four ways: what each says, and which is for what.")
@@ -55,7 +55,7 @@ def _views_table(views: SetViews) -> Table:
             r.name, fixed(r.prior_cov, 2), number(r.scatter_mean), fixed(r.scatter_cov, 3), fixed(r.resolution, 2),
             number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),
             fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
-            sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
+            full_sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
         ))
     return Table(caption="The same sets in four views", columns=columns, rows=tuple(rows),
                  note=f"Weights: {views.settings['weights']}. Scatter between sets: median, over the mean; its "
@@ -95,7 +95,7 @@ def information_section(run: Run) -> Section | None:
     found = read_information(path)
     items: list[Element] = [_information_table(found, run.jacket)]
     names = [r.name for r in found.rows]
-    items.append(Items(title="Recommended", statements=tuple(map(sentence, recommendation(found)))))
+    items.append(Items(title="Recommended", statements=tuple(map(full_sentence, recommendation(found)))))
     directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)
     items.append(Table(
         caption="Directions that the data inform, in prior standard deviations", rows=directions, width="half",
@@ -103,10 +103,10 @@ def information_section(run: Run) -> Section | None:
         note=f"All parameters together: {found.total_bits:.1f} bits."))
     if found.pairs:
         items.append(Items(title="Parameters that compensate one another",
-                           statements=tuple(sentence(p.sentence, (p.first, p.second)) for p in found.pairs)))
+                           statements=tuple(full_sentence(p.sentence, (p.first, p.second)) for p in found.pairs)))
     if found.check is not None:
         items.append(Items(title="Did the prior expect these data?",
-                           statements=tuple(sentence(t, names) for t in found.check.sentences)))
+                           statements=tuple(full_sentence(t, names) for t in found.check.sentences)))
     return Section(anchor="information", title="Information", items=tuple(items),
                    lead="Information in the data about each parameter, and which to update.")
 

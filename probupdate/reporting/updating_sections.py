@@ -18,9 +18,9 @@ from probupdate.reporting.elements import (
     Section,
     Table,
     fixed,
+    full_sentence,
     number,
     percent,
-    sentence,
 )
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
@@ -75,9 +75,9 @@ def update_section(run: Run) -> Section:
         level = "good" if scheme.converged else "warning"
         steps = plural(len(scheme.theta) - 1, "iteration")
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
-        items.append(Notice(level=level, text=sentence(text)))
+        items.append(Notice(level=level, text=full_sentence(text)))
     fit = fit_sentence(update)
-    items.append(Notice(level=fit_level(update), text=sentence(fit)))
+    items.append(Notice(level=fit_level(update), text=full_sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
     pile, jacket = _pile_head_table(run, update), run.jacket

@@ -18,7 +18,8 @@ JointLaw = Callable[..., np.ndarray]
 
 
 def fessler(chord_diameter_m, chord_wall_m, brace_diameter_m, angle_rad: float) -> np.ndarray:
-    """(..., 3): E x flexibility along the brace (1/m), in plane and out of plane (1/m^3), Fessler et al. 1986.
+    """(..., 3): E x flexibility along the brace (1/m), in plane and out of plane (1/m^3), of a joint of one brace
+    (Fessler, Mockford and Webster 1986).
 
     The axial one is along the brace, hence sin^2.19 where the chord-normal one has sin^0.19.
     """

@@ -1,4 +1,4 @@
-"""Clay after API RP 2GEO: p-y, t-z and q-z curves and their initial (secant) stiffness.
+"""Clay after API RP 2GEO (2011): p-y (static), t-z and q-z curves and their initial (secant) stiffness.
 
 Depths in m below the present seabed; every function takes complex arguments, as derivatives go by complex steps.
 Strengths in Pa, curves per metre of pile where it says so.

@@ -13,10 +13,20 @@ from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_json_table, write_json
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
-from probupdate.updating.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
+from probupdate.updating.identifiability import (
+    BLIND,
+    DRAWS,
+    GAUSSIAN,
+    PARTLY,
+    PRIOR,
+    STRONG,
+    identifiability,
+    kinds_in_words,
+    sampled_width,
+)
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.settings import CONSTANTS
-from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
+from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, gaussian_kinds, misses
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,8 +130,9 @@ def compare(
         )
     draws = posterior.draws
     correlation = np.corrcoef(draws.T) if draws.shape[1] > 1 else np.ones((1, 1))
+    width = sampled_width(draws, update.parameters)
     rows = tuple(
-        _row(k, update, posterior, draws[:, k], correlation[k]) for k in range(len(posterior.names))
+        _row(k, update, posterior, float(width[k]), correlation[k]) for k in range(len(posterior.names))
     )
     values: dict[str, dict[str, float]] = {name: dict(states) for name, states in update.derived.items()}
     for name, compute in (derived or {}).items():
@@ -145,17 +156,16 @@ def _cov(values: np.ndarray) -> float:
 
 
 def _row(
-    k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray
+    k: int, update: UpdateRecord, posterior: Posterior, contraction: float, correlation: np.ndarray
 ) -> ComparisonRow:
     from scipy import stats
 
-    parameter = update.parameters.items[k]
+    parameter, draws = update.parameters.items[k], posterior.draws[:, k]
     mean, std = float(draws.mean()), float(draws.std(ddof=1))
     prior_std = float(parameter.distribution.std())
     prior_mean = float(parameter.distribution.mean())
     step, anchored = float(update.scheme("step").theta[-1, k]), float(update.scheme("prior").theta[-1, k])
     top = float(update.map_theta[k])
-    contraction = std / prior_std
     others = np.where(np.arange(len(correlation)) == k, 0.0, correlation)
     partner = int(np.argmax(np.abs(others)))
     low, high = np.quantile(draws, [0.05, 0.95])
@@ -259,10 +269,8 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
     if pinned:
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
-    for kind in (KNOWN, PARTLY, PRIOR):
-        names = [r.name for r in rows if r.identified == kind]
-        if names:
-            notes.append(f"{kind}: {', '.join(names)}")
+    notes += kinds_in_words({r.name: r.identified for r in rows}, DRAWS)
+    notes += _otherwise_at_the_map(update, rows)
     printed = update.scheme("step")
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
     notes.append(
@@ -281,6 +289,14 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
         )
     notes += list(update.left_out)
     return notes
+
+
+def _otherwise_at_the_map(update: UpdateRecord, rows: tuple[ComparisonRow, ...]) -> list[str]:
+    """Where `update` says otherwise of a parameter: the same scale, of the only width that it has."""
+    kinds = gaussian_kinds(update)
+    other = [f"{r.name} {kinds[r.name]}" for r in rows if kinds[r.name] != r.identified]
+    return [f"{GAUSSIAN}, as `update` has it, {', '.join(other)}: it knows neither bounds nor skewness, the draws do"
+            ] if other else []
 
 
 def write_comparison(comparison: Comparison, path: str | Path) -> Path:

@@ -1,14 +1,35 @@
-"""What the data say of a parameter, in one scale for every command: strongly or weakly identified, prior, bound."""
+"""What the data say of a parameter, in one scale for every command: strongly or weakly identified, prior, bound.
+
+The scale is of a width, the posterior's standard deviation over the prior's, and there are two: `gaussian_width` by the
+Gaussian approximation at the MAP, all that an update has, and `sampled_width` by the draws of the posterior. They
+differ where the posterior is skewed or cut by bounds: whoever states a kind states by which width.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
+from probupdate.model.parameters import Parameters
 from probupdate.updating.settings import CONSTANTS
 
 STRONG, BLIND = CONSTANTS.strong, CONSTANTS.blind
 KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
+GAUSSIAN, DRAWS = "by the Gaussian approximation at the MAP", "by the posterior's draws"
 
 
-def identifiability(contraction: float, *, at_bound: bool, misses: bool) -> str:
+def gaussian_width(covariance: np.ndarray, parameters: Parameters) -> np.ndarray:
+    """(n_param,) standard deviation of the Gaussian approximation over the prior's, both as if there were no bounds."""
+    return np.sqrt(np.diag(covariance)) / parameters.std
+
+
+def sampled_width(draws: np.ndarray, parameters: Parameters) -> np.ndarray:
+    """(n_param,) standard deviation of the draws (n_draw, n_param) over the prior's, both within the bounds."""
+    return np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
+
+
+def identifiability(width: float, *, at_bound: bool, misses: bool) -> str:
     """What the data say of a parameter, by its posterior's standard deviation over its prior's.
 
     One at a bound is said to be there whatever its width: the bound, not the data, may be what makes it narrow. Where
@@ -16,6 +37,17 @@ def identifiability(contraction: float, *, at_bound: bool, misses: bool) -> str:
     """
     if at_bound:
         return BOUND
-    if contraction < STRONG:
+    if width < STRONG:
         return PARTLY if misses else KNOWN
-    return PARTLY if contraction <= BLIND else PRIOR
+    return PARTLY if width <= BLIND else PRIOR
+
+
+def kinds_in_words(kinds: Mapping[str, str], basis: str) -> list[str]:
+    """A line for each kind but the bound's (`kinds`: parameter -> kind), with the width that it is of: `GAUSSIAN` or
+    `DRAWS`."""
+    lines = []
+    for kind in (KNOWN, PARTLY, PRIOR):
+        names = [name for name, of in kinds.items() if of == kind]
+        if names:
+            lines.append(f"{kind}, {basis}: {', '.join(names)}")
+    return lines

@@ -18,7 +18,7 @@ from probupdate.io.json_rows import from_row, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.identifiability import BLIND
+from probupdate.updating.identifiability import BLIND, gaussian_width
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.updating.problem import Problem
@@ -136,7 +136,7 @@ def information(
     effect = white @ root
     fisher = effect.T @ effect
     covariance = root @ np.linalg.inv(np.eye(len(point)) + fisher) @ root.T
-    width = np.sqrt(np.diag(covariance)) / parameters.std
+    width = gaussian_width(covariance, parameters)
     signal = np.linalg.norm(white, axis=0) * parameters.std
     slope, mode, relative = _slopes(problem, response, sensitivity, point)
     rows = []

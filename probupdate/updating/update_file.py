@@ -16,7 +16,7 @@ from probupdate.io.schema import checked
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components
-from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.identifiability import GAUSSIAN, gaussian_width, identifiability, kinds_in_words
 from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
@@ -223,17 +223,18 @@ def _information(record: UpdateRecord) -> list[str]:
 
     For independent Gaussian parameters width^2 = 1 - resolution. Where it is more, another parameter can do the same.
     """
-    width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
+    width = gaussian_width(record.map_covariance, record.parameters)
     rows = [f"{p.name} {r:.2f} / {w:.2f}"
             for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]
     lines = [f"resolution by the data / standard deviation over the prior's, at the MAP: {', '.join(rows)}"]
-    said = [identifiability(w, at_bound=bool(b), misses=misses(record))
-            for w, b in zip(width, record.map_at_bound, strict=True)]
-    for kind in (KNOWN, PARTLY, PRIOR, BOUND):
-        names = [p.name for p, s in zip(record.parameters, said, strict=True) if s == kind]
-        if names:
-            lines.append(f"{kind}: {', '.join(names)}")
-    return lines
+    return lines + kinds_in_words(gaussian_kinds(record), GAUSSIAN)
+
+
+def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
+    """Parameter -> what the data say of it by the Gaussian approximation at the MAP."""
+    width = gaussian_width(record.map_covariance, record.parameters)
+    return {p.name: identifiability(w, at_bound=bool(b), misses=misses(record))
+            for p, w, b in zip(record.parameters, width, record.map_at_bound, strict=True)}
 
 
 def _alphas(record: UpdateRecord) -> list[str]:

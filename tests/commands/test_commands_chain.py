@@ -31,13 +31,16 @@ def as_built_with_three_parameters() -> str:
 
 
 @pytest.mark.long
-def test_from_records_to_report(tmp_path):
+def test_from_records_to_report(tmp_path, validation):
+    row = validation(what="records to report in twelve hours of measurement, three parameters (long): errors over "
+                          "those of the initial model, of the worst frequency, of k_TP's maximum, of its mean",
+                     reference="its truth", why="another formulation made the data, the lateral soil stays wrong")
     run, campaign, model = tmp_path, tmp_path / "campaign", tmp_path / "model.toml"
     model.write_text(as_built_with_three_parameters(), encoding="utf-8")
     modes, nine, update, posterior = (str(run / f) for f in ("modes.json", "nine.json", "update.json", "posterior.nc"))
     problem = ["--model", str(model), "--modes", nine, "--weights", "paper"]
     for command in (
-        ["simulate", str(campaign), "--model", "updated", "--days", "0.1", "--seed", "1"],
+        ["simulate", str(campaign), "--model", "updated", "--days", "0.5", "--seed", "1"],
         ["check", str(campaign), "--out", str(run / "check.json")],
         ["identify", str(campaign), "--model", str(model), "--out", modes],
         ["select", modes, "--scada", str(campaign / "scada.csv"), "--out", nine],
@@ -55,10 +58,10 @@ def test_from_records_to_report(tmp_path):
     used = np.isfinite(record.map_hz)
     error = np.abs(record.map_hz[used] / record.measured_hz[used] - 1)
     before = np.abs(record.initial_hz[used] / record.measured_hz[used] - 1)
-    assert error.max() < 0.5 * before.max()
+    row.error(error.max() / before.max(), 0.5, "frequency")
     # both estimates of the transition piece's stiffness, the best informed parameter, come nearer to the truth
     k = record.parameters.index("k_TP")
     start = abs(record.parameters.initial[k] - truth["k_TP"])
-    assert abs(record.map_theta[k] - truth["k_TP"]) < 0.5 * start
-    assert abs(drawn.draws[:, k].mean() - truth["k_TP"]) < 0.5 * start
+    row.error((record.map_theta[k] - truth["k_TP"]) / start, 0.5, "maximum")
+    row.error((drawn.draws[:, k].mean() - truth["k_TP"]) / start, 0.5, "mean")
     assert (run / "report.html").stat().st_size > 100_000

@@ -103,8 +103,7 @@ def test_arviz_opens_the_posterior(estimated):
 
     data = arviz.from_netcdf(str(estimated / "posterior.nc"))
     posterior = read_posterior(estimated / "posterior.nc")
-    for name in GROUPS:
-        assert data[name] is not None
+    assert set(GROUPS) <= set(data.groups())
     assert set(data["posterior"].data_vars) == {"low", "middle", "high"}
     assert np.array_equal(data["posterior"]["middle"].values, posterior.theta[:, :, 1])
     assert data["log_likelihood"]["response"].shape == posterior.theta.shape[:2]
@@ -192,7 +191,10 @@ def test_a_turbine_through_every_step(turbine):
     assert np.all(np.abs(drawn.draws.mean(axis=0) - truth) < 3 * drawn.draws.std(axis=0))
     # --model brings the pile head's stiffness over the posterior
     compared = json.loads((turbine / "compare.json").read_text())
-    assert {"k_xy", "k_z"} <= set(compared["derived"]) and compared["derived"]["k_xy"]["mean"] > 0
+    # py is updated, the axial soil is not
+    across, along = compared["derived"]["k_xy"], compared["derived"]["k_z"]
+    assert 0.01 < across["cov"] < 0.5 and abs(across["mean"] / across["map"] - 1) < 2 * across["cov"]
+    assert along["cov"] < 1e-9 and along["mean"] == pytest.approx(along["map"], rel=1e-9)
     assert main(["report", str(turbine), "--out", str(turbine / "report.html")]) == 0
     page = (turbine / "report.html").read_text(encoding="utf-8")
     assert all(name in page for name in UPDATED)
@@ -388,18 +390,21 @@ def test_footbridge_by_default_comes_near_the_published_update(tmp_path, validat
 @pytest.mark.long
 @pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
-def test_footbridge_with_the_measurements_error_alone_flags_what_is_pinned(tmp_path):
+def test_footbridge_with_the_measurements_error_alone_flags_what_is_pinned(tmp_path, validation):
+    row = validation(what="measured footbridge with its own standard deviations alone (long): order of modes; least "
+                          "MAC at the design values; misfit over the effective responses; those at a bound",
+                     reference="studies/footbridge", why="the model misses the data, and says so")
     record = footbridge(tmp_path, "--no-tolerances", "--discrepancy", "0")
     # the lowest measured mode is the model's second
-    assert list(record.computed_mode) == [2, 1, 3, 4, 5]
-    assert np.all(record.initial_mac > 0.85)
+    row.equal(list(record.computed_mode), [2, 1, 3, 4, 5], "order")
+    row.least(record.initial_mac, 0.85, "MAC")
     pinned = {p.name for p, at in zip(record.parameters, record.map_at_bound, strict=True) if at}
-    assert {"Frame", "Conc1", "Conc2"} <= pinned <= set(record.parameters.names)
+    row.count(len({"Frame", "Conc1", "Conc2"} & pinned), 3, 3, "at a bound", case=pinned)
     for name in pinned:
         k = record.parameters.index(name)
         assert record.map_theta[k] in (record.parameters.lower[k], record.parameters.upper[k])
     # a model that misses the data, and says so
-    assert record.map_misfit > 4 * record.n_effective
+    row.least(record.map_misfit / record.n_effective, 4, "misfit")
     assert "misses the data" in record.summary
 
 

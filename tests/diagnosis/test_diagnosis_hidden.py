@@ -76,11 +76,15 @@ def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted, exten
 
 
 @pytest.mark.long
-def test_a_crosstalk_is_told_from_what_it_looks_like(turbine):
+def test_a_crosstalk_is_told_from_what_it_looks_like(turbine, validation):
     """No row is searched for it; what stands out is grout that cracked. TP-B and TP-C move alike in y."""
+    row = validation(what="a share of 0.4 of TP-B-y in T66-x (long): the pair in the set; size in its standard "
+                          "deviations, its standard deviation",
+                     reference="what was hidden; TP-C moves alike")
     hidden = {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4}
     found = found_in(turbine, 452, hidden)
     (one,) = found.findings
-    assert ("crosstalk", "TP-B-y into T66-x") in names(one), (found.verdict, one)
+    row.count(("crosstalk", "TP-B-y into T66-x") in names(one), 1, 1, "in the set", case=(found.verdict, one))
     assert {cause for cause, _ in names(one)} == {"crosstalk"}
-    assert one.size == pytest.approx(0.4, abs=3 * one.size_std) and one.size_std < 0.1
+    row.error((one.size - 0.4) / one.size_std, 3, "size")
+    row.error(one.size_std, 0.1, "its standard deviation")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from probupdate.diagnosis import linear
+from probupdate.diagnosis import diagnose, linear, wording
 from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
@@ -261,3 +261,30 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
     row.error(there * model_error_dispersion(z) / same.information - 1, 1e-9, "information along its own profile")
     sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), time_profile=own)
     np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)
+
+
+# two thresholds: of the first search, and of those beside findings ---------------------------------------------------
+
+
+@pytest.mark.parametrize(("candidates", "words"), [
+    ((), "scores |z| = 5.0, beyond the threshold of 4.8; by their evidence"),
+    ((3,), "scores |z| = 5.0 beside the findings, beyond the threshold of 4.8 that holds there (of the first search "
+           "4.6);"),
+])
+def test_a_note_says_of_which_search_its_threshold_is(candidates, words):
+    last = SimpleNamespace(statistic=np.array([1.0, 5.0]), threshold=4.8, which=np.array([[0, 0], [1, 0]]))
+    problem = SimpleNamespace(effects=[SimpleNamespace(name="soil"), SimpleNamespace(name="a gain")],
+                              time_profiles=[SimpleNamespace(name="constant")])
+    explored = SimpleNamespace(one_more=False, last=last, first=SimpleNamespace(threshold=4.6), problem=problem,
+                               hypotheses=[SimpleNamespace(candidates=candidates)])
+    (note,) = diagnose._by_chance(explored)
+    assert note.startswith("a gain (constant) ") and words in note
+    last.threshold = 5.1
+    assert diagnose._by_chance(explored) == []
+
+
+def test_the_stated_threshold_is_said_to_be_of_the_first_search():
+    assert wording.threshold_words({"threshold": 4.61, "details": {}}) == (
+        "threshold |z| = 4.6 of the whole catalogue, before any finding is included")
+    assert "of the first look" in wording.threshold_words({"threshold": 3.2, "details": {"without_model": True}})
+    assert wording.threshold_words({"threshold": None, "details": {}}) == ""

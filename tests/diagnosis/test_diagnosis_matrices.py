@@ -10,7 +10,7 @@ import probupdate
 from probupdate.diagnosis import wording
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
 from probupdate.diagnosis.crosstalk import crosstalk_effects
-from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
+from probupdate.diagnosis.diagnose import ADEQUATE, NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import (
@@ -108,7 +108,7 @@ def test_frequencies_within_chance_are_not_off(prepared, record, seed):
     problem, theta = diagnosis_problem(prepared, record(seed))
     null = fit(problem, theta)
     p, parts = adequacy(problem, null, search(problem, null, seed=seed))
-    assert p <= 1 and parts[FREQUENCIES] > 0.01 and not frequencies_off(problem, null)
+    assert p > ADEQUATE and parts[FREQUENCIES] > ADEQUATE and not frequencies_off(problem, null)
 
 
 def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
@@ -389,15 +389,23 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
         problem, fitted.theta, short, fitted.design.noise, residuals_at(problem, fitted.theta, short))
     stalled = replace(fitted, included=short, residuals=residuals, design=design, centred=centred)
     # five standard deviations of the size, whatever the parameters make up for; a fifth for what is not linear
-    assert at_rest >= 0 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
+    assert 0 <= at_rest < 0.1 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
 
 
 def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
-    found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)), extend=False)
-    (one,) = found.findings
-    assert (
-        0 < one.prior_probability <= 1 and found.content()["findings"][0]["prior_probability"] == one.prior_probability
-    )
+    outcome = examine(prepared, record(5, gain=("y4", 1.12)))
+    (one,), problem = outcome.diagnosis.findings, outcome.problem
+    # shared out by the catalogue's odds, a step's among all its times; against nothing at all
+    names = [problem.time_profiles[c].name for _, c in problem.which]
+    odds = np.array([problem.effects[j].prior_odds(name) / (names.count("step") / len({
+        j for (j, _), n in zip(problem.which, names, strict=True) if n == "step"}) if name == "step" else 1)
+        for (j, _), name in zip(problem.which, names, strict=True)])
+    there = next(k for k, (j, _) in enumerate(problem.which)
+                 if (problem.effects[j].cause, problem.effects[j].location, names[k])
+                 == (one.cause, one.location, one.time_profile))
+    share = odds[there] / odds.sum()
+    assert one.prior_probability == pytest.approx(share / (1 + share), rel=1e-9)
+    assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, 0.25 before the data"
 

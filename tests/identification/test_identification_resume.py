@@ -150,11 +150,13 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
 
 
 @pytest.mark.long
-def test_the_number_of_processes_changes_nothing(hour, rough, undisturbed, tmp_path, monkeypatch):
+def test_the_number_of_processes_changes_nothing(hour, rough, undisturbed, tmp_path, monkeypatch, validation):
+    row = validation(what="identification of an hour in three processes (long): bytes of all files and of the store",
+                     reference="one process")
     monkeypatch.setattr(executors, "LEAST_TASKS", 8)
     before = dict(os.environ)
     run(hour, rough, tmp_path / "modes.json", jobs=3)
-    assert same_results(tmp_path / "modes.json", undisturbed)
+    row.equal(same_results(tmp_path / "modes.json", undisturbed), True)
     assert dict(os.environ) == before
 
 

@@ -84,12 +84,15 @@ def peer_factors(ssi, toeplitz, covariance_factors, block_rows, order):
     return tuple(table[column, order] for table in (f, zeta, f_std, zeta_std))
 
 
-def test_pyoma2_gives_the_same_deviations(jacket):
+def test_pyoma2_gives_the_same_deviations(jacket, validation):
     """The same block Toeplitz matrix and the same columns of standard deviations, at step 1: to rounding, which its
     inverses of (H^T H / s^2 - I) enlarge. Then its own matrices, with sums over common windows of 8941 of the 9000
     samples in
     30 parts of 298: the same estimates within a third of a standard deviation, standard deviations within their own 13
     % twice."""
+    row = validation(what="every pole's f and damping, their standard deviations; these by its own matrix",
+                     reference="pyOMA2 1.4.3 at step 1, same matrix and columns; its own",
+                     why="rounding, enlarged by its inverses; twice the scatter of thirty parts")
     ssi = peer("pyoma2.functions.ssi")
     data = jacket.record(9000, seed=4)[:, [0, 1, 4, 12, 13]]
     block_rows, order = 12, 10
@@ -101,9 +104,10 @@ def test_pyoma2_gives_the_same_deviations(jacket):
     covariance, moved = sub_record_covariances(data, 2 * block_rows - 1, 30)
     toeplitz = block_toeplitz(covariance, block_rows)
     columns = np.column_stack([block_toeplitz(one, block_rows).ravel(order="F") for one in moved])
-    for ours, theirs in zip((record.poles.frequency_hz, record.poles.damping_ratio, std_f, std_zeta),
-                            peer_factors(ssi, toeplitz, columns, block_rows, order), strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-8)
+    for of, ours, theirs in zip(("f", "damping", "std of f", "std of damping"),
+                                (record.poles.frequency_hz, record.poles.damping_ratio, std_f, std_zeta),
+                                peer_factors(ssi, toeplitz, columns, block_rows, order), strict=True):
+        row.error(ours / theirs - 1, 1e-8, of)
 
     hankel, columns = ssi.build_hank(data.T, data.T, block_rows, "cov", calc_unc=True, nb=30)
     f, zeta, f_std, zeta_std = peer_factors(ssi, hankel, columns, block_rows, order)
@@ -111,8 +115,7 @@ def test_pyoma2_gives_the_same_deviations(jacket):
         ours, theirs = np.argmin(abs(record.poles.frequency_hz - target)), np.argmin(abs(f - target))
         assert abs(record.poles.frequency_hz[ours] - f[theirs]) < std_f[ours] / 3
         assert abs(record.poles.damping_ratio[ours] - zeta[theirs]) < std_zeta[ours] / 3
-        assert std_f[ours] == pytest.approx(f_std[theirs], rel=0.26)
-        assert std_zeta[ours] == pytest.approx(zeta_std[theirs], rel=0.26)
+        row.error([std_f[ours] / f_std[theirs] - 1, std_zeta[ours] / zeta_std[theirs] - 1], 0.26, "its own matrix")
 
 
 # The parts, by a plain route ----------------------------------------------------------------------------------------

@@ -183,7 +183,10 @@ def test_factors_have_the_parts_of_the_one_model(done, run):
             assert table["bias"][k] == pytest.approx(0.55, abs=0.05)
             assert table["cov_set_to_set"][k] == pytest.approx(np.std(np.log([0.010, 0.011, 0.012]), ddof=1), rel=1e-6)
         if quantity == "stress range":
-            assert all(table[p][k] is not None and table[p][k] >= 0 for p in parts)
+            # of the tower the tolerances may be no part; what is measured and what was believed before always are
+            shares = [table[p][k] for p in parts]
+            assert np.isfinite(shares).all() and min(shares) >= 0 and 1e-3 < max(shares) < 0.1
+            assert table["cov_measurement"][k] > 1e-4 and table["cov_prior"][k] > 1e-3
 
 
 def test_parts_of_a_parameter_add_up_to_its_variance(run, validation):
@@ -237,7 +240,10 @@ def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expec
 
 
 @pytest.mark.long
-def test_tolerances_move_stress_as_their_parameters_do(run):
+def test_tolerances_move_stress_as_their_parameters_do(run, validation):
+    row = validation(what="tolerances' effect on stress (long): difference from the parameter that does the same, of "
+                          "the largest effect and 0.02",
+                     reference="the exact derivative by k_j", why="differences, another basis")
     # legs' walls, all alike, is k_j for the legs: with the braces' it is k_j, but for the joints, which follow k_j too
     folder, _, _, problem, laplace = run
     full = fatigue_model(read_description(folder / "model.toml"), "model.toml", folder / "fatigue.toml")
@@ -259,7 +265,7 @@ def test_tolerances_move_stress_as_their_parameters_do(run):
     near = laplace.theta * (1 + 0.05 * np.random.default_rng(1).standard_normal((6, len(laplace.theta))))
     exact = few_one.reduced([laplace.theta, *near]).solve(laplace.theta, {}, derivatives=True).equivalent_change(5.0)
     both = slope[:, names.index("tolerance_wall_leg")] + slope[:, names.index("tolerance_wall_brace")]
-    np.testing.assert_allclose(both, exact[0] / 1.0, atol=0.15 * np.abs(exact[0]).max() + 0.02)
+    row.error((both - exact[0]) / (np.abs(exact[0]).max() + 0.02 / 0.15), below=0.15)
 
 
 def test_matrices_have_no_members_to_fatigue(run, tmp_path):

@@ -16,7 +16,7 @@ import pytest
 
 from probupdate.model.parameters import Parameters
 from probupdate.reporting import compose, figures
-from probupdate.reporting.elements import Column, Table, fixed, number, percent, plain_text, sentence
+from probupdate.reporting.elements import Column, Table, fixed, full_sentence, number, percent, plain_text
 from probupdate.reporting.page import csv_text
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "diagnosis",
@@ -176,7 +176,7 @@ def test_numbers_are_shown_with_sensible_digits(value, text):
     ("is it so?", (), "Is it so?"), ("9 of 9 agree", (), "9 of 9 agree."), ("tz: known", ("tz",), "tz: known."),
 ])
 def test_names_keep_their_letters_at_the_start_of_a_sentence(text, names, said):
-    assert sentence(text, names) == said
+    assert full_sentence(text, names) == said
 
 
 def test_every_table_can_be_taken_along_and_every_figure_be_read_out(page):

@@ -175,13 +175,12 @@ def test_files_that_are_no_model(tmp_path):
 
 def test_reference_models_that_are_shipped_load_and_stand():
     for state in ("design", "as_built", "updated"):
-        path = reference_model(state) if state == "as_built" else reference_model("as_built").with_name(f"{state}.toml")
-        if not path.exists():
-            continue
+        path = reference_model(state)
         description = read_description(path)
         assert len(description.parameter) == 17
         found = load_model(path)
         frequency = found.solve(found.parameters.initial, 6).frequency_hz
-        assert np.all(np.diff(frequency) >= 0)
-        assert 0.2 < frequency[0] < 0.5
+        # first pair, torsion, second pair, and braces above them
+        assert np.all((frequency[:2] > 0.29) & (frequency[:2] < 0.33)) and 1.1 < frequency[2] < 1.4
+        assert np.all((frequency[3:5] > 1.3) & (frequency[3:5] < 2.1)) and frequency[5] > 2.2
         assert found.wireframe(found.parameters.initial, 1).displacement.shape == (*found.wire.node_m.shape, 1)

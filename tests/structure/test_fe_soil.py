@@ -22,7 +22,8 @@ E = 2.1e11
 
 
 def test_lateral_clay_check_values(validation):
-    row = validation(what="p-y of clay (API RP 2GEO)", reference="published check values", why="the printed digits")
+    row = validation(what="p-y of clay (API RP 2GEO)", reference="its equations by an independent script",
+                     why="the printed digits")
     assert soil.ultimate_lateral(CLAY, 2.5, 5.0) == pytest.approx(712.5e3, rel=1e-12)
     assert soil.reference_deflection(CLAY, 2.5) == pytest.approx(0.0625, rel=1e-12)
     row.error(soil.transition_depth(CLAY, 2.5, 60e3) / 17.143 - 1, below=2.9e-5, of="depth of transition")
@@ -41,7 +42,8 @@ def test_wedge_and_flow_meet_at_the_transition_depth():
 
 
 def test_axial_clay_check_values(validation):
-    row = validation(what="t-z, q-z of clay, stiffness", reference="published check values", why="the printed digits")
+    row = validation(what="t-z, q-z of clay, stiffness", reference="its equations by an independent script",
+                     why="the printed digits")
     friction = soil.shaft_friction(CLAY, np.array(5.0))
     assert friction / 60e3 == pytest.approx(0.4653, abs=5e-5)
     assert friction == pytest.approx(27.918e3, abs=0.5)
@@ -214,7 +216,8 @@ def test_pile_moments_come_flat_and_in_the_elements_order():
 
 
 def test_fessler_check_values(validation):
-    row = validation(what="Fessler's joint flexibilities", reference="published check values", why="the printed digits")
+    row = validation(what="Fessler's joint flexibilities", reference="its equations by an independent script",
+                     why="the printed digits")
     axial, in_plane, out_of_plane = joints.fessler(1.2, 0.04, 0.6, np.pi / 4) / 2.1e11
     row.error(np.array([axial, out_of_plane, in_plane]) / [4.96894e-10, 6.28745e-9, 2.73430e-9] - 1, below=5e-6)
 

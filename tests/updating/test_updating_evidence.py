@@ -112,13 +112,15 @@ def test_a_linear_problems_evidence_is_the_density_of_its_data(tmp_path, validat
 
 
 @pytest.mark.long
-def test_the_stated_deviation_is_the_scatter_over_seeds(tmp_path):
+def test_the_stated_deviation_is_the_scatter_over_seeds(tmp_path, validation):
+    row = validation(what="ln evidence by sampling, five seeds (long): scatter over the stated standard deviation",
+                     reference="1", why="a chi-square of 4 over 4, probability 0.998")
     problem = two_parameters()
     found = [evidence_of(problem, tmp_path / str(k), seed=k, ess=300) for k in range(5)]
     scatter = np.std([f.log_evidence for f in found], ddof=1)
     stated = np.sqrt(np.mean([f.std**2 for f in found]))
     # a chi-square of 4 over 4: its root lies within these factors with probability 0.998
-    assert 0.15 < scatter / stated < 2.2
+    row.between(scatter / stated, 0.15, 2.2)
 
 
 def test_pareto_shape_of_known_tails(validation):

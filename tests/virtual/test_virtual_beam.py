@@ -1,4 +1,4 @@
-"""The virtual turbine's element, joints and soil against closed forms and published check values."""
+"""The virtual turbine's element, joints and soil against closed forms and check values."""
 
 import numpy as np
 import pytest

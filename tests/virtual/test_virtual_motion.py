@@ -120,8 +120,6 @@ def test_harmonics_follow_the_rotor():
     rpm = np.interp(time, plan.grid_s, plan.rotor_rpm).mean()
     assert f[np.argmax(density)] == pytest.approx(3 * rpm / 60, abs=2 * f[1])
     # the phase does not jump where the plan's grid steps
-    angle = np.unwrap(np.angle(loads[:, 0] - loads[:, 0].mean() + 0j))
-    assert np.all(np.isfinite(angle))
     assert np.abs(np.diff(loads[:, 0])).max() < 2 * np.pi * 6 * 0.25 / RATE * 4e4
 
 
@@ -155,7 +153,9 @@ def test_scada_statistics_are_those_of_the_plan():
     for name in ("wind_speed_mps", "power_kw", "rotor_speed_rpm", "pitch_deg"):
         assert np.all(table[f"{name}_min"] <= table[name] + 1e-3)
         assert np.all(table[f"{name}_max"] >= table[name] - 1e-3)
-        assert np.all(table[f"{name}_std"] >= 0)
+        # none scatters by more than half its range
+        half = (table[f"{name}_max"] - table[f"{name}_min"]) / 2
+        assert np.all(table[f"{name}_std"] <= half + 1e-3) and table[f"{name}_std"].max() > 0.05 * half.max() > 0
     assert table["nacelle_heading_deg"].between(0, 360).all() and table["wind_direction_deg"].between(0, 360).all()
     moving = table["yaw_rate_degps_max"] > 0
     touched = {int(t // 600) for e in plan.events if e.kind == "yaw"
