@@ -288,6 +288,8 @@ def explore(
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
+        searches = {k: f.without_draws() for k, f in searches.items()}
+        first = first.without_draws() if searches else first
         found = first if not key else search(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
         searches[key] = found
@@ -296,8 +298,8 @@ def explore(
         if not key and not add:
             break
         if add:
-            problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
-            here, searches[key] = replace(here, fitted=fitted), found
+            problem, here, searches[key] = _beside_crosstalks(problem, here, found, seed)
+            found = searches[key]
             known[key] = here.without_design()
         # of frequencies alone first order says which of two equal modes moves, where either may
         large = bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
@@ -318,7 +320,16 @@ def explore(
         searches[keys[0]] = found
         one_more[keys[0]] = bool(found.statistic.max() > found.threshold)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=searches[keys[0]], one_more=one_more[keys[0]])
+                    first=first.without_draws(), last=searches[keys[0]].with_draws(last.fitted.design, seed),
+                    one_more=one_more[keys[0]])
+
+
+def _beside_crosstalks(
+    problem: DiagnosisProblem, here: Hypothesis, found: Search, seed: int
+) -> tuple[DiagnosisProblem, Hypothesis, Search]:
+    """Problem, hypothesis and search `with_crosstalk`."""
+    problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
+    return problem, replace(here, fitted=fitted), found
 
 
 def _may_be_more(fitted: Hypothesis | None) -> bool:
