@@ -59,7 +59,7 @@ ALIKE_SHAPES = "the measured shapes are as good as one where the model expects t
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
     """The diagnosis with what it was read from: the fit of the model as it is (`null`), the fit with everything found
-    (`fitted`, its `included` in the order of the findings), and the first and the last search."""
+    (`fitted`, its `included` in the order of the findings), and the first and the last search without their draws."""
 
     diagnosis: Diagnosis
     problem: DiagnosisProblem
@@ -131,7 +131,8 @@ def examine(
         parameters=parameters,
         details=details,
     )
-    return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first, last=found)
+    return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first,
+                   last=found.without_draws())
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:

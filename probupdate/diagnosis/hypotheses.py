@@ -163,10 +163,10 @@ def moves_from(
     promises."""
     priors = np.log(_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
-    states = [(None, here.fitted, 0.0)] if add else []
-    states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
-    for out, base, lost in states:
+    for out in (*([None] if add else []), *range(len(here.candidates))):
+        # one state at a time, as their designs are as large as all else together
+        base, lost = (here.fitted, 0.0) if out is None else without(problem, here.fitted, out)
         others = tuple(k for i, k in enumerate(here.candidates) if i != out)
         scores = tuple(z for i, z in enumerate(here.z) if i != out)
         lost -= 0.0 if out is None else priors[here.candidates[out]]

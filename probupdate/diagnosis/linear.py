@@ -25,7 +25,7 @@ from probupdate.errors import ConvergenceError
 CHUNK, SUMMED = 4_000_000, 500_000
 # cross terms of candidates with the unknowns are made in chunks of so many numbers: of all at once they are as large as
 # all else together
-CROSSED = 1_000_000
+CROSSED = 250_000
 # blocks that a group must have on either side of a step to show it
 FEWEST_BEYOND = 3
 
@@ -203,14 +203,15 @@ class Design:
 
     def _scaled_factor(self, chosen: np.ndarray):
         std = self.prior_std[chosen]
-        information = self._information[np.ix_(chosen, chosen)] * np.outer(std, std)
+        information = self._information[np.ix_(chosen, chosen)]
+        information *= np.outer(std, std)
         # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
         # prior's one
         rounding = len(chosen) * np.finfo(float).eps
         information[np.diag_indices_from(information)] *= 1.0 + rounding
         information[np.diag_indices_from(information)] += 1.0
         try:
-            return linalg.cho_factor(information, lower=True)
+            return linalg.cho_factor(information, lower=True, overwrite_a=True)
         except linalg.LinAlgError:
             raise ConvergenceError(
                 "the record's information on the unknowns is singular: the fit has left where modes can be "

@@ -112,10 +112,16 @@ def posterior(
     """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` show them."""
     prior = design.prior_std
     # in units of the prior's standard deviations, as these are many powers of ten apart
-    information = gram(design, blocks) * np.outer(prior, prior) + np.eye(design.n_unknown)
-    factor = linalg.cho_factor(information, lower=True)
+    information = gram(design, blocks)
+    information *= np.outer(prior, prior)
+    information[np.diag_indices_from(information)] += 1.0
+    factor = linalg.cho_factor(information, lower=True, overwrite_a=True)
+    del information
     mean = prior * linalg.cho_solve(factor, prior * cross(design, blocks, [y[blocks] for y in centred]))
-    return mean, linalg.cho_solve(factor, np.eye(design.n_unknown)) * np.outer(prior, prior)
+    covariance = linalg.cho_solve(factor, np.eye(design.n_unknown), overwrite_b=True)
+    del factor
+    covariance *= np.outer(prior, prior)
+    return mean, covariance
 
 
 def carried(
@@ -145,7 +151,8 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     return Prediction(
         rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
         std=tuple(map(frozen_array, _std_of(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
-        log_density=float(shares.sum()), squared=squares, n_number=numbers, uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
+        log_density=float(shares.sum()), squared=squares, n_number=numbers,
+        uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
         mean=frozen_array(mean),
     )
 
@@ -190,7 +197,8 @@ def solve_covariance(
     parts = [everywhere, *((places, covariance_root(covariance, design.prior_std[: len(covariance)]))
                            for places, covariance in own)]
     ends = np.cumsum([0, *(root.shape[1] for _, root in parts)])
-    inner, right = np.eye(ends[-1]), np.empty(ends[-1])
+    # by columns, so that it is factorised in its place: of all folds together it is larger than all else
+    inner, right = np.eye(ends[-1], order="F"), np.empty(ends[-1])
     for k, (places, root) in enumerate(parts):
         here, n, G = slice(ends[k], ends[k + 1]), len(root), gram(design, rows[places])
         inner[here, here] += root.T @ G[:n, :n] @ root

@@ -117,7 +117,7 @@ class SmallModel:
         if key not in self.known:
             if len(self.known) >= N_KNOWN:
                 self.known.pop(next(iter(self.known)))
-            self.known[key] = self._at(theta)
+            self.known[key] = LocalModel(small=self, theta=theta)
         return self.known[key]
 
     def attached(self, parts: Sequence[Attachment]) -> SmallModel:
@@ -142,30 +142,31 @@ class SmallModel:
             mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), known={},
         )
 
-    def _at(self, theta: np.ndarray) -> LocalModel:
-        cK, cM = self.coefficients(theta)
-        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
-                           for weight, parts in ((cK, self.stiffness), (cM, self.mass)))
-        return LocalModel(small=self, theta=theta, stiffness=stiffness, mass=mass)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LocalModel:
-    """The small model at one theta: stiffness, mass (5 or 1, r, r) by harmonics of the nacelle's angle."""
+    """The small model at one theta."""
 
     small: SmallModel
     theta: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
+
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness and mass (5 or 1, r, r) by harmonics of the nacelle's angle; not kept, as solutions need what few
+        modes make of them alone."""
+        small, (cK, cM) = self.small, self.small.coefficients(self.theta)
+        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
+                           for weight, parts in ((cK, small.stiffness), (cM, small.mass)))
+        return stiffness, mass
 
     @cached_property
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
         the modes above these give way at the channels (n_channel, r) when forces act on the basis."""
-        value, vectors = linalg.eigh(self.stiffness[0], self.mass[0])
+        stiffness, mass = self.matrices()
+        value, vectors = linalg.eigh(stiffness[0], mass[0])
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
         residual = (self.small.at_channels @ above / value[N_CORE:]) @ above.T
-        return core, *(core.T @ wave @ core for wave in (self.stiffness, self.mass)), residual
+        return core, *(core.T @ wave @ core for wave in (stiffness, mass)), residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
         """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean

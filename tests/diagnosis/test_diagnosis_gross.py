@@ -267,7 +267,7 @@ def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record
     monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy._frequencies", lambda *_: 1.0)
-    found = replace(outcome.last, heavier=1.0)
+    found = replace(outcome.last.with_draws(outcome.fitted.design, 1), heavier=1.0)
     n = 1000
     p = np.array([adequacy(outcome.problem, outcome.null, replace(found, u=u))[0]
                   for u in outcome.null.design.draw(np.random.default_rng(8), n)])
