@@ -315,13 +315,17 @@ def explore(
                                 if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
-    if keys[0] not in searches:
-        found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
-        searches[keys[0]] = found
-        one_more[keys[0]] = bool(found.statistic.max() > found.threshold)
+    found = _searched(problem, last, searches.get(keys[0]), first, seed)
+    more = one_more.get(keys[0], bool(found.statistic.max() > found.threshold))
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first.without_draws(), last=searches[keys[0]].with_draws(last.fitted.design, seed),
-                    one_more=one_more[keys[0]])
+                    first=first.without_draws(), last=found, one_more=more)
+
+
+def _searched(problem: DiagnosisProblem, last: Hypothesis, found: Search | None, first: Search, seed: int) -> Search:
+    """The search at a hypothesis, made if there is none, with its draws, which are not kept of all."""
+    if found is None:
+        return search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
+    return found.with_draws(last.fitted.design, seed)
 
 
 def _beside_crosstalks(
