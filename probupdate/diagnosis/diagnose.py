@@ -92,7 +92,7 @@ def examine(
     if len(problem.which) > len(null.design.which):
         # crosstalks were taken up on the way
         null = replace(null, design=design_at(problem, null.theta, (), null.design.noise))
-    fits, remaining = adequacy(problem, fitted, found)
+    fits, remaining = adequacy(problem, fitted, found.with_draws(fitted.design, seed))
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))
@@ -131,8 +131,7 @@ def examine(
         parameters=parameters,
         details=details,
     )
-    return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first,
-                   last=found.without_draws())
+    return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first, last=found)
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:
@@ -226,13 +225,13 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
         if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
-                and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):
+                and adequacy(problem, best.fitted, explored.last.with_draws(best.fitted.design, seed))[0] >= ADEQUATE):
             refuted.add(out)
             continue
         refuted = set()
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
-        explored = replace(explored, hypotheses=rows, last=found, one_more=False,
+        explored = replace(explored, hypotheses=rows, last=found.without_draws(), one_more=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
 
 

@@ -84,6 +84,10 @@ class Hypothesis:
         return replace(self, fitted=replace(self.fitted, design=self.fitted.design.emptied()),
                        stored=self.fitted.included)
 
+    def not_asked(self) -> Hypothesis:
+        """The same without what its design was asked for, which is as large as its signatures."""
+        return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
+
     def with_design(self, problem: DiagnosisProblem) -> Hypothesis:
         """The same with its design made anew, as for this problem, which may have taken up crosstalks since."""
         fitted = self.fitted
@@ -97,8 +101,9 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explored:
     """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
-    (the model as it is) and that at the most probable one. `one_more`: whether one more effect may make the record more
-    probable there: it promises to, and was not shown not to. `problem` with the crosstalks that were taken up."""
+    (the model as it is) and that at the most probable one, without their draws. `one_more`: whether one more effect may
+    make the record more probable there: it promises to, and was not shown not to. `problem` with the crosstalks that
+    were taken up."""
 
     problem: DiagnosisProblem
     hypotheses: tuple[Hypothesis, ...]
@@ -272,7 +277,7 @@ def explore(
     # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
-    first = search(problem, null, seed=seed)
+    first = search(problem, null, seed=seed).without_draws()
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _next_looked_at(keys, relative, searches)
@@ -288,10 +293,8 @@ def explore(
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
-        searches = {k: f.without_draws() for k, f in searches.items()}
-        first = first.without_draws() if searches else first
         found = first if not key else search(
-            problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
+            problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier).without_draws()
         searches[key] = found
         over = one_more[key] = bool(found.statistic.max() > found.threshold)
         add = len(here.candidates) < most and over
@@ -307,6 +310,7 @@ def explore(
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
+        here = here.not_asked()
         _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
@@ -315,17 +319,11 @@ def explore(
                                 if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
-    found = _searched(problem, last, searches.get(keys[0]), first, seed)
+    found = searches[keys[0]] if keys[0] in searches else search(
+        problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier).without_draws()
     more = one_more.get(keys[0], bool(found.statistic.max() > found.threshold))
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first.without_draws(), last=found, one_more=more)
-
-
-def _searched(problem: DiagnosisProblem, last: Hypothesis, found: Search | None, first: Search, seed: int) -> Search:
-    """The search at a hypothesis, made if there is none, with its draws, which are not kept of all."""
-    if found is None:
-        return search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
-    return found.with_draws(last.fitted.design, seed)
+                    first=first, last=found, one_more=more)
 
 
 def _beside_crosstalks(
@@ -333,7 +331,7 @@ def _beside_crosstalks(
 ) -> tuple[DiagnosisProblem, Hypothesis, Search]:
     """Problem, hypothesis and search `with_crosstalk`."""
     problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
-    return problem, replace(here, fitted=fitted), found
+    return problem, replace(here, fitted=fitted), found.without_draws()
 
 
 def _may_be_more(fitted: Hypothesis | None) -> bool:

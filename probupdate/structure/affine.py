@@ -23,7 +23,7 @@ STEP = 1e-30
 # where they have been
 REMEMBERED, REMEMBERED_LEAST = 8e6, 4
 # bytes of products of terms with modes that are summed up at once
-PRODUCTS = 16e6
+PRODUCTS = 4e6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
