@@ -103,7 +103,7 @@ STUDIES = {
         question="How fast are modes, identification, diagnosis and sampling?",
         runs=(("benchmark_modal.py",), ("benchmark_identification.py",), ("benchmark_data_first.py",),
               ("benchmark_diagnosis.py",), ("benchmark_sampler.py",), ("benchmark_report.py", f"{OUT}/demo"),
-              ("benchmark_executors.py", f"{OUT}/demo")),
+              ("benchmark_executors.py", f"{OUT}/demo"), ("benchmark_memory.py", f"{OUT}/demo")),
         quick=(("benchmark_identification.py",),), seeds="1, 3", takes="minutes"),
     "reference_turbine": Study(
         question="How near do the reference turbine's files come to the paper's Tables 3, 4 and 6?",

@@ -30,29 +30,35 @@ FREQUENCIES = "frequencies"
 OFF = 3.0
 
 
-def adequacy(problem: DiagnosisProblem, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
+def adequacy(
+    problem: DiagnosisProblem, fitted: Fit, found: Search, drawn: np.ndarray
+) -> tuple[float, dict[str, float]]:
     """p of what remains. In the directions that the catalogue spans: constants together, and each time profile along
     the record; the smallest of them against its own bootstrap distribution. And in the mean frequencies, which what no
-    row of the catalogue does moves too: the smaller of both, twice. With it each part's own p."""
-    free, all_of_them = _frequencies(problem, fitted, found), _spanned(problem, fitted, found)
+    row of the catalogue does moves too: the smaller of both, twice. With it each part's own p. `drawn`: scores (n_draw,
+    n_candidate) of drawn records at that fit (`drawn_scores`)."""
+    free, all_of_them = _frequencies(problem, fitted, found), _spanned(problem, fitted, found, drawn)
     if all_of_them is None:
         return free, {FREQUENCIES: free}
     p, parts = all_of_them
     return min(1.0, 2 * min(p, free)), {**parts, FREQUENCIES: free}
 
 
-def _spanned(problem: DiagnosisProblem, fitted: Fit, found: Search) -> tuple[float, dict[str, float]] | None:
+def _spanned(
+    problem: DiagnosisProblem, fitted: Fit, found: Search, drawn: np.ndarray
+) -> tuple[float, dict[str, float]] | None:
     """None where so few effects are listed that the directions of what is left are theirs alone."""
-    design, n_draw = fitted.design, len(found.drawn)
+    design = fitted.design
     own = found.heavier * np.sqrt(neighbours_dispersion(problem, design, fitted.centred))
     names, rare = [], []
-    usable = _spanning(problem, design)
+    # crosstalks may have been taken up after the search
+    usable = _spanning(problem, design)[: len(found.which)]
     for c, time_profile in enumerate(problem.time_profiles):
-        rows = np.flatnonzero((problem.which[:, 1] == c) & usable)
+        rows = np.flatnonzero((found.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
         wider = PATTERN * found.heavier if time_profile.kind == "constant" else own
-        z = np.vstack([found.u[None, rows] / wider, found.drawn[:, rows]]) @ _whitening(design, rows)
+        z = np.vstack([found.u[None, rows] / wider, drawn[:, rows]]) @ _whitening(design, rows)
         names.append(f"{time_profile.name} {time_profile.at}".strip())
         rare.append(stats.chi2.logsf(np.sum(z**2, axis=1), z.shape[1]))
     if not rare:
@@ -60,7 +66,7 @@ def _spanned(problem: DiagnosisProblem, fitted: Fit, found: Search) -> tuple[flo
     # the rarest over the time profiles, of the record and of every drawn one alike: by ranks among the drawn ones, a
     # record above all of them along any one time profile would be rarer than each of these can be
     rarest = np.min(rare, axis=0)
-    p = float((1 + np.sum(rarest[1:] <= rarest[0])) / (n_draw + 1))
+    p = float((1 + np.sum(rarest[1:] <= rarest[0])) / (len(drawn) + 1))
     return p, {name: float(np.exp(values[0])) for name, values in zip(names, rare, strict=True)}
 
 

@@ -25,7 +25,7 @@ from probupdate.diagnosis.problem import (
     prior_shift,
 )
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
-from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
@@ -92,7 +92,7 @@ def examine(
     if len(problem.which) > len(null.design.which):
         # crosstalks were taken up on the way
         null = replace(null, design=design_at(problem, null.theta, (), null.design.noise))
-    fits, remaining = adequacy(problem, fitted, found)
+    fits, remaining = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))
@@ -226,8 +226,7 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         # crosstalks may have been taken up after it
         there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
-        if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
-                and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):
+        if not _explains(problem, there.fitted, found, seed) and _explains(problem, best.fitted, explored.last, seed):
             refuted.add(out)
             continue
         refuted = set()
@@ -235,6 +234,10 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, one_more=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
+
+
+def _explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) -> bool:
+    return adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))[0] >= ADEQUATE
 
 
 def findings_of(

@@ -114,7 +114,7 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
     """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words."""
     wire, at_nodes = small.picture
     nodes = points(wire)
-    K, M = (wave[0] for wave in (small.at(small.parameters.initial).stiffness, small.at(small.parameters.initial).mass))
+    K, M = (wave[0] for wave in small.at(small.parameters.initial).matrices())
     _, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     flexibility = linalg.cho_factor(K)
     rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}

@@ -121,7 +121,7 @@ def contest(
     common = cross(designs[1], every, solution.solved, weighted=False)
     variance = float(common @ unknown[1] @ common)
     for places, covariance in own[1]:
-        there = cross(designs[1], places, [w[places] for w in solution.solved], weighted=False)
+        there = cross(designs[1], places, [w[places] for w in solution.solved], weighted=False)[: len(covariance)]
         variance += float(there @ covariance @ there)
     for a, covariance, weight in zip(solution.solved, noise.covariance, noise.weight, strict=True):
         measured = weight > 0
@@ -133,19 +133,17 @@ def contest(
 
 
 def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
-    """Covariance of how all predictions differ and of how each does besides, such that a fold differs as its own
-    prediction says and the mean over folds as the whole record does, by Q: estimates from a part differ from that
-    of the whole by what the part knows less, and these differences nearly cancel. Residuals, which no prediction
-    carries, have no part in them."""
-    left = transient(design)
-    more = []
-    for p in predictions:
-        own = p.uncertain - Q
-        own[left], own[:, left] = 0.0, 0.0
-        more.append(own)
+    """Covariance of how all predictions differ and of how each does besides in the unknowns that are carried, such that
+    a fold differs as its own prediction says and the mean over folds as the whole record does, by Q: estimates from a
+    part differ from that of the whole by what the part knows less, and these differences nearly cancel. Residuals,
+    which no prediction carries, have no part in them."""
+    n = design.n_common
+    more = [p.uncertain - Q[:n, :n] for p in predictions]
     mean = np.sum(more, axis=0) / len(more) ** 2
     # what one fold alone shows differs by more than the whole record leaves unknown
-    root = covariance_root(Q - mean, design.prior_std)
+    common = Q.copy()
+    common[:n, :n] -= mean
+    root = covariance_root(common, design.prior_std)
     return root @ root.T, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
 
 

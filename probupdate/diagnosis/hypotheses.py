@@ -84,6 +84,10 @@ class Hypothesis:
         return replace(self, fitted=replace(self.fitted, design=self.fitted.design.emptied()),
                        stored=self.fitted.included)
 
+    def not_asked(self) -> Hypothesis:
+        """The same without what its design was asked for, which is as large as its signatures."""
+        return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
+
     def with_design(self, problem: DiagnosisProblem) -> Hypothesis:
         """The same with its design made anew, as for this problem, which may have taken up crosstalks since."""
         fitted = self.fitted
@@ -97,8 +101,9 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explored:
     """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
-    (the model as it is) and that at the most probable one. `one_more`: whether one more effect may make the record more
-    probable there: it promises to, and was not shown not to. `problem` with the crosstalks that were taken up."""
+    (the model as it is) and that at the most probable one, without their draws. `one_more`: whether one more effect may
+    make the record more probable there: it promises to, and was not shown not to. `problem` with the crosstalks that
+    were taken up."""
 
     problem: DiagnosisProblem
     hypotheses: tuple[Hypothesis, ...]
@@ -163,10 +168,10 @@ def moves_from(
     promises."""
     priors = np.log(_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
-    states: list[tuple[int | None, Fit, float]] = [(None, here.fitted, 0.0)] if add else []
-    states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
-    for out, base, lost in states:
+    for out in (*([None] if add else []), *range(len(here.candidates))):
+        # one state at a time, as their designs are as large as all else together
+        base, lost = (here.fitted, 0.0) if out is None else without(problem, here.fitted, out)
         others = tuple(k for i, k in enumerate(here.candidates) if i != out)
         scores = tuple(z for i, z in enumerate(here.z) if i != out)
         lost -= 0.0 if out is None else priors[here.candidates[out]]
@@ -324,6 +329,7 @@ def explore(
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))
+        here = here.not_asked()
         _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
@@ -332,12 +338,11 @@ def explore(
                                 if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
-    if keys[0] not in searches:
-        found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
-        searches[keys[0]] = found
-        one_more[keys[0]] = _one_more_promises(problem, last, found)
+    found = searches.get(keys[0]) or search(
+        problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
+    more = one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=searches[keys[0]], one_more=one_more[keys[0]])
+                    first=first, last=found, one_more=more)
 
 
 def _may_be_more(fitted: Hypothesis | None) -> bool:

@@ -22,7 +22,10 @@ from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 
 # draws are made in chunks of so many numbers, and summed up over blocks in chunks of so many
-CHUNK, SUMMED = 4_000_000, 2_000_000
+CHUNK, SUMMED = 4_000_000, 500_000
+# cross terms of candidates with the unknowns are made in chunks of so many numbers: of all at once they are as large as
+# all else together
+CROSSED = 250_000
 # blocks that a group must have on either side of a step to show it
 FEWEST_BEYOND = 3
 
@@ -168,6 +171,13 @@ class Design:
             vars(other)[name] = getattr(self, name)
         return other
 
+    def with_candidates(self, time_profiles: Sequence[TimeProfile], which: np.ndarray) -> Design:
+        """The design with other candidates; what the unknowns alone make is not worked out again."""
+        other = replace(self, time_profiles=tuple(time_profiles), which=which)
+        for name in ("_information", "_factor"):
+            vars(other)[name] = getattr(self, name)
+        return other
+
     def emptied(self) -> Design:
         """The design without signatures, and without what it was asked for."""
         return replace(self, nuisance=(), effect=(), model_errors=())
@@ -193,14 +203,15 @@ class Design:
 
     def _scaled_factor(self, chosen: np.ndarray):
         std = self.prior_std[chosen]
-        information = self._information[np.ix_(chosen, chosen)] * np.outer(std, std)
+        information = self._information[np.ix_(chosen, chosen)]
+        information *= np.outer(std, std)
         # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
         # prior's one
         rounding = len(chosen) * np.finfo(float).eps
         information[np.diag_indices_from(information)] *= 1.0 + rounding
         information[np.diag_indices_from(information)] += 1.0
         try:
-            return linalg.cho_factor(information, lower=True)
+            return linalg.cho_factor(information, lower=True, overwrite_a=True)
         except linalg.LinAlgError:
             raise ConvergenceError(
                 "the record's information on the unknowns is singular: the fit has left where modes can be "
@@ -213,38 +224,54 @@ class Design:
         std = self.prior_std.reshape(-1, *[1] * (right.ndim - 1))
         return std * linalg.cho_solve(self._factor, std * right)
 
-    @cached_property
-    def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Per candidate its cross terms B with the unknowns (n_candidate, n_unknown), the same solved, its information
-        before and after the unknowns have taken their part (n_candidate,)."""
-        n_profile, (effect, time_profile) = len(self.time_profiles), self.which.T
-        B = np.zeros((len(self.which), self.n_unknown))
+    def _crossed(self, rows: np.ndarray) -> np.ndarray:
+        """Cross terms B (n_row, n_unknown) of these candidates with the unknowns."""
+        (effects, effect), (profiles, time_profile) = (np.unique(part, return_inverse=True)
+                                                       for part in self.which[rows].T)
+        B = np.zeros((len(rows), self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_profile):
-            weighted = self.noise.precision[q] @ self.effect[q]
+            weighted = self.noise.precision[q] @ self.effect[q][:, :, effects]
             for row, number, made in sorted_unknowns:
                 shared = (weighted.transpose(0, 2, 1) * made[:, None] if made.ndim == 2 else
                           np.einsum("gme,gmu->geu", weighted, made, optimize=True))
                 # of all pairs for one kind of unknowns at a time: few effects follow all time profiles
-                cross = np.tensordot(self._times[q][:, :n_profile, row], shared, (0, 0))
+                cross = np.tensordot(self._times[q][:, profiles, row], shared, (0, 0))
                 B[:, number] += cross[time_profile, effect]
+        return B
+
+    def _chunks(self, rows: np.ndarray) -> list[np.ndarray]:
+        """Places in `rows` of candidates whose cross terms are made at once, those of one effect side by side."""
+        n_chunk = max(1, -(-len(rows) * self.n_unknown // CROSSED))
+        return np.array_split(np.argsort(self.which[rows, 0], kind="stable"), n_chunk)
+
+    @cached_property
+    def _informations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Per candidate its information before and after the unknowns have taken their part (n_candidate,)."""
+        effect, time_profile = self.which.T
         raw = self._along_time[effect, time_profile, time_profile]
-        solved = self._solve(B.T).T
-        return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
+        taken, everything = np.zeros(len(raw)), np.arange(len(raw))
+        for chunk in self._chunks(everything):
+            # B C B^T with C = (L L^T)^-1 is the square of L^-1 B^T
+            crossed = self._crossed(chunk)
+            crossed *= self.prior_std
+            half = linalg.solve_triangular(self._factor[0], crossed.T, lower=True, overwrite_b=True)
+            taken[chunk] = np.einsum("uc,uc->c", half, half)
+        return raw, np.maximum(raw - taken, 0.0)
 
     @property
     def information(self) -> np.ndarray:
         """v (n_candidate,): one over the square of each candidate's standard deviation."""
-        return self._system[3]
+        return self._informations[1]
 
     @property
     def own_information(self) -> np.ndarray:
         """(n_candidate,) each candidate's information before the unknowns have taken their part."""
-        return self._system[2]
+        return self._informations[0]
 
     @cached_property
     def share_left(self) -> np.ndarray:
         """(n_candidate,) how much of each signature's length remains once all that is normal has taken its part."""
-        raw = self._system[2]
+        raw = self.own_information
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
     def _sums(self, residuals: Sequence[np.ndarray], first: int = 0) -> list[np.ndarray]:
@@ -260,7 +287,22 @@ class Design:
     def scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of residuals per group (..., n_block, n_response), zero where not measured."""
         sums = self._sums(residuals)
-        return self._raw(sums) - self._right(self._known(sums)) @ self._system[1].T
+        return self._raw_beside(sums, self._solve(self._right(self._known(sums)).T).T)
+
+    def _raw_beside(self, sums: list[np.ndarray], unknowns: np.ndarray) -> np.ndarray:
+        """X^T R^-1 (y - U c) (..., n_candidate) with what unknowns c (..., n_unknown) make taken off the `_sums` of
+        candidates' time profiles, in place."""
+        n_profile = len(self.time_profiles)
+        for total, times, sorted_unknowns in zip(sums, self._times, self._by_profile, strict=True):
+            made_of: dict[int, np.ndarray] = {}
+            for row, number, made in sorted_unknowns:
+                own = unknowns[..., number]
+                here = (own[..., None, :] * made if made.ndim == 2 else
+                        (own @ made.reshape(-1, made.shape[-1]).T).reshape(*own.shape[:-1], *made.shape[:2]))
+                made_of[row] = made_of[row] + here if row in made_of else here
+            for row, here in made_of.items():
+                total[..., :n_profile, :, :] -= times[:, :n_profile, row].T[:, :, None] * here[..., None, :, :]
+        return self._raw(sums)
 
     def _raw(self, sums: list[np.ndarray]) -> np.ndarray:
         """X^T R^-1 y (..., n_candidate), R the noise alone."""
@@ -337,15 +379,27 @@ class Design:
     def overlap(self, rows: Rows, others: Rows) -> np.ndarray:
         """X^T V^-1 X (n_row, n_other) between candidates, V with all that is normal."""
         rows, others = np.asarray(rows, int), np.asarray(others, int)
-        B, solved, _, _ = self._system
         (effect, time_profile), (effect2, time_profile2) = self.which[rows].T, self.which[others].T
         if len(np.unique([*effect, *effect2])) == 1:
-            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - B[rows] @ solved[others].T
+            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - self._taken(rows, others)
         total = np.zeros((len(rows), len(others)))
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
             for own, time in zip(E, times, strict=True):
                 total += time[np.ix_(time_profile, time_profile2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
-        return total - B[rows] @ solved[others].T
+        return total - self._taken(rows, others)
+
+    def _taken(self, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """What the unknowns take of X^T R^-1 X (n_row, n_other) between candidates."""
+        if len(rows) < len(others):
+            return self._taken(others, rows).T
+        crossed = self._crossed(others)
+        solved = self._solve(crossed.T)
+        if np.array_equal(rows, others):
+            return crossed @ solved
+        result = np.empty((len(rows), len(others)))
+        for chunk in self._chunks(rows):
+            result[chunk] = self._crossed(rows[chunk]) @ solved
+        return result
 
     @cached_property
     def _along_time(self) -> np.ndarray:
@@ -375,7 +429,6 @@ class Design:
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """u (n, n_candidate) of n records with nothing wrong: unknowns, noise and its scale drawn anew."""
-        B, solved, _, _ = self._system
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
         total = n_block * sum(f.size for f in self.discrepancy_std)
@@ -403,8 +456,8 @@ class Design:
                 part = slice(first, first + at_once)
                 sums = self._sums([y[part] for y in residuals])
                 right = self._right(self._known(sums)) + unknown[part] @ self._information
-                result[start + first : start + min(first + at_once, size)] = (
-                    self._raw(sums) + unknown[part] @ B.T - right @ solved.T)
+                result[start + first : start + min(first + at_once, size)] = self._raw_beside(
+                    sums, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)
         return result
 

@@ -24,8 +24,8 @@ class Prediction:
     """Of the held-out blocks `rows` (n_held,): per group residual (n_held, n_response), measured less predicted, zero
     where not measured; std (n_held, n_response) of its prediction; weight (n_held,), zero where not measured.
 
-    log_density of all of them together, `squared` their squared distance, of n_number numbers; `uncertain` (n_unknown,
-    n_unknown) is Q; mean (n_unknown,) what predicts.
+    log_density of all of them together, `squared` their squared distance, of n_number numbers; `uncertain` (n_common,
+    n_common) is Q of the unknowns that are carried; mean (n_unknown,) what predicts.
     """
 
     rows: np.ndarray
@@ -112,10 +112,16 @@ def posterior(
     """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` show them."""
     prior = design.prior_std
     # in units of the prior's standard deviations, as these are many powers of ten apart
-    information = gram(design, blocks) * np.outer(prior, prior) + np.eye(design.n_unknown)
-    factor = linalg.cho_factor(information, lower=True)
+    information = gram(design, blocks)
+    information *= np.outer(prior, prior)
+    information[np.diag_indices_from(information)] += 1.0
+    factor = linalg.cho_factor(information, lower=True, overwrite_a=True)
+    del information
     mean = prior * linalg.cho_solve(factor, prior * cross(design, blocks, [y[blocks] for y in centred]))
-    return mean, linalg.cho_solve(factor, np.eye(design.n_unknown)) * np.outer(prior, prior)
+    covariance = linalg.cho_solve(factor, np.eye(design.n_unknown), overwrite_b=True)
+    del factor
+    covariance *= np.outer(prior, prior)
+    return mean, covariance
 
 
 def carried(
@@ -145,7 +151,8 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     return Prediction(
         rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
         std=tuple(map(frozen_array, _std_of(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
-        log_density=float(shares.sum()), squared=squares, n_number=numbers, uncertain=frozen_array(Q),
+        log_density=float(shares.sum()), squared=squares, n_number=numbers,
+        uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
         mean=frozen_array(mean),
     )
 
@@ -166,7 +173,8 @@ def log_density(
     return density - 0.5 * found.log_determinant * numbers / max(numbers.sum(), 1), float(found.shares.sum())
 
 
-# what differs in a fold alone: places of its blocks among the rows, covariance (n_unknown, n_unknown) there
+# what differs in a fold alone: places of its blocks among the rows, covariance (n, n) there of the first n unknowns,
+# those that all groups share
 Own = tuple[np.ndarray, np.ndarray]
 
 
@@ -186,22 +194,26 @@ def solve_covariance(
 ) -> Solved:
     """With C = X Q X^T + R, and in the blocks of every fold of `own` its X Q_own X^T besides."""
     everywhere = (np.arange(len(rows)), covariance_root(Q, design.prior_std))
-    parts = [everywhere, *((places, covariance_root(covariance, design.prior_std)) for places, covariance in own)]
-    grams = [gram(design, rows[places]) for places, _ in parts]
+    parts = [everywhere, *((places, covariance_root(covariance, design.prior_std[: len(covariance)]))
+                           for places, covariance in own)]
     ends = np.cumsum([0, *(root.shape[1] for _, root in parts)])
-    inner, right = np.eye(ends[-1]), np.empty(ends[-1])
-    for k, ((places, root), G) in enumerate(zip(parts, grams, strict=True)):
-        here = slice(ends[k], ends[k + 1])
-        inner[here, here] += root.T @ G @ root
+    # by columns, so that it is factorised in its place: of all folds together it is larger than all else
+    inner, right = np.eye(ends[-1], order="F"), np.empty(ends[-1])
+    for k, (places, root) in enumerate(parts):
+        here, n, G = slice(ends[k], ends[k + 1]), len(root), gram(design, rows[places])
+        inner[here, here] += root.T @ G[:n, :n] @ root
         if k:
-            inner[: ends[1], here] = everywhere[1].T @ G @ root
+            inner[: ends[1], here] = everywhere[1].T @ G[:, :n] @ root
             inner[here, : ends[1]] = inner[: ends[1], here].T
-        right[here] = root.T @ cross(design, rows[places], [v[places] for v in y])
-    factor = linalg.cho_factor(inner, lower=True)
+        right[here] = root.T @ cross(design, rows[places], [v[places] for v in y])[:n]
+    factor = linalg.cho_factor(inner, lower=True, overwrite_a=True)
+    del inner
     solution = linalg.cho_solve(factor, right)
     moved = [np.zeros_like(v) for v in y]
     for k, (places, root) in enumerate(parts):
-        for m, made in zip(moved, predicted(design, rows[places], root @ solution[ends[k] : ends[k + 1]]), strict=True):
+        unknowns = np.zeros(design.n_unknown)
+        unknowns[: len(root)] = root @ solution[ends[k] : ends[k + 1]]
+        for m, made in zip(moved, predicted(design, rows[places], unknowns), strict=True):
             m[places] += made
     solved, shares, common, numbers = [], np.zeros(len(rows)), 0.0, np.zeros(len(rows))
     for q, (r, m) in enumerate(zip(y, moved, strict=True)):

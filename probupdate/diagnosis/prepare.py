@@ -80,14 +80,15 @@ def prepare(
     catalogue = (*turbine_effects(description), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
     placed = tuple(sensors) if sensors is not None else _described_sensors(description)
-    models = []
-    for number, angle in enumerate(TURNS_DEG):
+
+    def at(number: int) -> AffineModel:
         progress("preparing the model", number, len(TURNS_DEG) + 1)
-        one = extended_model(path, parameters_of, parameters=parameters, sensors=sensors,
-                             nacelle_angle_deg=angle)
-        # little of it turns: the rest is held once
-        models.append(one.sharing(models[0]) if models else one)
-    first = models[0]
+        return extended_model(path, parameters_of, parameters=parameters, sensors=sensors,
+                              nacelle_angle_deg=TURNS_DEG[number])
+
+    first = at(0)
+    # little of it turns: the rest is held once
+    models = [first, *(at(number).sharing(first) for number in range(1, len(TURNS_DEG)))]
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
     moved = []

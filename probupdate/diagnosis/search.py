@@ -26,6 +26,8 @@ DIRECTIONS = 4
 LEAST = 1e-9
 # records whose noise is estimated anew
 N_AGAIN = 30
+# drawn records that are looked through at once; effects whose overlaps are
+AT_ONCE, EFFECTS_AT_ONCE = 50, 10
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
 MEANT = (0.1, 5.0)
 
@@ -35,7 +37,7 @@ class Search:
     """Scores of all candidates, `which` (n_candidate, 2) effect and time profile, at a fit: z signed, the size that
     fits best and its standard deviation; `allowed` bool where that size lies on a side the effect can be on; threshold
     and p of the largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was
-    estimated; u of the record and of the drawn ones (n_draw, n_candidate)."""
+    estimated; u of the record (n_candidate,)."""
 
     which: np.ndarray
     z: np.ndarray
@@ -48,7 +50,6 @@ class Search:
     maxima: np.ndarray
     heavier: float
     u: np.ndarray
-    drawn: np.ndarray
 
     @property
     def statistic(self) -> np.ndarray:
@@ -69,9 +70,7 @@ def search(
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
     scale = np.where(usable, std, 0.0)
     can = _possible(problem, scale)
-    rng = np.random.default_rng([seed, 21])
-    drawn = design.draw(rng, n_draw)
-    maxima = np.max(np.where(can(drawn * scale), np.abs(drawn * scale), 0.0), axis=1)
+    maxima = _largest(drawn_scores(design, seed, n_draw), scale, can)
     if heavier is None:
         heavier = estimated_noise_factor(problem, design, float(np.mean(maxima)), can, usable, seed=seed)
     maxima = maxima * heavier
@@ -85,7 +84,22 @@ def search(
     alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
     return Search(which=problem.which, z=z, size=np.where(usable, z * scale, 0.0), size_std=std, allowed=allowed,
                   usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
-                  maxima=maxima, heavier=heavier, u=u, drawn=drawn)
+                  maxima=maxima, heavier=heavier, u=u)
+
+
+def drawn_scores(design: Design, seed: int, n_draw: int = N_BOOTSTRAP) -> np.ndarray:
+    """u (n_draw, n_candidate) of the records with nothing wrong that a search of this seed, and what it leaves, is
+    judged by; not kept, as of some searches they are as large as all else."""
+    return design.draw(np.random.default_rng([seed, 21]), n_draw)
+
+
+def _largest(drawn: np.ndarray, scale: np.ndarray, can) -> np.ndarray:
+    """(n_draw,) the largest |z| that can be of each drawn record, some records at a time."""
+    result = []
+    for first in range(0, len(drawn), AT_ONCE):
+        z = drawn[first : first + AT_ONCE] * scale
+        result.append(np.max(np.where(can(z), np.abs(z), 0.0), axis=1))
+    return np.concatenate(result)
 
 
 def _possible(problem: DiagnosisProblem, scale: np.ndarray):
@@ -167,22 +181,28 @@ def scores_beside(
     n, m, n_effect = len(design.which), len(uncertain), len(problem.effects)
     along = np.column_stack([np.repeat(np.arange(n_effect), m),
                              np.tile(len(design.time_profiles) + np.arange(m), n_effect)])
-    wide = replace(design, time_profiles=(*design.time_profiles, *(time_profile for time_profile, _ in uncertain)),
-                   which=np.vstack([design.which, along]))
-    there, share = wide.scores(centred)[n:].reshape(n_effect, m), np.array([part for _, part in uncertain])
-    u, v = u.copy(), v.copy()
-    for j in np.unique(design.which[:, 0]):
-        rows, others = np.flatnonzero(design.which[:, 0] == j), n + j * m + np.arange(m)
-        own = wide.overlap(others, others)
-        kept = np.diag(own) > LEAST * v[rows].max(initial=0.0)
-        if not kept.any():
-            continue
-        own, crossed = own[np.ix_(kept, kept)], wide.overlap(rows, others)[:, kept]
-        # v / (1 + v variance) = v / dispersion
-        own[np.diag_indices_from(own)] /= share[kept]
-        taken = np.linalg.solve(own, np.column_stack([there[j][kept], crossed.T]))
-        u[rows] -= crossed @ taken[:, 0]
-        v[rows] -= np.sum(crossed * taken[:, 1:].T, axis=1)
+    profiles = (*design.time_profiles, *(time_profile for time_profile, _ in uncertain))
+    there = design.with_candidates(profiles, along).scores(centred).reshape(n_effect, m)
+    wide = design.with_candidates(profiles, np.vstack([design.which, along]))
+    share = np.array([part for _, part in uncertain])
+    u, v, searched = u.copy(), v.copy(), np.unique(design.which[:, 0])
+    for first in range(0, len(searched), EFFECTS_AT_ONCE):
+        effects = searched[first : first + EFFECTS_AT_ONCE]
+        rows = np.flatnonzero(np.isin(design.which[:, 0], effects))
+        others = n + (effects[:, None] * m + np.arange(m)).ravel()
+        overlap = wide.overlap(np.concatenate([others, rows]), others)
+        for k, j in enumerate(effects):
+            here, same = slice(k * m, (k + 1) * m), design.which[rows, 0] == j
+            own, crossed, numbers = overlap[here, here], overlap[len(others):][same, here], rows[same]
+            kept = np.diag(own) > LEAST * v[numbers].max(initial=0.0)
+            if not kept.any():
+                continue
+            own, crossed = own[np.ix_(kept, kept)], crossed[:, kept]
+            # v / (1 + v variance) = v / dispersion
+            own[np.diag_indices_from(own)] /= share[kept]
+            taken = np.linalg.solve(own, np.column_stack([there[j][kept], crossed.T]))
+            u[numbers] -= crossed @ taken[:, 0]
+            v[numbers] -= np.sum(crossed * taken[:, 1:].T, axis=1)
     return u, np.maximum(v, 0.0)
 
 

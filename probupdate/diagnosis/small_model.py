@@ -117,7 +117,7 @@ class SmallModel:
         if key not in self.known:
             if len(self.known) >= N_KNOWN:
                 self.known.pop(next(iter(self.known)))
-            self.known[key] = self._at(theta)
+            self.known[key] = LocalModel(small=self, theta=theta)
         return self.known[key]
 
     def attached(self, parts: Sequence[Attachment]) -> SmallModel:
@@ -142,30 +142,31 @@ class SmallModel:
             mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), known={},
         )
 
-    def _at(self, theta: np.ndarray) -> LocalModel:
-        cK, cM = self.coefficients(theta)
-        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
-                           for weight, parts in ((cK, self.stiffness), (cM, self.mass)))
-        return LocalModel(small=self, theta=theta, stiffness=stiffness, mass=mass)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LocalModel:
-    """The small model at one theta: stiffness, mass (5 or 1, r, r) by harmonics of the nacelle's angle."""
+    """The small model at one theta."""
 
     small: SmallModel
     theta: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
+
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness and mass (5 or 1, r, r) by harmonics of the nacelle's angle; not kept, as solutions need what few
+        modes make of them alone."""
+        small, (cK, cM) = self.small, self.small.coefficients(self.theta)
+        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
+                           for weight, parts in ((cK, small.stiffness), (cM, small.mass)))
+        return stiffness, mass
 
     @cached_property
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
         the modes above these give way at the channels (n_channel, r) when forces act on the basis."""
-        value, vectors = linalg.eigh(self.stiffness[0], self.mass[0])
+        stiffness, mass = self.matrices()
+        value, vectors = linalg.eigh(stiffness[0], mass[0])
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
         residual = (self.small.at_channels @ above / value[N_CORE:]) @ above.T
-        return core, *(core.T @ wave @ core for wave in (self.stiffness, self.mass)), residual
+        return core, *(core.T @ wave @ core for wave in (stiffness, mass)), residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
         """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean
@@ -281,31 +282,27 @@ def small_model(
     if len(models) not in (1, len(TURNS_DEG)):
         raise InputError(first.name, f"{len(models)} angles given", f"give 1 or {len(TURNS_DEG)}")
     rng = np.random.default_rng([seed, 11])
-    count = min(n_mode + SPARE, first.n_available)
-    sums = [_Sum(model) for model in models]
+    # what a model keeps of its sums would be as large as all its terms, and goes with the copy
+    count = min(n_mode + SPARE, replace(first).n_available)
     points = _points(first.parameters, effects, reach, rng)
-    vectors = [_modes(sums[k % len(models)], theta, count)[1] for k, theta in enumerate(points)]
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
-    vectors += [_change(one, first.parameters.initial, n_mode, size) for one in sums[:2]]
     check = _points(first.parameters, effects, reach, rng)
     numbers = rng.permutation(len(check))[:N_VERIFY]
     sure = max(1, n_mode - UNSURE)
-    exact = [_modes(sums[k % len(models)], check[k], count)[0][:sure] for k in numbers]
     alone = _alone(first.parameters, effects, reach, rng)
-    exact_change = [np.log(_modes(sums[0], theta, count)[0][:sure]) for theta in alone]
-    snapshots = np.hstack(vectors)
-    # thousands of vectors, held once
-    del vectors
-    energy, directions = _directions(snapshots, sums[0].K(first.parameters.initial))
-    del snapshots
+    # the snapshots, thousands of vectors, go with the call
+    energy, directions = _directions(_snapshots(models, points, count, n_mode, size),
+                                     _Sum(first).K(first.parameters.initial))
+    unseen = [_Sum(models[k % len(models)]).both(check[k]) for k in numbers]
+    exact = [_modes(matrices, count, first.name)[0][:sure] for matrices in unseen]
+    one = _Sum(first)
+    exact_change = [np.log(_modes(one.both(theta), count, first.name)[0][:sure]) for theta in alone]
     basis, error, wrong = directions[:, :0], np.inf, np.inf
     for cut in CUTS:
         basis = directions[:, energy > cut]
-        error = max(
-            float(np.max(np.abs(_projected_frequencies(sums[k % len(models)], check[k], basis, sure) / f - 1)))
-            for k, f in zip(numbers, exact, strict=True)
-        )
-        wrong = _wrong_share([np.log(_projected_frequencies(sums[0], theta, basis, sure)) for theta in alone],
+        error = max(float(np.max(np.abs(_projected_frequencies(matrices, basis, sure) / f - 1)))
+                    for matrices, f in zip(unseen, exact, strict=True))
+        wrong = _wrong_share([np.log(_projected_frequencies(one.both(theta), basis, sure)) for theta in alone],
                              exact_change)
         if error <= TOLERANCE and wrong <= CHANGE:
             return replace(_project(models, basis, n_mode), frequency_error=error)
@@ -313,6 +310,23 @@ def small_model(
         f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where "
         f"{TOLERANCE:g} is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % "
         "is", error)
+
+
+def _snapshots(
+    models: Sequence[AffineModel], points: np.ndarray, count: int, n_mode: int, size: np.ndarray
+) -> np.ndarray:
+    """Lowest `count` modes of the models in turn at the points, and of the first two `_change` with steps of this
+    size: (n_dof, n_snapshot). The models' terms on one pattern are held of one model at a time."""
+    n_point, n_change = len(points) * count, n_mode * (1 + len(size))
+    result = np.empty((models[0].n_dof, n_point + n_change * len(models[:2])))
+    for number, model in enumerate(models):
+        one = _Sum(model)
+        for k in range(number, len(points), len(models)):
+            result[:, k * count : (k + 1) * count] = _modes(one.both(points[k]), count, model.name)[1]
+        if number < 2:
+            start = n_point + number * n_change
+            result[:, start : start + n_change] = _change(one, model.parameters.initial, n_mode, size)
+    return result
 
 
 def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:
@@ -326,10 +340,16 @@ def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray,
         energy, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
         seen = np.where(energy > 0, energy, np.inf)
         return energy, snapshots @ (turn / np.sqrt(seen))
+    outer = snapshots @ snapshots.T
+    del snapshots
     root = np.linalg.cholesky(K.toarray())
-    outer = root.T @ (snapshots @ snapshots.T) @ root
-    energy, turn = np.linalg.eigh(0.5 * (outer + outer.T))
-    return energy, linalg.solve_triangular(root, turn, lower=True, trans="T")
+    outer = root.T @ outer
+    outer = outer @ root
+    outer += outer.T
+    outer *= 0.5
+    energy, turn = np.linalg.eigh(outer)
+    del outer
+    return energy, linalg.solve_triangular(root, turn, lower=True, trans="T", overwrite_b=True)
 
 
 def _alone(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
@@ -351,8 +371,8 @@ def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> fl
     return max(shares)
 
 
-def _projected_frequencies(one: _Sum, theta: np.ndarray, basis: np.ndarray, count: int) -> np.ndarray:
-    K, M = (basis.T @ (matrix @ basis) for matrix in one.both(theta))
+def _projected_frequencies(matrices: Sequence[sparse.csc_array], basis: np.ndarray, count: int) -> np.ndarray:
+    K, M = (basis.T @ (matrix @ basis) for matrix in matrices)
     value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
     return np.sqrt(np.maximum(value, 0)) / (2 * np.pi)
 
@@ -377,7 +397,10 @@ class _Sum:
 
     def times(self, kind: int, weights: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
-        return np.stack([self._weighted(kind, w) @ phi for w in weights.T], axis=2)
+        result = np.empty((*phi.shape, weights.shape[1]))
+        for k, weight in enumerate(weights.T):
+            result[:, :, k] = self._weighted(kind, weight) @ phi
+        return result
 
 
 def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
@@ -392,9 +415,9 @@ def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, r
     return theta
 
 
-def _modes(one: _Sum, theta: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (count,) and shapes (n_dof, count) of unit energy."""
-    value, phi = lowest_modes(*one.both(theta), count, one.model.name)
+def _modes(matrices: Sequence[sparse.csc_array], count: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (count,) and shapes (n_dof, count) of unit energy from K and M of the model of that name."""
+    value, phi = lowest_modes(*matrices, count, name)
     return np.sqrt(value) / (2 * np.pi), phi / np.sqrt(value)
 
 
@@ -411,7 +434,9 @@ def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.nd
         else:
             close.append([j])
     _, change = mode_derivatives(K, M, value, phi, dK, dM, tuple(tuple(c) for c in close if len(c) > 1))
-    return np.hstack([phi / np.sqrt(value), (change / np.sqrt(value)[:, None]).reshape(len(phi), -1)])
+    del dK, dM
+    change /= np.sqrt(value)[:, None]
+    return np.hstack([phi / np.sqrt(value), change.reshape(len(phi), -1)])
 
 
 def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> SmallModel:
@@ -420,7 +445,9 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
 
     def by_harmonics(kind: str) -> tuple[ProjectedTerms, ...]:
         terms = getattr(first, kind)
-        waves = [list(terms), *([sparse.csc_array(t.shape) for t in terms] for _ in models[1:])]
+        # one that is empty for all that do not turn: the places of a thousand of them are more than all entries
+        nothing = sparse.csc_array(terms[0].shape)
+        waves = [list(terms), *([nothing] * len(terms) for _ in models[1:])]
         for number, term in enumerate(terms):
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
                 for wave, part in zip(waves, _harmonics_of([getattr(m, kind)[number] for m in models], turn),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,6 +22,8 @@ STEP = 1e-30
 # bytes of solutions and of derivatives that are remembered, at least REMEMBERED_LEAST of them: optimisers ask again
 # where they have been
 REMEMBERED, REMEMBERED_LEAST = 8e6, 4
+# bytes of products of terms with modes that are summed up at once
+PRODUCTS = 4e6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,8 +137,7 @@ class AffineModel:
         """d frequency_hz (n_mode, n_param) and d shape (n_channel, n_mode, n_param)."""
         K, M = self.matrices(theta)
         dcK, dcM = self.coefficient_derivatives(theta)
-        dK_phi = np.tensordot(np.array([Kt @ phi for Kt in self.stiffness]), dcK, (0, 0))
-        dM_phi = np.tensordot(np.array([Mt @ phi for Mt in self.mass]), dcM, (0, 0))
+        dK_phi, dM_phi = _products(self.stiffness, phi, dcK), _products(self.mass, phi, dcM)
         d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
         n, m, p = d_phi.shape
         at_channels = (self.channel_matrix @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
@@ -174,6 +175,15 @@ class AffineModel:
 def _same(a: sparse.csc_array, b: sparse.csc_array) -> bool:
     return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part))
                                   for part in ("data", "indices", "indptr"))
+
+
+def _products(terms: Sequence[sparse.csc_array], phi: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """sum_t weights_tp K_t phi (n_dof, n_mode, n_param) for phi (n_dof, n_mode), some terms at a time."""
+    at_once, total = max(1, int(PRODUCTS / phi.nbytes)), np.zeros((*phi.shape, weights.shape[1]))
+    for first in range(0, len(terms), at_once):
+        part = slice(first, first + at_once)
+        total += np.tensordot(np.array([term @ phi for term in terms[part]]), weights[part], (0, 0))
+    return total
 
 
 class _Recent:

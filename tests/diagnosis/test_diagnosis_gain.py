@@ -205,7 +205,8 @@ def test_gain_where_one_stretch_alone_tells_an_unknown(validation):
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
         # of numbers of one, as the prior's standard deviations are; without the mend -0.04
-        row.least(np.linalg.eigvalsh(covariance / np.outer(prior, prior))[0], -1e-9, "eigenvalue")
+        std = prior[: len(covariance)]
+        row.least(np.linalg.eigvalsh(covariance / np.outer(std, std))[0], -1e-9, "eigenvalue")
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
     # as where all folds show the same: half the squared SNR, each with standard deviation SNR
     within = 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2

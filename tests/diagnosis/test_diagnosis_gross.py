@@ -17,6 +17,7 @@ from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import Sensor
 
@@ -267,9 +268,9 @@ def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record
     monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy._frequencies", lambda *_: 1.0)
-    found = replace(outcome.first, heavier=1.0)
+    found, drawn = replace(outcome.first, heavier=1.0), drawn_scores(outcome.null.design, 1)
     n = 1000
-    p = np.array([adequacy(outcome.problem, outcome.null, replace(found, u=u))[0]
+    p = np.array([adequacy(outcome.problem, outcome.null, replace(found, u=u), drawn)[0]
                   for u in outcome.null.design.draw(np.random.default_rng(8), n)])
     for level in (0.01, 0.02, 0.05, 0.2, 0.4):
         spread = np.sqrt(level * (1 - level) * (1 / n + 1 / 400))

@@ -9,7 +9,7 @@ import pytest
 import probupdate
 from probupdate.diagnosis import wording
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
-from probupdate.diagnosis.crosstalk import crosstalk_effects
+from probupdate.diagnosis.crosstalk import _wider, crosstalk_effects
 from probupdate.diagnosis.diagnose import ADEQUATE, NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
@@ -26,7 +26,7 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.search import gains, search
+from probupdate.diagnosis.search import drawn_scores, gains, search
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
@@ -107,8 +107,20 @@ def test_a_stay_that_was_always_there_and_is_in_no_row_does_not_pass_for_normal(
 def test_frequencies_within_chance_are_not_off(prepared, record, seed):
     problem, theta = diagnosis_problem(prepared, record(seed))
     null = fit(problem, theta)
-    p, parts = adequacy(problem, null, search(problem, null, seed=seed))
+    p, parts = adequacy(problem, null, search(problem, null, seed=seed), drawn_scores(null.design, seed))
     assert p > ADEQUATE and parts[FREQUENCIES] > ADEQUATE and not frequencies_off(problem, null)
+
+
+def test_crosstalks_taken_up_after_a_search_take_no_part_in_the_test_of_its_residual(prepared, record):
+    problem, theta = diagnosis_problem(prepared, record(11))
+    null = fit(problem, theta)
+    found = search(problem, null, seed=1)
+    rows = crosstalk_effects(problem.blocks.channels)[:8]
+    wider = _wider(problem, rows, np.zeros((len(rows), 1), int))
+    design = design_at(wider, null.theta, (), null.design.noise)
+    p, parts = adequacy(problem, null, found, drawn_scores(null.design, 1))
+    there, its = adequacy(wider, replace(null, design=design), found, drawn_scores(design, 1))
+    assert there == pytest.approx(p, abs=0.01) and its == pytest.approx(parts, rel=1e-6)
 
 
 def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
