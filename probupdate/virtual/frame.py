@@ -323,7 +323,8 @@ def build_structure(
         mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
         for leg, name in enumerate(file.value("jacket", "leg_names"))
     ])
-    attached, n_dof = observation.attachments(mesh, file), stiffness.shape[0]
+    nominal, attached = observation.attachments(mesh, file), observation.attachments(mesh, file, hidden)
+    n_dof = stiffness.shape[0]
     direction, gain = observation.mounted_direction(file, truth, hidden)
     channel = observation.reading_rows(attached, direction, gain, n_dof)
     mixing = observation.channel_mixing(file, hidden)
@@ -331,7 +332,7 @@ def build_structure(
     return Structure(
         node_m=nodes, stiffness=stiffness, mass=mass,
         nominal_channel=observation.reading_rows(
-            attached, observation.nominal_direction(file), np.ones(len(attached)), n_dof),
+            nominal, observation.nominal_direction(file), np.ones(len(nominal)), n_dof),
         channel=channel if mixing is None else sparse.csr_array(mixing @ channel.toarray()),
         sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof), top=top,
         surface=surface, rna=bodies, pile_heads=np.array(heads), elements=tuple(mesh.elements),
