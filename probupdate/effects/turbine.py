@@ -8,6 +8,7 @@ exist.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
@@ -314,17 +315,22 @@ def _heights(d: Description, sensors: Sequence[Sensor]) -> Iterator[Effect]:
     found = attachments(frame, sensors, {s.channel: s.part for s in d.sensor}, d.name)
     lines = [line_of(frame, at) for at in found]
     numbers = {s.channel: k for k, s in enumerate(sensors)}
-    for number, (name, rows) in enumerate(sensor_groups(sensors, numbers), 1):
+    taken: set[str] = set()
+    for name, rows in sensor_groups(sensors, numbers):
         own = [line.ends for k in rows if (line := lines[k]) is not None]
         if len(own) < len(rows):
             continue
         low = max(-HEIGHT_REACH_M, *(low for low, _ in own))
         high = min(HEIGHT_REACH_M, *(high for _, high in own))
-        # a sensor at a member's end
-        low, high = min(low, 0.0), max(high, 0.0)
+        # a sensor at a member's end is there but for rounding
+        low, high = round(min(low, 0.0), 2), round(max(high, 0.0), 2)
         if max(-low, high) < LEAST_REACH_M:
             continue
-        yield _row(f"height_{number}", "sensor_height", "sensor at another height", name, group="measurement",
+        parameter = f"height_{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
+        while parameter in taken:
+            parameter += "_"
+        taken.add(parameter)
+        yield _row(parameter, "sensor_height", "sensor at another height", name, group="measurement",
                    settings={"channels": tuple(sensors[k].channel for k in rows)}, low=low, high=high, tolerance=0.0,
                    prior_scale=HEIGHT_SCALE_M,
                    signature="all channels of one place show the shapes of another height: each mode by its own share",

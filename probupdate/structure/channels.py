@@ -1,4 +1,4 @@
-"""From sensors to rows that read the frame's motion: u + theta x r of the nearest point of the named part, and of points
+"""From sensors to rows that read the frame's motion: u + theta x r of the nearest point of the named part, or of one
 farther along its member."""
 
 from __future__ import annotations
