@@ -5,15 +5,16 @@ Preparing takes half a minute for a turbine and does not depend on the data: man
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
 from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects, temperature_effect
-from probupdate.effects.turbine import turbine_effects
+from probupdate.effects.turbine import described_sensors, turbine_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
@@ -47,7 +48,7 @@ class Prepared:
 
     def effects_on(self, channels: Sequence[str]) -> tuple[Effect, ...]:
         """The whole catalogue for a record of these channels, in their order."""
-        return (*self.effects, *measurement_effects(channels, self.sensors), *self.own)
+        return (*_felt(self.effects, channels), *measurement_effects(channels, self.sensors), *self.own)
 
 
 def prepare(
@@ -77,9 +78,9 @@ def prepare(
                              "name parameters that the model has (`parts`), or export it as model.toml")
         return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)
-    catalogue = (*turbine_effects(description), *added)
+    placed = tuple(sensors) if sensors is not None else described_sensors(description)
+    catalogue = (*turbine_effects(description, sensors=placed), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
-    placed = tuple(sensors) if sensors is not None else _described_sensors(description)
 
     def at(number: int) -> AffineModel:
         progress("preparing the model", number, len(TURNS_DEG) + 1)
@@ -91,9 +92,12 @@ def prepare(
     models = [first, *(at(number).sharing(first) for number in range(1, len(TURNS_DEG)))]
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
-    moved = []
+    moved, of_channels = [], {m.column for m in first.moved}
     for e, its in zip(catalogue, parameters_of, strict=True):
         k = first.parameters.names.index(its.name)
+        # what changes no mode asks nothing of the basis
+        if k in of_channels:
+            continue
         moved.append(k)
         reach[k] = its.neutral + np.clip([-1.5 * e.prior_scale, 1.5 * e.prior_scale], e.lower, e.upper)
     small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
@@ -101,6 +105,18 @@ def prepare(
     effects = (*parameter_effects(model.parameters), *catalogue)
     return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
                     sensors=placed, description=description)
+
+
+def _felt(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
+    """Without those that name channels of which the record has none, or the same as another's."""
+    known: set[frozenset[str]] = set()
+    for e in effects:
+        named = () if e.adds is None else cast(tuple[str, ...], e.adds.settings.get("channels", ()))
+        own = frozenset(named) & frozenset(channels)
+        if named and (not own or own in known):
+            continue
+        known.add(own)
+        yield e
 
 
 def _places(path: Path, model: AffineModel, stated: Sequence[Sensor] | None) -> tuple[Sensor, ...]:
@@ -139,11 +155,3 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
                              parts=tuple(parts.items()), time_profiles=("constant", "step", "ramp"),
                              signature="that of its parameters together"))
     return tuple(result)
-
-
-def _described_sensors(description: Description) -> tuple[Sensor, ...]:
-    return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-               quantity=s.quantity, unit=s.unit)
-        for s in description.sensor
-    )

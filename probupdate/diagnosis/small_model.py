@@ -21,6 +21,7 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
+from probupdate.structure.moved_channels import MovedChannels, moved_to
 from probupdate.structure.projected_terms import ProjectedTerms, patterned
 
 # angles that determine a trigonometric polynomial of second degree
@@ -49,8 +50,14 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
 
-# for stiffness and mass: terms by harmonics of the nacelle's angle, and their weights (n, n_term)
-Slopes = list[tuple[tuple[ProjectedTerms, ...], np.ndarray]]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slopes:
+    """Derivatives with n parameters: for stiffness and mass the terms by harmonics of the nacelle's angle, and their
+    weights (n, n_term); of those that move channels their number among the n and what they do to the rows (n_channel,
+    r)."""
+
+    terms: tuple[tuple[tuple[ProjectedTerms, ...], np.ndarray], ...]
+    rows: tuple[tuple[int, np.ndarray], ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,8 +87,9 @@ class SmallModel:
     """K and M on the basis: stiffness, mass by harmonics of the nacelle's angle, the coefficients of 1, cos a, sin a,
     cos 2a, sin 2a, or of 1 alone where nothing turns.
 
-    `frequency_error` is the largest relative error found against the full model on points not used for the basis.
-    `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
+    `frequency_error` is the largest relative error found against the full model on points not used for the basis;
+    at_channels (n_channel, r) what the channels read, which parameters may move (`moved`). `wire` is the model's
+    picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
     """
 
     name: str
@@ -96,6 +104,7 @@ class SmallModel:
     fingerprint: str
     wire: Wireframe | None = None
     at_nodes: np.ndarray | None = field(default=None, repr=False)
+    moved: tuple[MovedChannels, ...] = field(default=(), repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     @property
@@ -159,13 +168,18 @@ class LocalModel:
         return stiffness, mass
 
     @cached_property
+    def at_channels(self) -> np.ndarray:
+        """(n_channel, r) what the channels read here."""
+        return moved_to(self.small.at_channels, self.small.moved, self.theta)
+
+    @cached_property
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
         the modes above these give way at the channels (n_channel, r) when forces act on the basis."""
         stiffness, mass = self.matrices()
         value, vectors = linalg.eigh(stiffness[0], mass[0])
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
-        residual = (self.small.at_channels @ above / value[N_CORE:]) @ above.T
+        residual = (self.at_channels @ above / value[N_CORE:]) @ above.T
         return core, *(core.T @ wave @ core for wave in (stiffness, mass)), residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
@@ -182,13 +196,15 @@ class LocalModel:
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
-        return self.small.at_channels @ modes.vectors[:, :count]
+        return self.at_channels @ modes.vectors[:, :count]
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
-        """For stiffness and mass the terms, and derivatives of their weights with the parameters `columns`."""
+        """Derivatives with the parameters `columns`."""
         small, columns = self.small, list(columns)
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
-        return [(small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)]
+        rows = tuple((columns.index(m.column), m.slope(float(self.theta[m.column])))
+                     for m in small.moved if m.column in columns)
+        return Slopes(terms=((small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)), rows=rows)
 
     def derivatives(
         self, slopes: Slopes, places: Sequence[tuple[float, SmallModes, Sequence[Sequence[int]]]]
@@ -207,7 +223,7 @@ class LocalModel:
         ends, together = np.cumsum([0, *(phi.shape[1] for phi in wanted)]), np.hstack(wanted)
         harmonics = np.repeat([_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
         products = []
-        for (still, *turning), weight in slopes:
+        for (still, *turning), weight in slopes.terms:
             product = still.times(weight, together)
             for wave, part in zip(harmonics.T[1:], turning, strict=False):
                 own = weight[:, : len(part)]
@@ -215,14 +231,14 @@ class LocalModel:
                 if len(rows):
                     product[rows] += wave[:, None] * part.times(own[rows], together)
             products.append(product)
-        return [self._changes([product[:, start:end] for product in products], modes, clusters)
+        return [self._changes([product[:, start:end] for product in products], slopes.rows, modes, clusters)
                 for (_, modes, clusters), start, end in zip(places, ends, ends[1:], strict=False)]
 
-    def _changes(self, parts, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _changes(self, parts, rows, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
         """`derivatives` at one place from Phi^T dK and Phi^T dM (n_param, all members, r): modes of the core one by
-        one, those above it by what all of them together give way."""
+        one, those above it by what all of them together give way; and from the `rows` of channels that move."""
         value = (2 * np.pi * modes.frequency_hz) ** 2
-        at_channels, residual = self.small.at_channels @ modes.vectors, self._core[-1]
+        at_channels, residual = self.at_channels @ modes.vectors, self._core[-1]
         n_channel, result, start = len(at_channels), [], 0
         for members in map(list, clusters):
             own_value, onto = value[members], modes.vectors[:, members].T
@@ -241,7 +257,10 @@ class LocalModel:
             start += len(members)
             mean = 0.5 * (own_value[:, None] + own_value[None, :])
             coupling = np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)
-            result.append((coupling.transpose(1, 2, 0), np.stack(change, axis=2).transpose(1, 2, 0)))
+            moved = np.stack(change, axis=2)
+            for number, own in rows:
+                moved[number] += own @ onto.T
+            result.append((coupling.transpose(1, 2, 0), moved.transpose(1, 2, 0)))
         return result
 
 
@@ -284,9 +303,10 @@ def small_model(
     rng = np.random.default_rng([seed, 11])
     # what a model keeps of its sums would be as large as all its terms, and goes with the copy
     count = min(n_mode + SPARE, replace(first).n_available)
-    points = _points(first.parameters, effects, reach, rng)
+    felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
+    points = _points(first.parameters, felt, effects, reach, rng)
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
-    check = _points(first.parameters, effects, reach, rng)
+    check = _points(first.parameters, felt, effects, reach, rng)
     numbers = rng.permutation(len(check))[:N_VERIFY]
     sure = max(1, n_mode - UNSURE)
     alone = _alone(first.parameters, effects, reach, rng)
@@ -403,9 +423,15 @@ class _Sum:
         return result
 
 
-def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
-    """Prior draws, in each of which a few of the effects have moved too."""
-    theta = parameters.draw(rng, N_POINT)
+def _points(
+    parameters: Parameters, felt: np.ndarray, effects: Sequence[int], reach: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Prior draws of the parameters `felt` by the structure, in each of which a few of the effects have moved too."""
+    theta = np.tile(parameters.initial, (N_POINT, 1))
+    correlation = parameters.correlation
+    drawn = Parameters(tuple(parameters.items[k] for k in felt),
+                       None if correlation is None else correlation[np.ix_(felt, felt)])
+    theta[:, felt] = drawn.draw(rng, N_POINT)
     # draws of a prior that is cut and broad lie too near its centre for a basis: stretched by half
     centre = parameters.initial
     theta = np.clip(centre + 1.5 * (theta - centre), parameters.lower, parameters.upper)
@@ -458,7 +484,8 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
         stiffness=by_harmonics("stiffness"), mass=by_harmonics("mass"),
-        at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
+        at_channels=frozen_array(first.channel_matrix @ basis), moved=tuple(m.on(basis) for m in first.moved),
+        n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
     )

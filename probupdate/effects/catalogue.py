@@ -299,7 +299,7 @@ def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]
 
 def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
     effects = []
-    for name, rows in _loggers(placed, row):
+    for name, rows in sensor_groups(placed, row):
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
                                       ("low-pass filter", LowPass(rows), 0.1)):
             effects.append(Effect(
@@ -367,7 +367,7 @@ def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ..
     return planes
 
 
-def _loggers(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]]]:
+def sensor_groups(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[tuple[str, tuple[int, ...]]]:
     """Each position, and each level of several positions, but not all sensors at once: only relative time is seen."""
     result = [(name, rows) for name, rows, _ in _positions(placed, row)]
     levels: dict[str, list[int]] = {}

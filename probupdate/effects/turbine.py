@@ -8,19 +8,23 @@ exist.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import cast
 
 import numpy as np
 
-from probupdate.effects.catalogue import WARMS_ODDS, Effect
+from probupdate.effects.catalogue import WARMS_ODDS, Effect, sensor_groups
+from probupdate.modal.modes import Sensor
 from probupdate.structure.beam import Tube
+from probupdate.structure.channels import attachments, line_of
 from probupdate.structure.description import Description
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter
 from probupdate.structure.joints import joint_law
+from probupdate.structure.turbine_frame import build_frame
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
 STEEL_PER_DEGC = -3.6e-4
@@ -29,12 +33,20 @@ STEEL_PER_DEGC = -3.6e-4
 ICE_OUTWARD = 3.0
 # first collective flap of a 5-MW rotor's blades (Jonkman et al. 2009, table 9-1); edit it for another rotor
 FLAP_HZ = 0.7
+# a platform or a flange mistaken for the next one, or a height above another zero; judgement. What drawings leave open
+# of a height, 0.1 m, changes a channel by less than its gain's tolerance. A sensor whose member ends at both sides
+# within the least reach has no row
+HEIGHT_SCALE_M, HEIGHT_REACH_M, LEAST_REACH_M = 1.5, 10.0, 1.0
 
 
-def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Effect, ...]:
-    """Every row for this turbine; with single_members also those of single braces and of a brace's joints at one leg,
-    which a record distinguishes from their face's only where it is long."""
-    rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
+def turbine_effects(
+    d: Description, *, single_members: bool = False, sensors: Sequence[Sensor] | None = None
+) -> tuple[Effect, ...]:
+    """Every row for this turbine, with those of its sensors that the model answers for (`sensors`: others than the
+    file's); with single_members also those of single braces and of a brace's joints at one leg, which a record
+    distinguishes from their face's only where it is long."""
+    rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d),
+            *_heights(d, described_sensors(d) if sensors is None else sensors)]
     return (*rows, *(_single(d) if single_members else ()))
 
 
@@ -286,3 +298,40 @@ def _environment(d: Description) -> Iterator[Effect]:
                   time_profiles=("rms_mps2", "wave_height_m"),
                   signature="second bending falls in storms, not with thrust",
                   check="storms of equal wind, other sea")
+
+
+def described_sensors(d: Description) -> tuple[Sensor, ...]:
+    """The file's own sensors, which a campaign's may replace."""
+    return tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
+               quantity=s.quantity, unit=s.unit)
+        for s in d.sensor
+    )
+
+
+def _heights(d: Description, sensors: Sequence[Sensor]) -> Iterator[Effect]:
+    """Of every sensor, and of a level's together: the model shows how the shapes go on along the member."""
+    frame = build_frame(d)
+    found = attachments(frame, sensors, {s.channel: s.part for s in d.sensor}, d.name)
+    lines = [line_of(frame, at) for at in found]
+    numbers = {s.channel: k for k, s in enumerate(sensors)}
+    taken: set[str] = set()
+    for name, rows in sensor_groups(sensors, numbers):
+        own = [line.ends for k in rows if (line := lines[k]) is not None]
+        if len(own) < len(rows):
+            continue
+        low = max(-HEIGHT_REACH_M, *(low for low, _ in own))
+        high = min(HEIGHT_REACH_M, *(high for _, high in own))
+        # a sensor at a member's end is there but for rounding
+        low, high = round(min(low, 0.0), 2), round(max(high, 0.0), 2)
+        if max(-low, high) < LEAST_REACH_M:
+            continue
+        parameter = f"height_{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
+        while parameter in taken:
+            parameter += "_"
+        taken.add(parameter)
+        yield _row(parameter, "sensor_height", "sensor at another height", name, group="measurement",
+                   settings={"channels": tuple(sensors[k].channel for k in rows)}, low=low, high=high, tolerance=0.0,
+                   prior_scale=HEIGHT_SCALE_M,
+                   signature="all channels of one place show the shapes of another height: each mode by its own share",
+                   check="measure the sensor's height on site, against position_m in the campaign's description")

@@ -16,6 +16,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ModelUncertainty
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import available_modes, lowest_modes, mode_derivatives
+from probupdate.structure.moved_channels import MovedChannels, moved_to
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
@@ -32,9 +33,9 @@ class AffineModel:
 
     `coefficients` maps theta (..., n_param), real or complex, to (..., n_stiffness) and (..., n_mass) and must be
     analytic where it is used, as its derivatives are taken by complex steps. `channel_matrix` (n_channel, n_dof)
-    picks the measured motion, `wire_matrix` (3 n_node, n_dof) that of the picture's nodes. `derived` holds named
-    scalars of theta, such as pile-head stiffness. `hash_key` stands for all that went into the matrices. `uncertainty`:
-    what is not known of the model itself (`model_error`).
+    picks the measured motion, which parameters may move elsewhere (`moved`: `channel_rows`), `wire_matrix` (3 n_node,
+    n_dof) that of the picture's nodes. `derived` holds named scalars of theta, such as pile-head stiffness. `hash_key`
+    stands for all that went into the matrices. `uncertainty`: what is not known of the model itself (`model_error`).
     """
 
     name: str
@@ -49,6 +50,7 @@ class AffineModel:
     wire_matrix: sparse.csr_array | None = None
     derived: Mapping[str, Callable[[np.ndarray], float]] = field(default_factory=dict)
     uncertainty: ModelUncertainty | None = None
+    moved: tuple[MovedChannels, ...] = ()
 
     def sharing(self, other: AffineModel) -> AffineModel:
         """The same model, with the other's matrices in place of its own where these are equal: in memory once."""
@@ -89,6 +91,10 @@ class AffineModel:
     def _sums(self) -> tuple[_WeightedSum, _WeightedSum]:
         return _WeightedSum.of(self.stiffness), _WeightedSum.of(self.mass)
 
+    def channel_rows(self, theta: np.ndarray) -> sparse.csr_array:
+        """(n_channel, n_dof) what the channels read at theta (n_param,)."""
+        return moved_to(self.channel_matrix, self.moved, self._theta(theta))
+
     def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d c_K (n_stiffness, n_param) and d c_M (n_mass, n_param) at theta, by complex steps."""
         theta = self._theta(theta)
@@ -126,7 +132,7 @@ class AffineModel:
         value, phi = self.solve_full(theta, n_mode)
         frequency = np.sqrt(value) / (2 * np.pi)
         result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
-                  "shape": frozen_array(self.channel_matrix @ phi)}
+                  "shape": frozen_array(self.channel_rows(theta) @ phi)}
         if derivatives:
             change = self._remembered["derivatives"](
                 (theta.tobytes(), n_mode, clusters), lambda: self._derivatives(theta, value, phi, clusters))
@@ -140,7 +146,9 @@ class AffineModel:
         dK_phi, dM_phi = _products(self.stiffness, phi, dcK), _products(self.mass, phi, dcM)
         d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
         n, m, p = d_phi.shape
-        at_channels = (self.channel_matrix @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
+        at_channels = (self.channel_rows(theta) @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
+        for own in self.moved:
+            at_channels[:, :, own.column] += own.slope(float(theta[own.column])) @ phi
         # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
         return frozen_array(d_value / (4 * np.pi * np.sqrt(value)[:, None])), frozen_array(at_channels)
 

@@ -54,9 +54,10 @@ class EffectKeys(Table):
     relative_per_degc: Number | None = None
     inertia_per_kg_m2: tuple[Number, Number, Number] | None = None
     frequency_hz: Positive | None = None
+    channels: tuple[str, ...] | None = None
 
 
-SETTINGS = ("motion", "curve", "at_m", "axis", "relative_per_degc", "inertia_per_kg_m2", "frequency_hz")
+SETTINGS = ("motion", "curve", "at_m", "axis", "relative_per_degc", "inertia_per_kg_m2", "frequency_hz", "channels")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,5 +158,10 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
     "thrust": Kind(
         neutral=0.0, unit="N", lowest=-np.inf,
         meaning="mean rotor thrust along the nacelle's x axis at the hub: geometric stiffness of the member forces",
+    ),
+    "sensor_height": Kind(
+        neutral=0.0, unit="m", lowest=-np.inf, needs=("channels",),
+        meaning="how much farther up along their member the sensors of these channels sit than position_m says: the "
+                "structure is as it is, what is read of it is not",
     ),
 })

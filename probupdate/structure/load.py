@@ -19,7 +19,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.assembly import assemble
-from probupdate.structure.channels import channel_rows
+from probupdate.structure.channels import Move, channel_rows
 from probupdate.structure.description import NEUTRAL, Description
 from probupdate.structure.description import updated as updated_of
 from probupdate.structure.description_file import parse_description
@@ -212,7 +212,8 @@ def turbine_model(
         gravity_mps2=description.site.gravity_mps2 if mesh.geometric_stiffness else None,
     )
     chosen = tuple(sensors) if sensors is not None else _own_sensors(description)
-    rows = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where)
+    rows, moved = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where,
+                               _moves(description, parameters, values))
     wire, wire_rows = _wireframe(frame)
     return AffineModel(
         name=description.name,
@@ -226,7 +227,23 @@ def turbine_model(
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
         derived=pile_head_stiffness(frame, updated=parameters.names, values=values, theory=mesh.theory),
+        moved=tuple(m.on(assembled.transform) for m in moved),
     )
+
+
+def _moves(description: Description, parameters: Parameters, values: Mapping[str, float]) -> list[Move]:
+    """Where sensors sit elsewhere than described."""
+    found = []
+    for p in description.effects:
+        if p.kind != "sensor_height":
+            continue
+        if p.name in parameters.names:
+            own = parameters.items[parameters.index(p.name)]
+            found.append(Move(name=p.name, channels=p.channels, column=parameters.index(p.name), low_m=own.lower,
+                              high_m=own.upper))
+        elif values[p.name]:
+            found.append(Move(name=p.name, channels=p.channels, fixed_m=values[p.name]))
+    return found
 
 
 def _own_sensors(description: Description) -> tuple[Sensor, ...]:

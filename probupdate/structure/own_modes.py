@@ -154,7 +154,7 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, i
         raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for "
                          "a negative stiffness")
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
-                         shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))
+                         shape=frozen_array(model.channel_rows(theta) @ phi)), int(np.sum(value == 0))
 
 
 def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:

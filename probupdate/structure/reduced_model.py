@@ -13,6 +13,7 @@ from probupdate.errors import ConvergenceError, InputError
 from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
+from probupdate.structure.moved_channels import MovedChannels
 
 # what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square
 ROUNDING = 1e-5
@@ -40,7 +41,7 @@ class ReductionReport:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Block:
     """Vectors of the basis that no other vector couples with: their numbers `rows` (k,), ascending, and the model's
-    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k).
+    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k), which parameters may move (`moved`).
 
     `n_mode`: how many modes are computed at first, one more than it had among the lowest at any check.
     """
@@ -50,12 +51,22 @@ class Block:
     stiffness: np.ndarray
     mass: np.ndarray
     at_channels: np.ndarray
+    moved: tuple[MovedChannels, ...] = ()
 
     def leading(self, size: int) -> Block:
         """Without the vectors from number `size` on."""
         k = int(np.sum(self.rows < size))
         return replace(self, rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
-                       at_channels=self.at_channels[:, :k])
+                       at_channels=self.at_channels[:, :k],
+                       moved=tuple(m.on(np.eye(len(self.rows), k)) for m in self.moved))
+
+    def shapes(self, theta: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """(n, n_channel, n_mode) at theta (n, n_param) of vectors (n, k, n_mode)."""
+        shape = self.at_channels @ vector
+        for m in self.moved:
+            for row in np.flatnonzero(theta[:, m.column]):
+                shape[row] += m.change(float(theta[row, m.column])) @ vector[row]
+        return shape
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,7 +162,9 @@ class ReducedModel:
         were computed of a block are among the lowest (n,), so that more of it may be."""
         cK, cM = self.full.coefficients(theta)
         solved = [_solve_block(block, cK, cM, n) for block, n in zip(self.blocks, numbers, strict=True)]
-        value, seen = (np.concatenate(part, axis=-1) for part in zip(*solved, strict=True))
+        value = np.concatenate([own for own, _ in solved], axis=-1)
+        seen = np.concatenate([block.shapes(theta, vector)
+                               for block, (_, vector) in zip(self.blocks, solved, strict=True)], axis=-1)
         order = np.argsort(value, axis=1)[:, :n_mode]
         value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
         exhausted = np.zeros(len(theta), bool)
@@ -185,7 +198,7 @@ class ReducedModel:
 
 
 def _solve_block(block: Block, cK, cM, n_mode):
-    """lambda (n, k) and shapes at the channels (n, n_channel, k) of a block, k = n_mode or its size if that is less."""
+    """lambda (n, k) and vectors (n, size, k) of a block, k = n_mode or its size if that is less."""
     size = len(block.rows)
     n_mode = min(n_mode, size)
     K, M = np.tensordot(cK, block.stiffness, 1), np.tensordot(cM, block.mass, 1)
@@ -197,7 +210,7 @@ def _solve_block(block: Block, cK, cM, n_mode):
         if info != 0 or found != n_mode:
             raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
         value[row], vector[row] = w[:n_mode], z[:, :n_mode]
-    return value, block.at_channels @ vector
+    return value, vector
 
 
 def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
@@ -206,7 +219,7 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         np.array([0.5 * (a + a.T) for a in (basis.T @ (term @ basis) for term in terms)])
         for terms in (model.stiffness, model.mass)
     )
-    at_channels = model.channel_matrix @ basis
+    at_channels, moved = model.channel_matrix @ basis, tuple(m.on(basis) for m in model.moved)
     projected = AffineModel(
         name=f"{model.name} (reduced)",
         parameters=model.parameters,
@@ -217,12 +230,14 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         channel_matrix=sparse.csr_array(at_channels),
         hash_key=model.hash_key,
         derived=model.derived,
+        moved=moved,
     )
     blocks = []
     for rows in _uncoupled(np.concatenate([stiffness, mass]), family):
         blocks.append(Block(
             rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
             mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
+            moved=tuple(m.on(np.eye(len(basis.T))[:, rows]) for m in moved),
         ))
     return ReducedModel(
         full=model, projected=projected, basis=frozen_array(basis), lower=frozen_array(box[0]),

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.virtual import beam, observation, soil
-from probupdate.virtual.effects import HiddenEffects
+from probupdate.virtual.effects import ALL, HiddenEffects
 from probupdate.virtual.mesh import Mesh
 from probupdate.virtual.sections import Materials
 from probupdate.virtual.truth import Truth
@@ -71,6 +71,18 @@ def _leg_point(file: TurbineFile, leg: int, z: float) -> np.ndarray:
     return np.array([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
+def _sensor_levels(file: TurbineFile, hidden: HiddenEffects, part: str, rise: float = 1.0) -> set[float]:
+    """Where a part's sensors are, as drawn and wherever they truly sit at some time, so that there is a node there;
+    `rise` of the part per metre along it."""
+    levels = set()
+    for sensor, own in zip(file.sensors, file.parts, strict=True):
+        if own == part:
+            farther = [e["height_m"] for e in hidden.effects
+                       if e["kind"] == "sensor_height" and e["level"] in (sensor.level, ALL)]
+            levels |= {sensor.position_m[2] + rise * h for h in (0.0, *farther)}
+    return levels
+
+
 def _bending(length_m: float, tube: beam.Tube) -> np.ndarray | None:
     """Flexibility (6,) about both bending axes of a length of tube; None for none."""
     turn = length_m / (tube.youngs_modulus_pa * tube.second_moment_m4)
@@ -84,7 +96,8 @@ def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
     levels |= {file.number("site", "water_level_m"), file.number("hydrodynamics", "growth_top_m"),
                file.number("corrosion", "bottom_m"), file.number("corrosion", "top_m")}
     for leg, name in enumerate(jacket["leg_names"]):
-        own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == f"leg {name}"}
+        foot, head = _leg_point(file, leg, low), _leg_point(file, leg, high)
+        own = _sensor_levels(file, hidden, f"leg {name}", float((high - low) / np.linalg.norm(head - foot)))
         at = [(z - low) / (high - low) for z in levels | own]
         filled = float(np.clip(bool(jacket.get("flooded", False)) + hidden.total("leg_water", leg=name), 0.0, 1.0))
 
@@ -93,7 +106,6 @@ def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
             left = hidden.factor("leg_stiffness", leg=name, bay=bays[0]) if bays else 1.0
             return steel.section("leg", jacket["leg"], leg=name, flooded=filled, stiffness=left)(x, half_m)
 
-        foot, head = _leg_point(file, leg, low), _leg_point(file, leg, high)
         ends = tuple(_bending(hidden.total(kind, leg=name), section(point))
                      for kind, point in (("grout_flexibility", foot), ("tp_flexibility", head)))
         mesh.member(foot, head, "leg", section, at=at, ends=ends, part=f"leg {name}")
@@ -181,7 +193,7 @@ def _piles(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> lis
 def _transition(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> None:
     piece, top_z = file.value("transition_piece"), file.value("jacket", "top")["z_m"]
     low, foot = piece["column_bottom_m"], file.value("tower", "station")[0]["z_m"]
-    own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == "column"}
+    own = _sensor_levels(file, steel.hidden, "column")
     at = [(z - low) / (foot - low) for z in {piece["strut_top_m"]} | own]
     column, strut, tie = (
         steel.section(part, piece[part], stiffness=steel.hidden.factor("tp_stiffness", part=part))
@@ -202,7 +214,7 @@ def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int
     z = np.array([s["z_m"] for s in stations])
     diameter, wall = ([s[key] for s in stations] for key in ("diameter_m", "thickness_m"))
     carried = file.number("tower", "secondary_steel_kgpm") * truth.tolerances.secondary_steel
-    own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == "tower"}
+    own = _sensor_levels(file, hidden, "tower")
 
     def section(x, half_m=0.0):
         left, more = 1.0, 0.0
@@ -323,7 +335,8 @@ def build_structure(
         mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
         for leg, name in enumerate(file.value("jacket", "leg_names"))
     ])
-    attached, n_dof = observation.attachments(mesh, file), stiffness.shape[0]
+    nominal, attached = observation.attachments(mesh, file), observation.attachments(mesh, file, hidden)
+    n_dof = stiffness.shape[0]
     direction, gain = observation.mounted_direction(file, truth, hidden)
     channel = observation.reading_rows(attached, direction, gain, n_dof)
     mixing = observation.channel_mixing(file, hidden)
@@ -331,7 +344,7 @@ def build_structure(
     return Structure(
         node_m=nodes, stiffness=stiffness, mass=mass,
         nominal_channel=observation.reading_rows(
-            attached, observation.nominal_direction(file), np.ones(len(attached)), n_dof),
+            nominal, observation.nominal_direction(file), np.ones(len(nominal)), n_dof),
         channel=channel if mixing is None else sparse.csr_array(mixing @ channel.toarray()),
         sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof), top=top,
         surface=surface, rna=bodies, pile_heads=np.array(heads), elements=tuple(mesh.elements),

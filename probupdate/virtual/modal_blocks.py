@@ -7,7 +7,7 @@ identification (`modal_noise`). Not in it: harmonics, damping bias, modes taken 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from probupdate.virtual import observation, operation
 from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
 from probupdate.virtual.effects import EFFECTS, HiddenEffects, refuse_late
-from probupdate.virtual.frame import build_structure
+from probupdate.virtual.frame import Structure, build_structure
 from probupdate.virtual.modal_noise import SCATTER, identified
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.reduced_states import ReducedStates, reduce_states
@@ -87,9 +87,13 @@ def simulate_modes(
     heading = plan.heading_deg[slots[:, 1] * operation.PER_SLOT]
     state = plan.state[slots[:, 1]]
     acts = np.array([EFFECTS[e["kind"]].acts != "measurement" for e in drawn.effects], bool)
-    reduced = reduce_states(
-        lambda a: build_structure(file, drawn, a, coarseness=coarseness), amount, acts, drawn.damping_ratio)
-    frequency, damping, shape = _true_modes(reduced, file, drawn, amount, heading, state)
+
+    def build(a: np.ndarray) -> Structure:
+        return build_structure(file, drawn, a, coarseness=coarseness)
+
+    reduced = reduce_states(build, amount, acts, drawn.damping_ratio)
+    motion = _motions(build, reduced, drawn, amount)
+    frequency, damping, shape = _true_modes(reduced, motion, file, drawn, amount, heading, state)
     rng = np.random.default_rng(streams[4])
     environment = _environments(plan, block, heading, drawn, amount, np.random.default_rng(streams[3]), rng)
     sets = []
@@ -129,14 +133,28 @@ def _choose(plan: operation.Plan, states: tuple[str, ...], n_block: int | None) 
     return found[np.unique(np.round(np.linspace(0, len(found) - 1, n_block)).astype(int))]
 
 
-def _true_modes(reduced: ReducedStates, file: TurbineFile, truth: Truth, amount, heading, state):
-    """Frequencies, damping ratios (n_block, n_mode), complex shapes as mounted (n_block, n_channel, n_mode)."""
-    motion = (reduced.base.sensor_motion @ reduced.basis).reshape(len(file.sensors), 3, -1)
-    nominal = np.einsum("cx,cxb->cb", observation.nominal_direction(file), motion)
+def _motions(
+    build: Callable[[np.ndarray], Structure], reduced: ReducedStates, truth: Truth, amount: np.ndarray
+) -> list[np.ndarray]:
+    """Of each block the motion of the sensors' points in the basis (n_channel, 3, n), where they sit then."""
+    moves = [k for k, effect in enumerate(truth.effects) if effect["kind"] == "sensor_height"]
+    places, place_of = np.unique(amount[:, moves], axis=0, return_inverse=True)
+    found = []
+    for number in range(len(places)):
+        first = amount[np.argmax(place_of.ravel() == number)]
+        structure = build(first) if moves else reduced.base
+        found.append((structure.sensor_motion @ reduced.basis).reshape(structure.nominal_channel.shape[0], 3, -1))
+    return [found[number] for number in place_of.ravel()]
+
+
+def _true_modes(reduced: ReducedStates, motions, file: TurbineFile, truth: Truth, amount, heading, state):
+    """Frequencies, damping ratios (n_block, n_mode), complex shapes as mounted (n_block, n_channel, n_mode); motions of
+    the sensors' points, a block each."""
+    nominal = reduced.base.nominal_channel @ reduced.basis
     head = reduced.basis[6 * reduced.base.top + np.arange(3)]
     reference = _reference(reduced, file, nominal, amount[0], heading[0])
     known, frequency, damping, shape = {}, [], [], []
-    for a, angle, running in zip(amount, heading, state > 0, strict=True):
+    for a, motion, angle, running in zip(amount, motions, heading, state > 0, strict=True):
         key = (tuple(a), angle)
         if key not in known:
             f, modes = reduced.modes(a, angle, N_SEARCHED)

@@ -12,6 +12,7 @@ from probupdate.virtual.truth import Truth
 from probupdate.virtual.turbine_file import TurbineFile
 
 MOUNT_DAMPING = 0.2  # ratio of a resonating mount
+LEAST_ARM_M = 0.1  # by which a sensor may stand over its part's end
 
 
 def rotation(axis_angle: np.ndarray) -> np.ndarray:
@@ -24,15 +25,30 @@ def rotation(axis_angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def attachments(mesh: Mesh, file: TurbineFile) -> list[tuple[int, np.ndarray]]:
-    """For each channel the nearest node of the part it sits on, and the arm from there to the sensor."""
+def attachments(
+    mesh: Mesh, file: TurbineFile, hidden: HiddenEffects | None = None
+) -> list[tuple[int, np.ndarray]]:
+    """For each channel the nearest node of the part it sits on, and the arm from there to the sensor: as the drawing
+    has it, or where it truly sits."""
     found = []
     for sensor, part in zip(file.sensors, file.parts, strict=True):
         if part not in mesh.part:
             raise InputError(f"{file.path}, sensor {sensor.channel}", f"part '{part}' is unknown",
                              f"choose from {', '.join(mesh.part)}")
         number = mesh.nearest(mesh.part[part], sensor.position_m)
-        found.append((number, sensor.position_m - mesh.nodes[number]))
+        arm = sensor.position_m - mesh.nodes[number]
+        farther = hidden.total("sensor_height", level=sensor.level) if hidden else 0.0
+        if farther:
+            own = np.array([mesh.nodes[n] for n in mesh.part[part]])
+            low, high = own[np.argmin(own[:, 2])], own[np.argmax(own[:, 2])]
+            up = (high - low) / np.linalg.norm(high - low)
+            point = mesh.nodes[number] + farther * up
+            if not -LEAST_ARM_M <= (point - low) @ up <= (high - low) @ up + LEAST_ARM_M:
+                raise InputError(f"{file.path}, sensor {sensor.channel}", f"{farther:g} m farther up it is off {part}",
+                                 "give less")
+            number = mesh.nearest(mesh.part[part], point)
+            arm = arm + point - mesh.nodes[number]
+        found.append((number, arm))
     return found
 
 

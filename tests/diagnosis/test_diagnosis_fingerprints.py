@@ -144,6 +144,52 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, 
         row.error(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3), 0.1, "changes", case=effect.name)
 
 
+def test_sensors_move_on_the_small_basis_as_in_the_whole_model(turbine, validation):
+    """At their heights, and what a step more does there."""
+    row = validation(what="sensors at another height on the small basis: shapes, of their change and 0.01 of the "
+                          "largest; slope with the height", reference="the whole model; central differences",
+                     why="what the basis promises; the differences' own error")
+    rows = [r for r in turbine.effects if r.cause == "sensor at another height"]
+    assert {r.location for r in rows} == {"TP-A", "TP-B", "TP-C", "TP-D", "T18", "T66", "T90", "all of TP"}
+    whole = extended_model(turbine.path, [r.adds for r in rows], parameters=turbine.prior, nacelle_angle_deg=0.0)
+    small, others = turbine.small, [0, 1, 3, 4, 5]
+
+    def shapes(name, h):
+        theta = np.array(small.parameters.initial)
+        theta[small.parameters.names.index(name)] = h
+        local = small.at(theta)
+        return local, local.shapes(local.solve(), 6)
+
+    def like(shape, other):
+        return shape * np.sign(np.sum(shape * other, axis=0))
+
+    for effect in rows:
+        name, h = effect.adds.name, 0.37 * (effect.lower if effect.lower else effect.upper)
+        theta = np.array(whole.parameters.initial)
+        before = whole.solve(theta, 5).shape
+        theta[whole.parameters.names.index(name)] = h
+        exact = whole.solve(theta, 5).shape
+        local, found = shapes(name, h)
+        found_there = like(found[:, others], exact)
+        length = np.abs(like(before, exact) - exact).max() + 0.01 * np.abs(exact).max()
+        row.error((found_there - exact) / length, 0.05, "shapes", case=effect.location)
+        column = small.parameters.names.index(name)
+        (((_, change),),) = local.derivatives(local.slopes([column]), [(0.0, local.solve(), [(0, 1)])])
+        up, down = (like(shapes(name, h + d)[1], found)[:, :2] for d in (1e-3, -1e-3))
+        slope = (up - down) / 2e-3
+        row.error((change[:, :, 0] - slope) / np.abs(slope).max(), 1e-5, "slope", case=effect.location)
+
+
+def test_a_record_has_the_heights_of_its_own_channels(turbine):
+    """What the record's channels make one is one, and no row is of channels that it has not."""
+    def of(*channels):
+        return [e.location for e in turbine.effects_on(channels) if e.cause == "sensor at another height"]
+
+    assert of("TP-A-x", "TP-A-y", "TP-C-x", "T66-y") == ["TP-A", "TP-C", "T66", "all of TP"]
+    assert of("TP-A-x", "TP-A-y", "T90-x") == ["TP-A", "T90"]
+    assert of() == []
+
+
 def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine, validation):
     """Straight lines over 10 degrees miss an effect that turns with the heading by a hundredth (10 degrees in radians,
     squared, over eight; four times that for what turns twice as fast)."""

@@ -55,6 +55,25 @@ def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
     assert right >= least, found_here
 
 
+# the virtual turbine moves the sensor on a mesh of its own; gains of the level's channels are what it looks like
+@pytest.mark.parametrize(("seed", "level", "height_m", "location"), [
+    (464, "tower bottom", 5.0, "T18"),
+    pytest.param(461, "tower 2/3", -4.0, "T66", marks=pytest.mark.long),
+    pytest.param(462, "tower 2/3", 3.0, "T66", marks=pytest.mark.long),
+    pytest.param(463, "tower top", -4.0, "T90", marks=pytest.mark.long),
+    pytest.param(465, "TP", -4.0, "all of TP", marks=pytest.mark.long),
+])
+def test_a_sensor_at_another_height_is_named_with_its_height(turbine, seed, level, height_m, location, validation):
+    row = validation(what="a level's sensors 3 to 5 m from where they are said to be in the virtual turbine: named "
+                          "first or in its set; their height", reference="what was hidden", unit="standard deviations",
+                     why="three")
+    found = found_in(turbine, seed, {"kind": "sensor_height", "level": level, "height_m": height_m})
+    first = found.findings[0]
+    row.count(("sensor at another height", location) in names(first), 1, 1, "named", case=found.findings)
+    if first.cause == "sensor at another height":
+        row.error((first.size - height_m) / first.size_std, 3.0, "height", case=first)
+
+
 WET = {"kind": "wetted_length", "gain": 1.8}
 LATE = {"kind": "clock_offset", "level": "tower top", "offset_s": 0.03}
 GAIN = {"kind": "sensor_gain", "channel": "T90-y", "factor": 0.85, **STEP}

@@ -43,6 +43,7 @@ SAMPLES = {
     "water": ("water_level", {}, {}, -1.3, (-3.0, 3.0)),
     "weight": ("weight", {}, {}, 0.8, (-1.0, 2.0)),
     "thrust": ("thrust", {}, {}, 4e5, (-1e6, 1e6)),
+    "height": ("sensor_height", {}, {"channels": ["T30-x", "T30-y"]}, 2.7, (-6.0, 6.0)),
 }
 
 

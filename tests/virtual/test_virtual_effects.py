@@ -9,7 +9,7 @@ import pandas
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.virtual import dynamics, effects, frame, simulation, truth, turbine_file
+from probupdate.virtual import dynamics, effects, frame, modal_blocks, simulation, truth, turbine_file
 
 AS_BUILT = turbine_file.reference_file().with_name("as_built.toml")
 
@@ -101,6 +101,61 @@ def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, si
     gone = solved(file, entries, amount=[0.0])
     row.error(gone.frequency_hz / plain.frequency_hz - 1, 1e-9, "frequencies")
     row.error((gone.observed_shape - plain.observed_shape) / np.abs(plain.observed_shape).max(), 1e-7, "shapes")
+
+
+def apart(shape, other):
+    """Largest difference of shapes but for their signs, of the largest component."""
+    sign = np.where(np.sum(shape * other, axis=0) < 0, -1, 1)
+    return np.abs(shape * sign - other).max() / np.abs(other).max()
+
+
+def moved(file, level, up):
+    """The drawing with a level's sensors there."""
+    return replace(file, sensors=tuple(replace(s, position_m=s.position_m + up) if s.level == level else s
+                                       for s in file.sensors))
+
+
+@pytest.mark.parametrize(("level", "height_m", "up"), [
+    ("tower 2/3", 4.0, (0, 0, 4.0)), ("tower 2/3", -3.3, (0, 0, -3.3)), ("tower top", -5.0, (0, 0, -5.0)),
+])
+def test_a_sensor_at_another_height_is_one_that_is_drawn_there(file, plain, level, height_m, up):
+    now = solved(file, {"kind": "sensor_height", "level": level, "height_m": height_m})
+    there = solved(moved(file, level, np.array(up)))
+    assert now.frequency_hz[:5] == pytest.approx(plain.frequency_hz[:5], rel=1e-4)
+    # a node more where the sensor is drawn
+    assert apart(now.observed_shape, there.observed_shape) < 2e-4
+    # what is drawn stays where it is drawn
+    assert apart(now.nominal_shape, plain.nominal_shape) < 2e-4
+    assert apart(now.observed_shape, plain.observed_shape) > 0.02
+
+
+def test_a_sensor_goes_up_along_its_own_leg(file):
+    """Down the battered leg it moves outwards too, and ends where the leg does."""
+    one = {"kind": "sensor_height", "level": "TP", "height_m": -7.0}
+    top, bottom = (np.array([*([0.5 * file.value("jacket", e, "leg_spacing_m")] * 2), file.value("jacket", e, "z_m")])
+                   for e in ("top", "bottom"))
+    along = (top - bottom) / np.linalg.norm(top - bottom)
+    leg_a = replace(file, sensors=tuple(
+        replace(s, position_m=s.position_m - 7.0 * along) if s.channel.startswith("TP-A") else s
+        for s in file.sensors))
+    rows = [s.channel.startswith("TP-A") for s in file.sensors]
+    now, there = solved(file, one).observed_shape[rows], solved(leg_a).observed_shape[rows]
+    assert apart(now, there) < 2e-4
+    with pytest.raises(InputError, match="sensor TP-A-x: 3 m farther up it is off leg A"):
+        solved(file, one | {"height_m": 3.0})
+
+
+def test_a_sensor_that_is_mounted_elsewhere_within_a_record_moves_then():
+    moves = {"kind": "sensor_height", "level": "tower 2/3", "height_m": -6.0, "time_profile": "step", "at_hour": 24.0}
+    runs = [modal_blocks.simulate_modes(truth={"effect": some}, seed=3, days=2.0, n_block=8, scatter=0.0)
+            for some in ([moves], [])]
+    stepped, still = (np.abs(run.shape) for run in runs)
+    later = runs[0].amount[:, 0] > 0.5
+    assert 0 < later.sum() < len(later)
+    assert stepped[~later] == pytest.approx(still[~later], abs=1e-3 * still.max())
+    rows = [c.startswith("T66") for c in runs[0].data.channels]
+    # the first pair at 60 m of 90 moves less
+    assert np.all(stepped[later][:, rows, :2].max(axis=1) < 0.95 * still[later][:, rows, :2].max(axis=1))
 
 
 def test_one_leg_after_the_other_is_all_legs(file):
