@@ -239,10 +239,10 @@ def _moves(description: Description, parameters: Parameters, values: Mapping[str
             continue
         if p.name in parameters.names:
             own = parameters.items[parameters.index(p.name)]
-            found.append(Move(name=p.name, channels=p.channels, column=parameters.index(p.name), low_m=own.lower,
+            found.append(Move(name=p.name, channels=p.channels or (), column=parameters.index(p.name), low_m=own.lower,
                               high_m=own.upper))
         elif values[p.name]:
-            found.append(Move(name=p.name, channels=p.channels, fixed_m=values[p.name]))
+            found.append(Move(name=p.name, channels=p.channels or (), fixed_m=values[p.name]))
     return found
 
 

@@ -66,7 +66,7 @@ def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
 def test_a_sensor_at_another_height_is_named_with_its_height(turbine, seed, level, height_m, location, validation):
     row = validation(what="a level's sensors 3 to 5 m from where they are said to be in the virtual turbine: named "
                           "first or in its set; their height", reference="what was hidden", unit="standard deviations",
-                     why="three")
+                     why="one in 370 is farther off")
     found = found_in(turbine, seed, {"kind": "sensor_height", "level": level, "height_m": height_m})
     first = found.findings[0]
     row.count(("sensor at another height", location) in names(first), 1, 1, "named", case=found.findings)
