@@ -483,13 +483,16 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
 
 def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
     """A competing hypothesis with the noise and the times of steps that were found anew for another one: it is not less
-    probable for what it was not offered."""
-    found = [n.time_profile for n in after.fitted.included if n.time_profile.kind == "step"]
-    included = []
+    probable for what it was not offered. An effect of both takes its own time, one in another's place that one's."""
+    steps = [n for n in after.fitted.included if n.time_profile.kind == "step"]
+    theirs, included = {n.effect for n in one.fitted.included}, []
     for n in one.fitted.included:
-        near = [c for c in found if n.time_profile.kind == "step" and abs(c.at - n.time_profile.at) <= SAME_TIME
-                and (not n.effect.discrete or np.isin(c.value, (0.0, 1.0)).all())]
-        included.append(replace(n, time_profile=near[0]) if near else n)
+        offered = [s for s in steps if s.effect is n.effect] or [s for s in steps if s.effect not in theirs]
+        near = [s.time_profile for s in offered
+                if n.time_profile.kind == "step" and abs(s.time_profile.at - n.time_profile.at) <= SAME_TIME
+                and (not n.effect.discrete or np.isin(s.time_profile.value, (0.0, 1.0)).all())]
+        nearest = min(near, key=lambda profile: abs(profile.at - n.time_profile.at), default=n.time_profile)
+        included.append(replace(n, time_profile=nearest))
     return replace(one, fitted=replace(one.fitted, included=tuple(included)),
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 

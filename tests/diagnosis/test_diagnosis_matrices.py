@@ -21,7 +21,14 @@ from probupdate.diagnosis.fitting import (
     linearised,
     with_candidates,
 )
-from probupdate.diagnosis.hypotheses import Hypothesis, Ranking, log_prior, moves_from, without
+from probupdate.diagnosis.hypotheses import (
+    Hypothesis,
+    Ranking,
+    _with_noise_and_times_of,
+    log_prior,
+    moves_from,
+    without,
+)
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
@@ -164,6 +171,33 @@ def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_pr
     assert outcome.diagnosis.verdict == verdict
     by_chance = [note for note in outcome.diagnosis.notes if "more probable than chance" in note]
     assert bool(by_chance) == (verdict == "named")
+
+
+def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(prepared, record):
+    """Ice two blocks after a soft soil: the grout in the soil's place was given the ice's time, its ln evidence fell by
+    1744, and the soil's other names with it (blind pair 360011, *named* wrongly at 0.9998)."""
+    problem, theta = diagnosis_problem(prepared, record(5))
+    null, step = fit(problem, theta), next(c for c in problem.time_profiles if c.kind == "step")
+
+    def at(block):
+        return replace(step, value=(np.arange(len(problem.blocks)) >= block).astype(float), at=block)
+
+    def hypothesis(*parts):
+        found = _hypothesis(problem, null, *((cause, place, step, size) for cause, place, _, size in parts))
+        included = tuple(replace(n, time_profile=at(block))
+                         for n, (_, _, block, _) in zip(found.fitted.included, parts, strict=True))
+        return replace(found, fitted=replace(found.fitted, included=included))
+
+    before = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k2", 27, -0.1))
+    after = hypothesis(("sensor gain", "y4", 31, 0.1), ("parameter", "k2", 29, -0.1))
+    other = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k3", 27, -0.1))
+    moved = _with_noise_and_times_of(other, before, after)
+    assert [n.time_profile.at for n in moved.fitted.included] == [31, 29]
+    # whatever their order, and no other's time where there is none to take
+    other = hypothesis(("parameter", "k3", 30, -0.1), ("sensor gain", "y4", 20, 0.1))
+    moved = _with_noise_and_times_of(other, before, after)
+    assert [n.time_profile.at for n in moved.fitted.included] == [29, 20]
+    assert moved.log_evidence == other.log_evidence + after.log_evidence - before.log_evidence
 
 
 def test_a_size_at_the_end_of_what_its_row_allows_is_said(prepared, record):
