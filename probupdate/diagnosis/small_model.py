@@ -437,7 +437,8 @@ def _points(
     theta = np.clip(centre + 1.5 * (theta - centre), parameters.lower, parameters.upper)
     theta[:, list(effects)] = centre[list(effects)]
     for place, k in enumerate(rng.permutation(np.asarray(effects, int))):
-        theta[place % N_POINT, k] = rng.uniform(*reach[k])
+        low, high = reach[k]
+        theta[place % N_POINT, k] = rng.uniform(low, high)
     return theta
 
 

@@ -90,7 +90,7 @@ def line_of(frame: Frame, found: Attachment) -> Line | None:
     away = np.asarray(frame.node_m) - (start + found.xi * (end - start))
     along = away @ up
     straight = np.linalg.norm(away - along[:, None] * up, axis=1) < STRAIGHT_M
-    own = sorted(((*sorted((float(along[b.start]), float(along[b.end]))), b) for b in frame.beams
+    own = sorted(((float(along[[b.start, b.end]].min()), float(along[[b.start, b.end]].max()), b) for b in frame.beams
                   if straight[b.start] and straight[b.end]), key=lambda piece: piece[:2])
     # of two beams between the same nodes one is enough, and beyond a gap begins another member
     pieces: list[tuple[float, float, Beam]] = []
