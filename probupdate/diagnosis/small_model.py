@@ -442,7 +442,7 @@ def _points(
     return theta
 
 
-def _modes(matrices: Sequence[sparse.csc_array], count: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _modes(matrices: tuple[sparse.csc_array, sparse.csc_array], count: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (count,) and shapes (n_dof, count) of unit energy from K and M of the model of that name."""
     value, phi = lowest_modes(*matrices, count, name)
     return np.sqrt(value) / (2 * np.pi), phi / np.sqrt(value)
