@@ -173,6 +173,23 @@ def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_pr
     assert bool(by_chance) == (verdict == "named")
 
 
+def test_a_crosstalk_of_few_sets_is_found_beside_frequencies_that_the_model_misses(prepared, record):
+    """Frequencies then have a discrepancy scale of their own, tried with the crosstalk that the search took up."""
+    data = record(5)
+    into, other = data.channels.index("y4"), data.channels.index("x2")
+    sets = []
+    for s in data.sets[:4]:
+        shape, frequency = np.array(s.shape), s.frequency_hz * np.linspace(1.0, 1.08, len(s.frequency_hz))
+        shape[into] += 0.3 * shape[other]
+        sets.append(replace(s, shape=shape, frequency_hz=frequency, frequency_std_hz=0.001 * frequency,
+                            shape_std=np.full(shape.shape, 0.005)))
+    found = diagnose(prepared, replace(data, sets=tuple(sets)))
+    (finding,) = found.findings
+    assert (finding.cause, finding.location) == ("crosstalk", "x2 into y4")
+    assert finding.size == pytest.approx(0.3, abs=3 * finding.size_std)
+    assert any("what the model leaves out is taken 8 and 1 times" in note for note in found.notes)
+
+
 def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(prepared, record):
     """Ice two blocks after a soft soil: the grout in the soil's place was given the ice's time, its ln evidence fell by
     1744, and the soil's other names with it (blind pair 360011, *named* wrongly at 0.9998)."""
