@@ -328,12 +328,15 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
 
 
 def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1; of more
-    modes than the plane has directions none is its own."""
+    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1 or -1; of more
+    modes than the plane has directions none is its own. Eigenvectors come with either sign, by how they are rounded,
+    and draws of the noise would differ with it: the first component of more than half the largest is positive."""
     if not plane.size:
         return frozen_array(plane)
     turned = plane
     if shape.shape[1] == plane.shape[1]:
         left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))
         turned = plane @ (left @ right)
-    return frozen_array(turned / np.max(np.abs(turned), axis=0))
+    turned = turned / np.max(np.abs(turned), axis=0)
+    first = np.argmax(np.abs(turned) > 0.5, axis=0)
+    return frozen_array(turned * np.sign(turned[first, np.arange(turned.shape[1])]))
