@@ -175,8 +175,8 @@ def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_pr
 
 
 def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, record, monkeypatch):
-    """Which sign they have hangs on the last digit of the matrices: the threshold of this record was 4.88, 4.83 or 4.76,
-    and a test passed or failed with where its arrays lay in memory."""
+    """Which sign they have hangs on the last digit of the matrices: the threshold of this record was 4.88, 4.83 or
+    4.76, and a test passed or failed with where its arrays lay in memory."""
     whole = LocalModel.solve
 
     def turned(local, *asked, **named):
