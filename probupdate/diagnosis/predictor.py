@@ -330,7 +330,8 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
 def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1 or -1; of
     more modes than the plane has directions none is its own. Eigenvectors come with either sign, by how they are
-    rounded, and draws of the noise would differ with it: the first component of more than half the largest is positive."""
+    rounded, and draws of the noise would differ with it: the first component of more than half the largest is
+    positive."""
     if not plane.size:
         return frozen_array(plane)
     turned = plane
