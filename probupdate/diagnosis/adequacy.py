@@ -3,7 +3,6 @@ the frequencies as such?"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +13,10 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.residual_state import residual_of
 from probupdate.diagnosis.search import Search
-from probupdate.diagnosis.time_profiles import TimeProfile
 
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does
 PATTERN = 1.05
-# contrasts of neighbouring blocks that show it for a record
-N_CONTRAST = 8
 # directions of the catalogue's span that are tested for a residual, by their share of the largest
 SPAN = 1e-2
 # of frequencies their tolerances and the fit leave fewer directions, and each of them is tested
@@ -49,7 +45,6 @@ def _spanned(
 ) -> tuple[float, dict[str, float]] | None:
     """None where so few effects are listed that the directions of what is left are theirs alone."""
     design = fitted.design
-    own = found.heavier * np.sqrt(neighbours_dispersion(problem, design, fitted.centred))
     names, rare = [], []
     # crosstalks may have been taken up after the search
     usable = _spanning(problem, design)[: len(found.which)]
@@ -57,8 +52,10 @@ def _spanned(
         rows = np.flatnonzero((found.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
-        wider = PATTERN * found.heavier if time_profile.kind == "constant" else own
-        z = np.vstack([found.u[None, rows] / wider, drawn[:, rows]]) @ _whitening(design, rows)
+        white = _whitening(design, rows)
+        z = np.vstack([found.u[None, rows], drawn[:, rows]]) @ white
+        z[0] /= PATTERN * found.heavier if time_profile.kind == "constant" else found.heavier * np.maximum(
+            1.0, design.scatter(fitted.centred, c, found.which[rows, 0], white))
         names.append(f"{time_profile.name} {time_profile.at}".strip())
         rare.append(stats.chi2.logsf(np.sum(z**2, axis=1), z.shape[1]))
     if not rare:
@@ -127,27 +124,3 @@ def _whitening(design: Design, rows: np.ndarray, least: float = SPAN) -> np.ndar
     value, turn = np.linalg.eigh(design.score_correlation(rows))
     kept = value > least * value[-1]
     return turn[:, kept] / np.sqrt(value[kept]) / np.sqrt(design.information[rows])[:, None]
-
-
-def neighbours_dispersion(problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndarray]) -> float:
-    """Mean square, at least one, of what the directions that the catalogue spans show between neighbouring blocks, with
-    signs drawn for each pair: one where the pattern of this record's noise is known, and hardly touched by whatever
-    lasts for longer than a block."""
-    if design.noise.stated:
-        return 1.0
-    n, rng = len(design.bin_of), np.random.default_rng(29)
-    contrasts = []
-    for _ in range(N_CONTRAST):
-        value = np.zeros(n)
-        value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
-        contrasts.append(TimeProfile(kind="covariate", value=value, column="neighbours"))
-    n_effect = len(problem.effects)
-    which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
-    between = replace(design, time_profiles=(problem.time_profiles[0], *contrasts), which=which)
-    u, usable, squares, count = between.scores(centred), _spanning(problem, between), 0.0, 0
-    for c in range(N_CONTRAST):
-        rows = np.flatnonzero((which[:, 1] == c + 1) & usable)
-        if len(rows):
-            z = u[rows] @ _whitening(between, rows)
-            squares, count = squares + float(z @ z), count + len(z)
-    return max(1.0, squares / count) if count else PATTERN**2

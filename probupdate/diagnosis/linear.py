@@ -376,6 +376,26 @@ class Design:
             result.append(y)
         return result
 
+    def scatter(
+        self, residuals: Sequence[np.ndarray], time_profile: int, effects: Rows, weights: np.ndarray
+    ) -> np.ndarray:
+        """(n_direction,) by how much blocks scatter more along directions than the noise says, as standard deviations:
+        sums of these effects' signatures with `weights` (n_effect, n_direction) that follow one time profile. Each
+        block's own residual counts in place of the noise's variance, less what fits the direction (HC3, MacKinnon &
+        White 1985), so that a few blocks gone wrong are no step."""
+        own, known = np.zeros((2, len(self.bin_of), weights.shape[1]))
+        for q, (y, normal) in enumerate(zip(residuals, self.expected(self.unknowns(residuals)), strict=True)):
+            follows, weight = self._profile_values[q][time_profile], self.noise.weight[q]
+            for g in range(self.n_bin):
+                blocks = np.flatnonzero((self.bin_of == g) & (weight > 0))
+                made = self.effect[q][g][:, effects] @ weights
+                seen = self.noise.precision[q] @ made
+                own[blocks] += (follows * weight)[blocks, None] * ((y - normal)[blocks] @ seen)
+                known[blocks] += (follows**2 * weight)[blocks, None] * np.sum(made * seen, axis=0)
+        total = np.maximum(known.sum(axis=0), 1e-300)
+        apart = (own - own.sum(axis=0) / total * known) / np.maximum(1 - known / total, 1e-3)
+        return np.sqrt(np.sum(apart**2, axis=0) / total)
+
     def overlap(self, rows: Rows, others: Rows) -> np.ndarray:
         """X^T V^-1 X (n_row, n_other) between candidates, V with all that is normal."""
         rows, others = np.asarray(rows, int), np.asarray(others, int)

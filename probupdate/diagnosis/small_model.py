@@ -133,23 +133,35 @@ class SmallModel:
         """The model with these parts, none of them there at first, each a parameter behind its own."""
         stiff = {k: part.stiffness for k, part in enumerate(parts) if part.stiffness is not None}
         heavy = {k: part.mass for k, part in enumerate(parts) if part.mass is not None}
-        own, coefficients = len(self.parameters), self.coefficients
-
-        def with_parts(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            cK, cM = coefficients(theta[..., :own])
-            added = theta[..., own:]
-            return np.concatenate([cK, added[..., list(stiff)]], -1), np.concatenate([cM, added[..., list(heavy)]], -1)
-
+        coefficients = _WithParts(coefficients=self.coefficients, n_own=len(self.parameters), stiff=tuple(stiff),
+                                  heavy=tuple(heavy))
         added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
                       for p in parts)
         correlation = self.parameters.correlation
         if correlation is not None:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
         return replace(
-            self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
+            self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=coefficients,
             stiffness=(self.stiffness[0].with_added([*stiff.values()]), *self.stiffness[1:]),
             mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), known={},
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WithParts:
+    """A model's coefficients of its `n_own` parameters and, behind them, those of the parts that are `stiff` or `heavy`
+    (their numbers): a value, as it goes to other processes with its model."""
+
+    coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    n_own: int
+    stiff: tuple[int, ...]
+    heavy: tuple[int, ...]
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        cK, cM = self.coefficients(theta[..., : self.n_own])
+        added = theta[..., self.n_own :]
+        return (np.concatenate([cK, added[..., list(self.stiff)]], -1),
+                np.concatenate([cM, added[..., list(self.heavy)]], -1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,6 +16,7 @@ from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.wording import free_form_words
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
+from probupdate.runtime.executors import processes
 from probupdate.structure.load import reference_model
 from probupdate.structure.parameter_table import read_parameters
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
@@ -85,6 +86,15 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     assert gain["significant"]
     said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
     assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
+
+
+def test_parts_are_looked_for_in_processes_too(frame):
+    """The model with its parts goes to other processes, which answer as this one does."""
+    data = record(3, spring=3e5)
+    known = examine(frame, data)
+    alone = free_form(frame, known, data)
+    with processes(2) as runs:
+        assert free_form(frame, known, data, runs=runs).content == alone.content
 
 
 @pytest.mark.parametrize(("hidden", "nearest", "part"), [

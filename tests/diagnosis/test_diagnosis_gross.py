@@ -7,7 +7,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis import hypotheses
-from probupdate.diagnosis.adequacy import adequacy, neighbours_dispersion
+from probupdate.diagnosis.adequacy import _spanning, _whitening, adequacy
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.fitting import fit
@@ -223,19 +223,53 @@ def test_a_step_within_a_block_is_told_so(prepared, record, validation):
     row.between(value[18], 0.2, 0.8, "value")
 
 
+def directions_of(outcome, at):
+    """(number of the step's time profile, effects, weights) of the directions that the catalogue spans with it."""
+    design = outcome.null.design
+    c = next(c for c, one in enumerate(design.time_profiles) if one.kind == "step" and one.at == at)
+    rows = np.flatnonzero((design.which[:, 1] == c) & _spanning(outcome.problem, design))
+    return c, design.which[rows, 0], _whitening(design, rows)
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.3])
-def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor, validation):
+def test_blocks_tell_how_far_they_scatter_along_a_direction(stepped, factor, validation):
     """Of records drawn from the design itself, and with noise of `factor` times the variance."""
-    row = validation(what="dispersion between neighbours, noise of 1 and 1.3 times the variance, mean of sixty records",
-                     reference="the factor", unit="standard errors")
+    row = validation(what="scatter of blocks along a step's directions, noise of 1 and 1.3 times the variance, mean "
+                          "square of sixty records", reference="the factor", unit="standard errors")
     outcome = stepped[2]
     design, rng = outcome.null.design, np.random.default_rng(8)
     noise = replace(design.noise, covariance=tuple(factor * c for c in design.noise.covariance))
-    drawn = replace(design, noise=noise)
-    found_here = [neighbours_dispersion(outcome.problem, design, drawn.simulate(rng)) for _ in range(60)]
-    # four standard errors; what is below one counts as one, which lifts the mean by 0.4 standard deviations of a record
-    lifted = 0.4 * np.std(found_here) if factor == 1.0 else 0.0
-    row.error((np.mean(found_here) - factor - lifted) / np.std(found_here) * np.sqrt(len(found_here)), 4)
+    drawn, along = replace(design, noise=noise), directions_of(outcome, 18)
+    found_here = [np.mean(design.scatter(drawn.simulate(rng), *along) ** 2) for _ in range(60)]
+    row.error((np.mean(found_here) - factor) / np.std(found_here) * np.sqrt(len(found_here)), 4)
+
+
+def test_one_block_gone_wrong_is_no_step_of_the_first_few(prepared, record, monkeypatch, validation):
+    """Along the direction that a step of the first blocks shows best: one of them far off, and all by as much
+    together."""
+    row = validation(what="p of the residual: one of the first blocks far off along a direction, all of them together",
+                     reference="no step, a step", why="one in a hundred is a false alarm")
+    outcome = examine(prepared, record(3))
+    problem, design, found = outcome.problem, outcome.null.design, outcome.first
+    first = min(c.at for c in design.time_profiles if c.kind == "step")
+    c, effects, weights = directions_of(outcome, first)
+    signature = [E[0][:, effects] @ weights[:, -1] for E in design.effect]
+    drawn = drawn_scores(design, 1)
+
+    def p_with(blocks):
+        made = [np.zeros_like(y) for y in outcome.null.centred]
+        for y, one in zip(made, signature, strict=True):
+            y[list(blocks)] = one
+        # as large as eight standard deviations of a step
+        scale = 8 / np.linalg.norm(design.scores(made)[(design.which[:, 1] == c) & np.isin(design.which[:, 0], effects)]
+                                   @ weights)
+        y = tuple(a + scale * b for a, b in zip(outcome.null.centred, made, strict=True))
+        return adequacy(problem, replace(outcome.null, centred=y), replace(found, u=design.scores(y)), drawn)[0]
+
+    row.between(p_with([1]), 0.01, 1.001, "one block")
+    row.between(p_with(range(first)), 0.0, 0.01, "a step")
+    monkeypatch.setattr("probupdate.diagnosis.linear.Design.scatter", lambda *_: 1.0)
+    assert p_with([1]) < 0.01
 
 
 def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepared, record):
@@ -265,7 +299,7 @@ def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record
     row = validation(what="p of the residual, 1000 records with nothing wrong: share below 0.01, 0.02, 0.05, 0.2, 0.4",
                      reference="uniform", why="of 1000 records and of 400 draws", unit="standard errors")
     outcome = examine(prepared, record(3))
-    monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
+    monkeypatch.setattr("probupdate.diagnosis.linear.Design.scatter", lambda *_: 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)
     monkeypatch.setattr("probupdate.diagnosis.adequacy._frequencies", lambda *_: 1.0)
     found, drawn = replace(outcome.first, heavier=1.0), drawn_scores(outcome.null.design, 1)
