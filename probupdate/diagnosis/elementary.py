@@ -43,8 +43,8 @@ N_POINT, N_DIRECTION = 48, 4
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there; its upper bound in these
 SHARE, MOST = 0.1, 100.0
-# parts that are scored at once
-CHUNK = 160
+# parts that are scored at once, and how many of a kind are fitted
+CHUNK, FITTED = 160, 3
 # score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
 SAME = 0.98
 # points nearer to one another than this share of the structure's extent are one
@@ -223,10 +223,11 @@ def _correlations(design: Design, row: int) -> np.ndarray:
 def in_place_of(
     parts: Sequence[Part], explored: Explored, number: int
 ) -> list[tuple[Effect, float, float]]:
-    """What of each kind of part may be meant instead of an effect of the most probable hypothesis: the part that
-    explains most, its ln evidence and ln prior relative to the effect's. It stands for all of its kind: its prior odds
-    are theirs, each weighed by what it promises to first order beside it. Parts that do what the effect does are not
-    estimated from it and are left out, and none competes with what a sensor does or what follows a column."""
+    """What of each kind of part may be meant instead of an effect of the most probable hypothesis: of the few that
+    promise most the one that, fitted, explains most, its ln evidence and ln prior relative to the effect's. It stands
+    for all of its kind: its prior odds are theirs, each weighed by what it explains beside it, or promises to first
+    order where it was not fitted, less what fits of the others fell short of that. Parts that do what the effect does
+    are not estimated from it and are left out, and none competes with what a sensor does or what follows a column."""
     problem, best = explored.problem, explored.hypotheses[0]
     n = best.fitted.included[number]
     if not parts or n.effect.kind == "measurement" or not n.exact:
@@ -245,11 +246,19 @@ def in_place_of(
         together = logsumexp(promise[of_kind]) if of_kind else -np.inf
         if together - np.log(n.effect.prior_odds(n.time_profile.name)) < -MARGIN:
             continue
-        k = max(of_kind, key=lambda k: promise[k])
-        meaning = replace(parts[k][0], odds=float(np.exp(together - promise[k] + odds[k])))
-        there = _compared(explored, rest, number, (meaning, parts[k][1]), float(size[k]))
-        if there is not None:
-            result.append((meaning, *there))
+        most = sorted(of_kind, key=lambda k: -promise[k])[:FITTED]
+        found = {k: _compared(explored, rest, number, parts[k], float(size[k])) for k in most}
+        fitted = {k: there for k, there in found.items() if there is not None}
+        if not fitted:
+            continue
+        value = {k: apart / dispersion + odds[k] for k, (apart, _) in fitted.items()}
+        short = np.mean([value[k] - promise[k] for k in fitted])
+        together = logsumexp([value.get(k, promise[k] + short) for k in of_kind])
+        k = max(fitted, key=lambda k: value[k])
+        # ln of how many times as probable all of them are as that one alone
+        more = float(together - value[k])
+        apart, prior = fitted[k]
+        result.append((replace(parts[k][0], odds=float(np.exp(more + odds[k]))), apart, prior + more))
     return result
 
 

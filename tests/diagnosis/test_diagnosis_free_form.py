@@ -132,6 +132,33 @@ def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, s
     row.least([-(evidence + prior) for _, evidence, prior in offered], 5, "ln")
 
 
+def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(frame, monkeypatch):
+    """First order says that several do; what the fits find, here 3 for the second and less for the others, decides, and
+    the kind is at least as probable as that one alone."""
+    asked, answers = [], []
+
+    def compared(explored, rest, number, part, size):
+        first = not any(part[0].cause == one[0].cause for one in asked)
+        second = sum(part[0].cause == one[0].cause for one in asked) == 1
+        asked.append(part)
+        return (-2.0 if first else 3.0 if second else 1.0), float(np.log(part[0].odds))
+
+    def in_place(parts, explored, number):
+        monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
+        answers.extend(in_place_of(parts, explored, number))
+        return answers
+
+    monkeypatch.setattr(elementary_parts, "_compared", compared)
+    monkeypatch.setattr(diagnose, "in_place_of", in_place)
+    examine(frame, record(11, spring=3e4))
+    kinds = {effect.cause for effect, _, _ in answers}
+    assert len(answers) == len(kinds) >= 2
+    for effect, evidence, prior in answers:
+        tried = [part for part, _ in asked if part.cause == effect.cause]
+        assert len(tried) == elementary_parts.FITTED and effect.location == tried[1].location and evidence == 3.0
+        assert prior == pytest.approx(np.log(effect.odds)) and effect.odds > tried[1].odds
+
+
 def test_nothing_is_added_where_nothing_is_hidden(frame):
     data = record(4)
     assert free_form(frame, examine(frame, data), data) is None
