@@ -362,6 +362,13 @@ def test_the_demonstration_against_its_truth(tmp_path):
     assert known and np.mean(np.array(off) < 3) >= 0.75, dict(zip([r["name"] for r in known], off, strict=True))
 
 
+@pytest.mark.long
+def test_the_demonstration_with_nothing_hidden_names_nothing(tmp_path):
+    assert main(["demo", str(tmp_path / "demo"), "--hide", "none"]) == 0
+    found = json.loads((tmp_path / "demo" / "diagnosis.json").read_text())
+    assert (found["verdict"], found["findings"]) == ("none", [])
+
+
 # The measured footbridge --------------------------------------------------------------------------------------------
 
 
