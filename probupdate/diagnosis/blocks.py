@@ -202,22 +202,29 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
     InputError where they show no noise."""
     notes = []
     sets = [s for s in data.sets if np.any(s.measured)]
+    empty = [s.id for s in data.sets if not np.any(s.measured)]
+    if empty:
+        notes.append(f"{len(empty)} {'set' if len(empty) == 1 else 'sets'} left out without a mode: "
+                     f"{', '.join(empty[:3])}{', ...' * (len(empty) > 3)}")
     turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
     if turning:
         notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
         sets = [s for s in sets if not any(s is t for t in turning)]
     few = len(sets) < FEWEST
-    if not sets or (few and not all(_states_std(s) for s in sets)):
+    without = [s.id for s in sets if not _states_std(s)]
+    if not sets or (few and without):
         raise InputError(
             where,
             f"has {len(sets)} usable sets of {len(data.sets)}"
-            + (f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
+            + (f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else "")
+            + (f"; set {without[0]} has a frequency or shape with no standard deviation above zero" if without else ""),
             f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a "
             "longer record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's "
             "frequencies and shapes are known to (frequency_std_hz, shape_std)",
         )
     if few:
-        notes.append(f"{len(sets)} {'set says' if len(sets) == 1 else 'sets say'} nothing of their own scatter: the "
+        who = "1 set says nothing of its" if len(sets) == 1 else f"{len(sets)} sets say nothing of their"
+        notes.append(f"{who} own scatter: the "
                      "standard deviations stated are taken as they are, with no check")
     return sets, few, notes
 

@@ -365,7 +365,8 @@ def _foreign(findings: Sequence[Finding]) -> list[str]:
 
 def _beyond_sense(found: Search) -> list[str]:
     """What to say where scores that are standard normal by construction need a threshold that no such numbers reach."""
-    if found.threshold <= SENSIBLE:
+    # infinite where nothing is left to be scored, as beside findings of few sets
+    if found.threshold <= SENSIBLE or not np.isfinite(found.threshold):
         return []
     return [f"the threshold |z| = {found.threshold:.0f} is beyond what {len(found.z)} candidates can need: what is not "
             "known of the model moves these modes by more than the linear equations hold for, so that the record shows "

@@ -98,6 +98,9 @@ def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
     if len(members) == 2:
         turn = _to_axes(blocks.channels, sensors, plane)
         plane = plane if turn is None else plane @ turn
+    # frequencies alone have no axes
+    if not len(plane):
+        return frozen_array(np.zeros((0, len(members))))
     # signs stay: the largest component may be a reversed sensor's
     return frozen_array(plane / np.max(np.abs(plane), axis=0))
 
@@ -134,7 +137,8 @@ def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tupl
     for q, axes in enumerate(empirical.axes):
         k = axes.shape[1]
         table = np.zeros((len(empirical.expected), n_response(k, len(axes)), len(effects)))
-        for s, expected in enumerate(empirical.expected):
+        # frequencies alone have no sensors
+        for s, expected in enumerate(empirical.expected if effects else ()):
             value, vector = np.linalg.eigh(expected[q].tensor)
             shape, frequency = expected[q].shape @ vector, np.exp(value)
             seen = [e.observation(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)

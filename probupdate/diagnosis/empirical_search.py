@@ -63,7 +63,7 @@ class Followed:
     def pools(self) -> tuple[list[int], ...]:
         """Series that share how large slow errors are beside noise: a group's frequencies, all of sensors."""
         groups = {q: [k for k, (p, _) in enumerate(self.names) if p == q] for q, _ in self.names}
-        return (*groups.values(), self.classes[1])
+        return (*groups.values(), *filter(len, self.classes[1:]))
 
 
 def watch(

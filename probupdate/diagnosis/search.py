@@ -151,7 +151,9 @@ def tail(maxima: np.ndarray, value: float) -> float:
 
 
 def exceeded(maxima: np.ndarray, share: float) -> float:
-    """The value above which `tail` is less than `share`."""
+    """The value above which `tail` is less than `share`; infinite where draws are all zero: nothing can be scored."""
+    if not np.any(maxima):
+        return np.inf
     if share * (len(maxima) + 1) > 11:
         return float(np.quantile(maxima, 1 - share))
     location, scale = stats.gumbel_r.fit(maxima)

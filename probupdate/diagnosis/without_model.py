@@ -33,6 +33,7 @@ from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
 from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
+from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
@@ -420,6 +421,8 @@ def diagnose_without_model(
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
     columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
     time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
+    if not time_profiles:
+        raise _too_few(blocks)
     # frequencies, sensors along the record, and constant shapes share the false alarms
     share = FALSE_ALARM / (3 if placed else 2)
     changes, blocks, followed, found, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, seed,
@@ -447,6 +450,13 @@ def diagnose_without_model(
     )
 
 
+def _too_few(blocks: Blocks) -> InputError:
+    shown = "1 set shows" if len(blocks) == 1 else f"{len(blocks)} sets show"
+    return InputError("modes", f"{shown} no change along the record that chance would not make too: without a model "
+                      "sets are compared with one another alone",
+                      "give more sets (ten and more), or a model of the structure (--model)")
+
+
 def _taken_out(
     blocks: Blocks, time_profiles: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
     placed: Sequence[Sensor], share: float, seed: int, progress: Progress,
@@ -464,6 +474,9 @@ def _taken_out(
 
     changes: list[Change] = []
     followed, found = first = looked_at(0)
+    # shapes may still say what is wrong with sensors all through the record, if it is known where they are
+    if not (placed or np.isfinite(found.threshold).any()):
+        raise _too_few(blocks)
     for number in range(1, MOST_CHANGES + 1):
         if not np.max(found.over) > 1:
             break

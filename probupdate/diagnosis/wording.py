@@ -123,10 +123,12 @@ def threshold_words(content: Mapping) -> str:
     have one of their own. Empty where none is stated."""
     value = content.get("threshold")
     if value is None:
-        return ""
+        known = "threshold" in content
+        return "no threshold: of these sets nothing can be told from what is normal" if known else ""
+    alarms = " (below 5 % of false alarms)"
     if content["details"].get("without_model"):
-        return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors"
-    return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included"
+        return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors{alarms}"
+    return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included{alarms}"
 
 
 def adequacy_words(content: Mapping) -> str:

@@ -179,7 +179,7 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
     paired = {j for pair in pairs for j in pair}
     for group in [*pairs, *((j,) for j in range(n_mode) if j not in paired)]:
         columns = [np.real(s.shape[:, list(group)]) for s in sets if s.measured[list(group)].all()]
-        if len(columns) < least:
+        if len(columns) < least or not n_channel:
             continue
         rows = np.all([np.isfinite(c).all(axis=1) for c in columns], axis=0)
         middle = columns[0][rows]

@@ -86,7 +86,7 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
             f"is in the measured modes but not in the model {model.name} ({len(missing)} of {len(channels)} missing)",
             "name the model's channels as the data's, or load the model with the campaign's sensors",
         )
-    return np.array([row[name] for name in channels])
+    return np.array([row[name] for name in channels], int)
 
 
 def close_clusters(frequency_hz: np.ndarray, gap: float = PAIR_GAP) -> list[tuple[int, ...]]:

@@ -86,7 +86,7 @@ def export(
     places = run_places(folder)
     for name, remedy in (("model", "put model.toml or model.npz there"), ("posterior.nc", "run `probupdate sample`")):
         if name not in places:
-            raise InputError(str(folder), f"has no {PARTS[name]}", remedy)
+            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
     parameters = places.get("parameters")
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])

@@ -160,3 +160,9 @@ def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
 
 def test_a_folder_may_have_the_name_of_an_option_s_choice():
     assert given_paths(build_parser().parse_args(["convert", "raw", "campaign"])) == ["raw"]
+
+
+def test_a_posterior_is_not_written_over_another_steps_result():
+    with pytest.raises(InputError, match="ends in .nc"):
+        refuse_overwriting("sample", "run/update.json", [])
+    refuse_overwriting("sample", "run/posterior.nc", [])

@@ -77,6 +77,61 @@ def test_frequencies_alone_are_diagnosed_and_said(prepared, record):
     assert all(f.kind != "measurement" or f.cause == "sampling rate" for f in found.findings)
 
 
+def of_frequencies(data):
+    """The record without channels, as `modes.json` of frequencies alone is read."""
+    sets = tuple(replace(s, shape=s.shape[:0], shape_std=s.shape_std[:0], covariance_factors=None) for s in data.sets)
+    return replace(data, channels=(), sets=sets)
+
+
+def stated(data):
+    """The record with a standard deviation of every number."""
+    sets = tuple(replace(s, frequency_std_hz=1e-3 * s.frequency_hz, shape_std=np.full(s.shape.shape, 5e-3))
+                 for s in data.sets)
+    return replace(data, sets=sets)
+
+
+def test_frequencies_alone_are_followed_without_a_model(record):
+    still, lost = (of_frequencies(record(3, **how)) for how in ({}, {"storey": 2, "factor": 0.9, "from_block": 18}))
+    assert probupdate.diagnose(None, still, sampler=False).verdict == "none"
+    found = probupdate.diagnose(None, lost, sampler=False)
+    assert found.verdict == "unexplained" and any("unexplained step" in note for note in found.notes)
+
+
+def test_one_channel_is_followed_without_a_model(record):
+    data = record(3, storey=2, factor=0.9, from_block=18)
+    row = data.channels.index("y4")
+    sets = tuple(replace(s, shape=s.shape[[row]], shape_std=s.shape_std[[row]], covariance_factors=None)
+                 for s in data.sets)
+    assert probupdate.diagnose(None, replace(data, channels=("y4",), sets=sets), sampler=False).verdict == "unexplained"
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_few_sets_without_a_model_are_refused(record, n):
+    """They would be *none* whatever changed."""
+    data = stated(record(3))
+    for one in (data, of_frequencies(data)):
+        with pytest.raises(InputError, match=rf"{n} sets? shows? no change .*--model"):
+            probupdate.diagnose(None, replace(one, sets=one.sets[:n]), sampler=False)
+
+
+def test_two_sets_of_frequencies_before_and_after(prepared, record):
+    """All candidates are taken in, and nothing is left to be scored beside them."""
+    data = of_frequencies(stated(record(3, storey=2, factor=0.8, from_block=18)))
+    pair = replace(data, sets=(data.sets[0], data.sets[-1]))
+    found = probupdate.diagnose(prepared, pair, sampler=False)
+    assert found.findings and not any("can need" in note for note in found.notes)
+
+
+def test_a_set_without_a_mode_and_one_without_its_deviation_are_named(prepared, record):
+    data = stated(record(3))
+    first, empty = data.sets[0], replace(data.sets[1], frequency_hz=np.full_like(data.sets[1].frequency_hz, np.nan))
+    found = probupdate.diagnose(prepared, replace(data, sets=(first, empty)), sampler=False)
+    assert any(f"1 set left out without a mode: {empty.id}" in note for note in found.notes)
+    zero = replace(data.sets[1], frequency_std_hz=np.zeros_like(empty.frequency_hz), covariance_factors=None)
+    with pytest.raises(InputError, match=f"set {zero.id} has a frequency or shape with no standard deviation"):
+        probupdate.diagnose(prepared, replace(data, sets=(first, zero)), sampler=False)
+
+
 def with_one_more(data):
     """The record with a mode above all others."""
     def more(s):

@@ -203,6 +203,12 @@ def test_frequencies_alone_through_update_and_report(model, tmp_path):
     measured = data.sets[0].frequency_hz
     assert record.map_hz == pytest.approx(measured, rel=5 * FREQUENCY_STD)
     assert any("paired by frequency alone" in text for text in record.left_out)
+    # without channels too, as the format has it
+    bare = tuple(replace(s, shape=s.shape[:0], shape_std=s.shape_std[:0]) for s in data.sets)
+    write_modes(replace(data, channels=(), sets=bare), tmp_path / "bare.json")
+    again = probupdate.update(tmp_path / "model.npz", tmp_path / "bare.json",
+                              likelihood=probupdate.LikelihoodSettings(shapes="none"), **options)
+    assert np.allclose(again.map_theta, record.map_theta, rtol=1e-9)
     with pytest.raises(InputError, match="--shapes none"):
         probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", **options)
     found = probupdate.diagnose(tmp_path / "model.npz", tmp_path / "modes.json", **options)

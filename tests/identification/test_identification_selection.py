@@ -234,6 +234,9 @@ def test_shapes_scatter_by_what_was_added_however_pairs_turn(jacket, pairs_turne
     for columns, share in (([0, 1], np.sqrt(16 / 18)), ([2], np.sqrt(17 / 18)), ([3, 4], np.sqrt(16 / 18))):
         row.error(np.sqrt(np.mean(std[:, columns] ** 2)) / (0.01 * share) - 1, below=0.05)
     assert np.isnan(shape_scatter(sets[:4], [])).all()
+    # frequencies alone have none
+    bare = [replace(s, shape=s.shape[:0], shape_std=s.shape_std[:0]) for s in sets]
+    assert shape_scatter(bare, [(0, 1)]).shape == (0, sets[0].shape.shape[1])
 
 
 def test_other_labels_and_few_channels_are_selected_too():
