@@ -124,7 +124,7 @@ def threshold_words(content: Mapping) -> str:
     value = content.get("threshold")
     if value is None:
         known = "threshold" in content
-        return "no threshold: of these sets nothing can be told from what is normal" if known else ""
+        return "no threshold: of these sets nothing can be distinguished from what is normal" if known else ""
     alarms = " (below 5 % of false alarms)"
     if content["details"].get("without_model"):
         return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors{alarms}"
