@@ -125,10 +125,9 @@ def threshold_words(content: Mapping) -> str:
     if value is None:
         known = "threshold" in content
         return "no threshold: of these sets nothing can be distinguished from what is normal" if known else ""
-    alarms = " (below 5 % of false alarms)"
     if content["details"].get("without_model"):
-        return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors{alarms}"
-    return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included{alarms}"
+        return f"threshold |z| = {value:.1f} of the first look, the lower one of frequencies and sensors"
+    return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included"
 
 
 def adequacy_words(content: Mapping) -> str:

@@ -169,6 +169,7 @@ def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping
     for key in kind.place:
         if key in entry:
             _check_place(f"{where}, {key}", name, key, entry[key], file)
+    _check_extent(where, name, entry, file)
     size = entry[kind.size]
     if not is_number(size):
         raise InputError(f"{where}, {kind.size}", f"{size!r} is not a number", f"give one in {kind.unit}")
@@ -196,6 +197,28 @@ def _check_place(where: str, kind: str, key: str, value, file: TurbineFile) -> N
             return
         if value not in known:
             raise unknown_name(where, str(value), known)
+
+
+def _check_extent(where: str, kind: str, entry: Mapping, file: TurbineFile) -> None:
+    """Heights lie on what they are heights of, a band has a length there, and two channels are not one."""
+    stations, bays = file.value("tower", "station"), file.value("jacket", "bay")
+    tower = [s["z_m"] for s in stations]
+    # above their uppermost bay legs go on
+    legs = [*(bay["bottom_m"] for bay in bays), file.value("jacket", "top")["z_m"]]
+    on_tower = kind.startswith("tower_") or kind == "tuned_mass"
+    for key in ("z_m", "tower_z_m"):
+        at = tower if on_tower or key == "tower_z_m" else legs
+        if key in entry and not min(at) <= entry[key] <= max(at):
+            raise InputError(f"{where}, {key}", f"{entry[key]:g} m is not on the {'tower' if at is tower else 'legs'}",
+                             f"give one from {min(at):g} to {max(at):g} m")
+    at = tower if on_tower else legs
+    low, high = entry.get("bottom_m", -np.inf), entry.get("top_m", np.inf)
+    if not max(low, min(at)) < min(high, max(at)):
+        raise InputError(f"{where}, bottom_m", f"{low:g} to {high:g} m is no length of the "
+                         f"{'tower' if on_tower else 'legs'}", f"give bottom_m below top_m, from {min(at):g} to "
+                         f"{max(at):g} m")
+    if "other" in entry and entry["other"] == entry.get("channel"):
+        raise InputError(f"{where}, other", f"{entry['other']} is the channel itself", "name another one")
 
 
 def _check_profile(where: str, time_profile: str, entry: Mapping, kind: EffectKind) -> None:

@@ -287,4 +287,5 @@ def test_the_stated_threshold_is_said_to_be_of_the_first_search():
     assert wording.threshold_words({"threshold": 4.61, "details": {}}) == (
         "threshold |z| = 4.6 of the whole catalogue, before any finding is included")
     assert "of the first look" in wording.threshold_words({"threshold": 3.2, "details": {"without_model": True}})
-    assert wording.threshold_words({"threshold": None, "details": {}}) == ""
+    assert "nothing can be distinguished" in wording.threshold_words({"threshold": None, "details": {}})
+    assert wording.threshold_words({"details": {}}) == ""
