@@ -382,7 +382,10 @@ class Design:
         """(n_direction,) by how much blocks scatter more along directions than the noise says, as standard deviations:
         sums of these effects' signatures with `weights` (n_effect, n_direction) that follow one time profile. Each
         block's own residual counts in place of the noise's variance, less what fits the direction (HC3, MacKinnon &
-        White 1985), so that a few blocks gone wrong are no step."""
+        White 1985), so that a few blocks gone wrong are no step. One where noise is taken as stated: so few blocks say
+        nothing of their own scatter."""
+        if self.noise.stated:
+            return np.ones(weights.shape[1])
         own, known = np.zeros((2, len(self.bin_of), weights.shape[1]))
         for q, (y, normal) in enumerate(zip(residuals, self.expected(self.unknowns(residuals)), strict=True)):
             follows, weight = self._profile_values[q][time_profile], self.noise.weight[q]

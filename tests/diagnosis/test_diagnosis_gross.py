@@ -244,6 +244,15 @@ def test_blocks_tell_how_far_they_scatter_along_a_direction(stepped, factor, val
     row.error((np.mean(found_here) - factor) / np.std(found_here) * np.sqrt(len(found_here)), 4)
 
 
+def test_few_blocks_whose_noise_is_stated_say_nothing_of_their_scatter(stepped):
+    """Of a few sets a contrast that is far off would be its own excuse."""
+    outcome = stepped[2]
+    design, along = outcome.null.design, directions_of(outcome, 18)
+    stated = replace(design, noise=replace(design.noise, stated=True))
+    drawn = design.simulate(np.random.default_rng(9))
+    assert np.all(stated.scatter(drawn, *along) == 1.0) and not np.all(design.scatter(drawn, *along) == 1.0)
+
+
 def test_one_block_gone_wrong_is_no_step_of_the_first_few(prepared, record, monkeypatch, validation):
     """Along the direction that a step of the first blocks shows best: one of them far off, and all by as much
     together."""
