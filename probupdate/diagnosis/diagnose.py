@@ -75,14 +75,14 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
 
 
 def examine(
-    prepared: Prepared, data: ModalData, *, most: int = MOST_EFFECTS, seed: int = 1, runs: Executor = SERIAL,
-    progress: Progress = silent,
+    prepared: Prepared, data: ModalData, *, most: int = MOST_EFFECTS, begun: Sequence[IncludedEffect] = (),
+    seed: int = 1, runs: Executor = SERIAL, progress: Progress = silent,
 ) -> Outcome:
-    """`diagnose` with all that its pictures, the gain and the extended model need; of at most so many effects.
-    Hypotheses that do not need one another are fitted side by side on the executor `runs`."""
+    """`diagnose` with all that its pictures, the gain and the extended model need; of at most so many effects, those
+    that are `begun` tried first (see `explore`). Hypotheses that do not need one another are fitted side by side on the executor `runs`."""
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
-    null, explored = _explored(problem, theta, most=most, seed=seed, runs=runs, progress=progress)
+    null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _beyond_chance(explored, seed)
     parts = parts_of(prepared) if findings else []
     instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
@@ -142,7 +142,8 @@ def verdict_of(findings: Sequence[Finding]) -> str:
 
 
 def _explored(
-    problem: DiagnosisProblem, theta: np.ndarray, *, most: int, seed: int, runs: Executor, progress: Progress
+    problem: DiagnosisProblem, theta: np.ndarray, *, most: int, begun: Sequence[IncludedEffect], seed: int,
+    runs: Executor, progress: Progress,
 ) -> tuple[Fit, Explored]:
     """The model as it is, fitted, and all that was fitted beside it. A few sets show no scatter that would say by how
     much the model is wrong everywhere: the scale of its discrepancy is then an unknown too, alike before the data, and
@@ -150,7 +151,7 @@ def _explored(
     another, once more beside that of the shapes."""
     if not problem.blocks.few:
         null = fit(problem, theta)
-        return null, explore(problem, null, most=most, seed=seed, runs=runs, progress=progress)
+        return null, explore(problem, null, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     tried: dict[tuple[float, float], tuple[Fit, Explored]] = {}
     failures = []
 
@@ -158,7 +159,8 @@ def _explored(
         scaled = _scaled(problem, frequencies, shapes)
         try:
             null = fit(scaled, theta)
-            tried[frequencies, shapes] = null, explore(scaled, null, most=most, seed=seed, runs=runs, progress=progress)
+            tried[frequencies, shapes] = null, explore(scaled, null, most=most, begun=begun, seed=seed, runs=runs,
+                                                            progress=progress)
         except ConvergenceError as error:
             failures.append(error)
 

@@ -1,4 +1,4 @@
-"""Elementary parts that a model may lack: a spring to ground or between two points, a mass.
+"""Elementary parts that a model may lack: a spring to ground or between two points, a mass, a mass on springs.
 
 Of one kind all together are as probable before the data as one row of the catalogue. They stand for what no row
 describes: as competing hypotheses of every finding about the structure, and, where the record stays unexplained, as
@@ -16,7 +16,16 @@ import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
+from probupdate.diagnosis.expected import residuals_at
+from probupdate.diagnosis.fitting import (
+    Fit,
+    about,
+    design_with_more,
+    design_without_candidates,
+    fitted_without_candidates,
+    kept,
+    noise_of,
+)
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
     Explored,
@@ -27,10 +36,11 @@ from probupdate.diagnosis.hypotheses import (
     without,
 )
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.mode_numbers import Reference, numbers_of
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
-from probupdate.diagnosis.small_model import Attachment, SmallModel
+from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel, TunedMass
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
@@ -40,9 +50,14 @@ from probupdate.structure.places import place_of
 
 # points of the structure where a part may sit, and horizontal directions of a spring
 N_POINT, N_DIRECTION = 48, 4
+# heights and horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its frequencies
+# are apart (in ln f): twice the standard deviation with which each is estimated, and so much where no mode is that near
+N_HUNG, N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 10, 8, 2 * TUNING_STD, 0.36
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there; its upper bound in these
 SHARE, MOST = 0.1, 100.0
+# of a mass on springs, in its prior's standard deviations, what is tried at its own size
+HUNG_SIZES = (0.1, 0.3, 1.0)
 # parts that are scored at once, and how many of a kind are fitted
 CHUNK, FITTED = 160, 3
 # score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
@@ -51,7 +66,7 @@ SAME = 0.98
 SAME_PLACE = 0.012
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
 NOT_THERE = ("pile", "rna")
-PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point")
+PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point", "mass on springs")
 
 
 # an elementary part: its row, and where it acts on the small basis
@@ -104,18 +119,39 @@ def farthest(place: np.ndarray, among: Sequence[int], count: int) -> list[int]:
     return result
 
 
+def hanging_points(wire: Wireframe, nodes: np.ndarray) -> list[tuple[int, int]]:
+    """Which of these nodes (n,) a mass on springs may hang at, spread over the structure's heights, and along how many
+    horizontal directions: many where nothing else is at that height; of several nodes there those that are farthest
+    from one another, as many as directions."""
+    place = wire.node_m[nodes]
+    extent = float(np.max(np.ptp(wire.node_m, axis=0)))
+    levels = np.round(place[:, 2] / (2 * SAME_PLACE * extent)).astype(int)
+    own = [np.flatnonzero(levels == k) for k in np.unique(levels)]
+    heights = np.array([[0.0, 0.0, place[k, 2].mean()] for k in own])
+    result = []
+    for number in sorted(farthest(heights, range(len(own)), N_HUNG)):
+        there = own[number]
+        several = len(there) > 1
+        chosen = farthest(place, [int(k) for k in there], N_DIRECTION) if several else there
+        result += [(int(nodes[k]), N_DIRECTION if several else N_HUNG_DIRECTION) for k in chosen]
+    return result
+
+
 def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
     angle = np.arange(n) * 180.0 / n
     level = [(f"along {a:g} deg", np.array([np.cos(np.radians(a)), np.sin(np.radians(a)), 0.0])) for a in angle]
     return [*level, ("vertical", np.array([0.0, 0.0, 1.0]))]
 
 
-def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tuple[Effect, Attachment]]:
-    """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words."""
+def elementary(
+    small: SmallModel, place: Callable[[np.ndarray], str], *, on_springs: bool = False
+) -> list[tuple[Effect, Attachment]]:
+    """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words;
+    `on_springs`: masses on springs too, at frequencies from below the lowest mode to above those looked through."""
     wire, at_nodes = small.picture
     nodes = points(wire)
     K, M = (wave[0] for wave in small.at(small.parameters.initial).matrices())
-    _, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
+    value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     flexibility = linalg.cho_factor(K)
     rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
     result = []
@@ -144,8 +180,26 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         if frozenset((a, b)) not in lined:
             spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
                    way / np.linalg.norm(way) @ (rows[b] - rows[a]))
+    for k, n in hanging_points(wire, nodes) if on_springs else ():
+        for words, d in [*directions(n)[:-1], ("horizontal", None)]:
+            own = rows[k][:2] if d is None else (d @ rows[k])[None]
+            moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
+            for hz in tunings(np.sqrt(value) / (2 * np.pi)) if moved > 0 else ():
+                result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
+                                    SHARE / moved, Attachment(mass=own, tuned_hz=float(hz))))
     number = Counter(effect.cause for effect, _ in result)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
+
+
+def tunings(frequency_hz: np.ndarray) -> np.ndarray:
+    """Frequencies of masses on springs for modes of these: TUNED_APART from each other where a mode is within
+    FAR_APART, and that far apart where none is."""
+    log = np.log(frequency_hz)
+    result = [float(log.min() - FAR_APART)]
+    while result[-1] < log.max() + 0.5 * FAR_APART:
+        near = np.min(np.abs(log - result[-1] - TUNED_APART)) < FAR_APART
+        result.append(result[-1] + (TUNED_APART if near else FAR_APART))
+    return np.exp(result)
 
 
 def _part(cause: str, location: str, unit: str, std: float, attachment: Attachment) -> tuple[Effect, Attachment]:
@@ -162,11 +216,12 @@ def place_words(point: np.ndarray, description: Description | None) -> str:
     return included or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
 
 
-def parts_of(prepared: Prepared) -> list[Part]:
+def parts_of(prepared: Prepared, *, on_springs: bool = False) -> list[Part]:
     """Every part that may be added to a model; none where it has no picture to place them in, or has parts already."""
     if prepared.small.wire is None or any(effect.cause in PART_CAUSES for effect in prepared.effects):
         return []
-    return elementary(prepared.small, lambda point: place_words(point, prepared.description))
+    return elementary(prepared.small, lambda point: place_words(point, prepared.description),
+                      on_springs=on_springs)
 
 
 def with_parts(
@@ -185,7 +240,7 @@ def with_parts(
     wider = replace(problem, predictor=replace(problem.predictor, small=small), time_profiles=tuple(time_profiles),
                     effects=(*problem.effects, *(effect for effect, _ in parts)),
                     which=np.vstack([problem.which, which]))
-    padded = replace(fitted, theta=np.concatenate([fitted.theta, np.zeros(len(parts))]))
+    padded = replace(fitted, theta=np.pad(fitted.theta, (0, len(small.parameters) - len(fitted.theta))))
     return wider, replace(padded, design=design_with_more(wider, padded, first))
 
 
@@ -212,6 +267,52 @@ def scores_of_parts(
         if own is not None:
             alike[here] = _correlations(design, n)[:n].reshape(len(chunk), -1)
     return gain, size, alike
+
+
+def hung_at_size(
+    problem: DiagnosisProblem, theta: np.ndarray, parts: Sequence[Part], profiles: Sequence[TimeProfile]
+) -> list[tuple[float, int, float, TimeProfile]]:
+    """Masses on springs among the parts, each at the size and along the time profile that explains most: by how much it
+    lowers -2 ln posterior with the scale of all noise as the record then asks for, its number, size and profile, the
+    most telling first. At parameters theta and one angle, with all that is unknown to first order: a mode more, and
+    modes that are shared by two, are nowhere near linear in the mass."""
+    here = residuals_at(problem, theta, ())
+    noise = noise_of(problem, here)
+    design = design_without_candidates(problem, theta, (), noise)
+    _, centred = about(problem, design, theta, (), here)
+    count = sum(int(np.count_nonzero(w > 0)) * f.size
+                for w, f in zip(noise.weight, problem.discrepancy_std, strict=True))
+    local, angle = problem.predictor.small.at(theta), float(problem.angles[len(problem.angles) // 2])
+    modes = local.solve(angle)
+    axes = problem.predictor.axes
+    plain = _numbers(problem.predictor.references(local, angle), axes)
+    before, result = float(count * np.log(design.misfit(centred, []))), []
+    for k, (effect, attachment) in enumerate(parts):
+        if attachment.tuned_hz is None or attachment.mass is None:
+            continue
+        one = TunedMass(column=0, tuning=0, rows=attachment.mass, hz=attachment.tuned_hz)
+        tried, left = [], []
+        for size in effect.prior_scale * np.array(HUNG_SIZES):
+            own = local.solve_with(modes, one, size, local.n_search + len(one.rows))
+            try:
+                expected = _numbers(problem.predictor.references_of(local, own), axes)
+            except ConvergenceError:
+                continue
+            for profile in profiles:
+                tried.append((float(size), profile))
+                left.append([y - profile.value[:, None] * (b - a) for y, a, b in zip(centred, plain, expected, strict=True)])
+        if tried:
+            each = [np.array(of_group) for of_group in zip(*left, strict=True)]
+            gain = before - count * np.log(design.misfits(kept(each, noise), []))
+            best = int(np.argmax(gain))
+            result.append((float(gain[best]), k, *tried[best]))
+    return sorted(result, key=lambda t: -t[0])
+
+
+def _numbers(references: Sequence[Reference], axes: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Of every group the numbers (n_response,) of its expected modes."""
+    return [numbers_of(Reference(tensor=r.tensor[None], shape=r.shape[None]), a)[0]
+            for r, a in zip(references, axes, strict=True)]
 
 
 def _correlations(design: Design, row: int) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""What no row of the catalogue explains, as elementary parts: a spring to ground or between two points, a mass.
+"""What no row of the catalogue explains, as elementary parts: a spring to ground or between two points, a mass, a mass
+on springs.
 
 The parts are added to the model on its small basis and found by the same search as everything else, one of each
 kind at the prior odds of one row of the catalogue. They say where and in which modes the unknown acts, not what it is.
@@ -10,21 +11,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.elementary import PART_CAUSES, Part, parts_of, scores_of_parts
+from probupdate.diagnosis.elementary import PART_CAUSES, Part, hung_at_size, parts_of, scores_of_parts
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.problem import DiagnosisProblem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameters
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
+# masses on springs from whose own size the search begins
+N_BEGUN = 4
 # parts at once
 MOST_PARTS = 2
 # a mode is acted on where its ln f moves by so many standard deviations of a block's
@@ -41,19 +46,38 @@ class FreeForm:
     content: dict
 
 
-def most_promising(problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]) -> list[int]:
-    """Numbers of the parts that promise most beside a fit, N_KEPT of each kind."""
+def most_promising(
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]
+) -> tuple[list[int], list[IncludedEffect]]:
+    """Numbers of the parts that promise most beside a fit, N_KEPT of each kind to first order, and of masses on springs
+    as many again at their own size; the N_BEGUN of these that explain most, to begin with."""
     profiles = [time_profile for time_profile in problem.time_profiles if time_profile.kind in ("constant", "step")]
     gain, _, _ = scores_of_parts(problem, fitted, parts, profiles)
     order = np.argsort(-gain.max(axis=1), kind="stable")
-    return sorted(int(k) for cause in PART_CAUSES
-                  for k in [k for k in order if parts[k][0].cause == cause][:N_KEPT])
+    kept = {int(k) for cause in PART_CAUSES for k in [k for k in order if parts[k][0].cause == cause][:N_KEPT]}
+    step = max((c for c in range(len(profiles)) if profiles[c].kind == "step"), key=lambda c: gain[:, c].max(),
+               default=None)
+    along = [p for c, p in enumerate(profiles) if p.kind == "constant" or c == step]
+    begun: dict[int, IncludedEffect] = {}
+    # a strong one bends the fit without it, whose frequencies may all the same be nearer than the prior's
+    for theta in (problem.predictor.parameters.initial, fitted.theta):
+        tried = hung_at_size(problem, theta, parts, along)
+        kept |= {k for _, k, _, _ in tried[:N_KEPT // 2]}
+        begun |= {k: IncludedEffect(effect=parts[k][0], time_profile=profile, size=size)
+                  for _, k, size, profile in tried[:N_BEGUN]}
+    return sorted(kept), [*begun.values()]
 
 
 def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
-    """The model with these parts as further effects."""
+    """The model with these parts as further effects; how masses on springs are tuned is estimated as its parameters
+    are."""
     small = prepared.small.attached([attachment for _, attachment in parts])
-    return replace(prepared, small=small, effects=(*prepared.effects, *(effect for effect, _ in parts)))
+    tunings = tuple(one.tuning for one in small.tuned)
+    prior = Parameters((*prepared.prior.items, *(small.parameters.items[k] for k in tunings)),
+                       None if prepared.prior.correlation is None
+                       else linalg.block_diag(prepared.prior.correlation, np.eye(len(tunings))))
+    return replace(prepared, small=small, prior=prior, updated=(*prepared.updated, *tunings),
+                   effects=(*prepared.effects, *(effect for effect, _ in parts)))
 
 
 def free_form(
@@ -62,12 +86,13 @@ def free_form(
 ) -> FreeForm | None:
     """The same search with elementary parts in the catalogue; None where the model has no picture to place them in, or
     where none of them is taken in. `known`: what the catalogue made of the record."""
-    parts = parts_of(prepared)
+    parts = parts_of(prepared, on_springs=True)
     if not parts:
         return None
-    wider = prepared_with(prepared, [parts[k] for k in most_promising(known.problem, known.null, parts)])
+    kept, begun = most_promising(known.problem, known.null, parts)
+    wider = prepared_with(prepared, [parts[k] for k in kept])
     try:
-        outcome = examine(wider, data, most=MOST_PARTS, seed=seed, runs=runs, progress=progress)
+        outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)
     except ConvergenceError:
         return None
     if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.included):

@@ -282,10 +282,12 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
 
 
 def explore(
-    problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, runs: Executor, progress: Progress
+    problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, runs: Executor, progress: Progress,
+    begun: Sequence[IncludedEffect] = (),
 ) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects; those that do
-    not need one another side by side on the executor `runs`."""
+    not need one another side by side on the executor `runs`. `begun`: effects that are tried one by one first, at
+    sizes that someone has a reason for."""
     n_searched = len(problem.which)
     # what a design is asked for is as large as all else together, and goes with the search that asked for it
     null = replace(null, design=replace(null.design))
@@ -297,6 +299,8 @@ def explore(
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
+    _fit_moves(problem, start.not_asked(), [_tried_first(problem, n, first) for n in begun], known, noise_anew=True,
+               runs=runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _next_looked_at(keys, relative, searches)
@@ -343,6 +347,16 @@ def explore(
     more = one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
                     first=first, last=found, one_more=more)
+
+
+def _tried_first(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> Move:
+    """From the model as it is to that with one effect of this size and time profile, begun where the prior expects the
+    parameters."""
+    k = next(k for k, (j, c) in enumerate(problem.which)
+             if problem.effects[j] is n.effect and problem.time_profiles[c].name == n.time_profile.name
+             and np.array_equal(problem.time_profiles[c].value, n.time_profile.value))
+    return Move(candidates=(k,), z=(float(first.z[k]),), included=(n,), promise=np.inf,
+                theta=np.array(problem.predictor.parameters.initial))
 
 
 def _may_be_more(fitted: Hypothesis | None) -> bool:

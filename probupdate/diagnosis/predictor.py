@@ -56,7 +56,7 @@ class ModalPredictor:
         return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
 
     def _paired(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        count = min(self.small.n_search, modes.frequency_hz.size)
+        count = min(modes.n_search or local.n_search, modes.frequency_hz.size)
         shape = local.shapes(modes, count)[self.rows]
         log = np.log(modes.frequency_hz[:count])
         score, sizes = [], []
@@ -91,7 +91,10 @@ class ModalPredictor:
 
     def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
-        modes = local.solve(angle_deg, self.small.n_search)
+        return self.references_of(local, local.solve(angle_deg, local.n_search))
+
+    def references_of(self, local: LocalModel, modes: SmallModes) -> tuple[Reference, ...]:
+        """Expected modes of every group among these."""
         shape, groups = self._members(local, modes)
         return tuple(
             self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
@@ -112,7 +115,7 @@ class ModalPredictor:
         """Per group what its numbers do where it turns towards computed modes nearby that no measured one was paired
         with: (n_response, n) for a turn of one radian, and the standard deviation (n,) of the turn. Of mates any turn
         is as probable, as a tolerance of any stiffness makes it; beyond them it fades out to twice as far."""
-        modes = local.solve(angle_deg, self.small.n_search)
+        modes = local.solve(angle_deg, local.n_search)
         shape, groups = self._members(local, modes)
         log, taken = np.log(modes.frequency_hz[: shape.shape[1]]), {i for group in groups for i in group}
         result = []

@@ -30,6 +30,8 @@ TURNS_DEG = tuple(72.0 * k for k in range(5))
 N_KNOWN = 6
 # modes of the mean over all angles from which the lowest ones at an angle are made
 N_CORE = 80
+# modes from which those with a mass on springs are made where many such masses are tried
+N_HUNG_ON = 40
 # angles at which derivatives are taken at once
 PLACES = 12
 # modes a snapshot holds beyond those looked for: modes may trade places
@@ -46,6 +48,9 @@ N_POINT, N_VERIFY = 54, 6
 TOLERANCE = 3e-4
 # and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a signature's own
 N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
+# standard deviation of ln f of a mass on a spring about the frequency it is given, and how near its own frequency (x = (f
+# / f_own)^2, from one) no first-order change holds, as the two modes share their shapes
+TUNING_STD, NEAR_TUNING = 0.06, 0.05
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
@@ -54,24 +59,28 @@ CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 class Slopes:
     """Derivatives with n parameters: for stiffness and mass the terms by harmonics of the nacelle's angle, and their
     weights (n, n_term); of those that move channels their number among the n and what they do to the rows (n_channel,
-    r)."""
+    r); of masses and frequencies of tuned masses their number among the n, the mass, and which of both it is."""
 
     terms: tuple[tuple[tuple[ProjectedTerms, ...], np.ndarray], ...]
     rows: tuple[tuple[int, np.ndarray], ...]
+    tuned: tuple[tuple[int, TunedMass, bool], ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModes:
-    """Modes of the basis at one point: frequency_hz (n,), vectors (r, n) of unit modal mass."""
+    """Modes of the basis at one point: frequency_hz (n,), vectors (r, n) of unit modal mass; `n_search`: how many of
+    them are looked through, if not as many as of the model."""
 
     frequency_hz: np.ndarray
     vectors: np.ndarray
+    n_search: int | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attachment:
     """A part put on the basis: the rows F (n, r) of what one `unit` of its parameter adds, F^T F, to stiffness or
-    mass, and its prior. A thousand parts are two megabytes as rows, and hundreds as matrices."""
+    mass, and its prior. A thousand parts are two megabytes as rows, and hundreds as matrices. A mass with `tuned_hz`
+    hangs on springs with which it has that frequency, along each of its rows."""
 
     name: str = ""
     unit: str = ""
@@ -80,6 +89,29 @@ class Attachment:
     upper: float = np.inf
     stiffness: np.ndarray | None = None
     mass: np.ndarray | None = None
+    tuned_hz: float | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TunedMass:
+    """A mass on springs, one along each of its unit rows F (n, r): `column` its mass among the model's parameters,
+    `tuning` what is added to ln of its frequency `hz`."""
+
+    column: int
+    tuning: int
+    rows: np.ndarray
+    hz: float
+
+    def square(self, theta: np.ndarray) -> float:
+        """Its circular frequency squared."""
+        return float((2 * np.pi * self.hz) ** 2 * np.exp(2 * theta[self.tuning]))
+
+    def relative(self, own: slice, n: int) -> np.ndarray:
+        """(n_row, n) what stretches its springs, of a basis of n with its own motion in the columns `own`."""
+        result = np.zeros((len(self.rows), n))
+        result[:, : self.rows.shape[1]] = self.rows
+        result[:, own] = -np.eye(len(self.rows))
+        return result
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,6 +137,7 @@ class SmallModel:
     wire: Wireframe | None = None
     at_nodes: np.ndarray | None = field(default=None, repr=False)
     moved: tuple[MovedChannels, ...] = field(default=(), repr=False)
+    tuned: tuple[TunedMass, ...] = field(default=(), repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     @property
@@ -130,20 +163,24 @@ class SmallModel:
         return self.known[key]
 
     def attached(self, parts: Sequence[Attachment]) -> SmallModel:
-        """The model with these parts, none of them there at first, each a parameter behind its own."""
+        """The model with these parts, none of them there at first, each a parameter behind its own, and behind all of
+        them what is added to ln of the frequency of each tuned mass."""
+        own, tuned = len(self.parameters), [k for k, part in enumerate(parts) if part.tuned_hz is not None]
         stiff = {k: part.stiffness for k, part in enumerate(parts) if part.stiffness is not None}
-        heavy = {k: part.mass for k, part in enumerate(parts) if part.mass is not None}
-        coefficients = _WithParts(coefficients=self.coefficients, n_own=len(self.parameters), stiff=tuple(stiff),
-                                  heavy=tuple(heavy))
-        added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
-                      for p in parts)
+        heavy = {k: part.mass for k, part in enumerate(parts) if part.mass is not None and k not in tuned}
+        coefficients = _WithParts(coefficients=self.coefficients, n_own=own, stiff=tuple(stiff), heavy=tuple(heavy))
+        added = [Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
+                 for p in parts]
+        added += [Parameter(name=f"{parts[k].name}, tuning", unit="-", initial=0.0, std=TUNING_STD) for k in tuned]
+        hung = tuple(TunedMass(column=own + k, tuning=own + len(parts) + i, rows=parts[k].mass, hz=parts[k].tuned_hz)
+                     for i, k in enumerate(tuned))
         correlation = self.parameters.correlation
         if correlation is not None:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
         return replace(
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=coefficients,
             stiffness=(self.stiffness[0].with_added([*stiff.values()]), *self.stiffness[1:]),
-            mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), known={},
+            mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), tuned=(*self.tuned, *hung), known={},
         )
 
 
@@ -171,18 +208,50 @@ class LocalModel:
     small: SmallModel
     theta: np.ndarray
 
+    @cached_property
+    def _hung(self) -> list[tuple[TunedMass, slice]]:
+        """The tuned masses that are there, and their own degrees of freedom, behind those of the basis."""
+        result, start = [], self.small.at_channels.shape[1]
+        for one in self.small.tuned:
+            if self.theta[one.column] > 0:
+                result.append((one, slice(start, start + len(one.rows))))
+                start += len(one.rows)
+        return result
+
+    @property
+    def size(self) -> int:
+        """Degrees of freedom."""
+        return self._hung[-1][1].stop if self._hung else self.small.at_channels.shape[1]
+
+    @property
+    def n_search(self) -> int:
+        """The lowest modes that are looked through for the measured ones: a tuned mass brings its own."""
+        return self.small.n_search + self.size - self.small.at_channels.shape[1]
+
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness and mass (5 or 1, r, r) by harmonics of the nacelle's angle; not kept, as solutions need what few
+        """Stiffness and mass (5 or 1, n, n) by harmonics of the nacelle's angle; not kept, as solutions need what few
         modes make of them alone."""
         small, (cK, cM) = self.small, self.small.coefficients(self.theta)
         stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
                            for weight, parts in ((cK, small.stiffness), (cM, small.mass)))
+        if self._hung:
+            more = self.size - stiffness.shape[-1]
+            stiffness, mass = (np.pad(part, ((0, 0), (0, more), (0, more))) for part in (stiffness, mass))
+            for one, own in self._hung:
+                amount, relative = self.theta[one.column], one.relative(own, self.size)
+                stiffness[0] += amount * one.square(self.theta) * relative.T @ relative
+                mass[0][own, own] += amount * np.eye(len(one.rows))
         return stiffness, mass
 
     @cached_property
     def at_channels(self) -> np.ndarray:
-        """(n_channel, r) what the channels read here."""
-        return moved_to(self.small.at_channels, self.small.moved, self.theta)
+        """(n_channel, n) what the channels read here."""
+        return self._padded(moved_to(self.small.at_channels, self.small.moved, self.theta))
+
+    def _padded(self, rows: np.ndarray) -> np.ndarray:
+        """(..., n) of rows on the basis (..., r): a tuned mass by itself moves nothing."""
+        more = self.size - rows.shape[-1]
+        return np.concatenate([rows, np.zeros((*rows.shape[:-1], more))], axis=-1) if more else rows
 
     @cached_property
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -206,6 +275,19 @@ class LocalModel:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors)
 
+    def solve_with(self, modes: SmallModes, one: TunedMass, mass: float, count: int) -> SmallModes:
+        """The lowest `count` modes with a mass on springs more, from the N_HUNG_ON lowest `modes` without it, as they
+        move this model's basis: a thousand such masses in the time of some dozen models."""
+        square, vectors = one.square(np.zeros(one.tuning + 1)), modes.vectors[:, :N_HUNG_ON]
+        value = (2 * np.pi * modes.frequency_hz[:N_HUNG_ON]) ** 2
+        motion = one.rows @ vectors[: one.rows.shape[1]]
+        across = -np.sqrt(mass) * square * motion
+        whole = np.block([[np.diag(value) + mass * square * motion.T @ motion, across.T],
+                          [across, square * np.eye(len(motion))]])
+        found, turn = linalg.eigh(whole, subset_by_index=(0, count - 1))
+        return SmallModes(frequency_hz=np.sqrt(np.maximum(found, 0)) / (2 * np.pi), vectors=vectors @ turn[: len(value)],
+                          n_search=count)
+
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
         return self.at_channels @ modes.vectors[:, :count]
@@ -216,7 +298,11 @@ class LocalModel:
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         rows = tuple((columns.index(m.column), m.slope(float(self.theta[m.column])))
                      for m in small.moved if m.column in columns)
-        return Slopes(terms=((small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)), rows=rows)
+        number = {column: k for k, column in enumerate(columns)}
+        tuned = tuple((number[column], one, column == one.column) for one in small.tuned
+                      for column in (one.column, one.tuning) if column in number)
+        return Slopes(terms=((small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)), rows=rows,
+                      tuned=tuned)
 
     def derivatives(
         self, slopes: Slopes, places: Sequence[tuple[float, SmallModes, Sequence[Sequence[int]]]]
@@ -233,18 +319,41 @@ class LocalModel:
     def _derivatives(self, slopes: Slopes, places) -> list[list[tuple[np.ndarray, np.ndarray]]]:
         wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
         ends, together = np.cumsum([0, *(phi.shape[1] for phi in wanted)]), np.hstack(wanted)
+        on_basis = together[: self.small.at_channels.shape[1]]
         harmonics = np.repeat([_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
         products = []
         for (still, *turning), weight in slopes.terms:
-            product = still.times(weight, together)
+            product = still.times(weight, on_basis)
             for wave, part in zip(harmonics.T[1:], turning, strict=False):
                 own = weight[:, : len(part)]
                 rows = np.flatnonzero(np.any(own[:, part.moved], axis=1))
                 if len(rows):
-                    product[rows] += wave[:, None] * part.times(own[rows], together)
-            products.append(product)
+                    product[rows] += wave[:, None] * part.times(own[rows], on_basis)
+            products.append(self._padded(product))
+        value = np.concatenate([(2 * np.pi * modes.frequency_hz[[i for own in clusters for i in own]]) ** 2
+                                for _, modes, clusters in places])
+        self._add_tuned(slopes, together, value, *products)
         return [self._changes([product[:, start:end] for product in products], slopes.rows, modes, clusters)
                 for (_, modes, clusters), start, end in zip(places, ends, ends[1:], strict=False)]
+
+    def _add_tuned(self, slopes: Slopes, together, value, stiff: np.ndarray, heavy: np.ndarray) -> None:
+        """Adds what masses and frequencies of tuned masses change: Phi^T dK and Phi^T dM (n_param, n_mode, n) of modes
+        `together` with these eigenvalues. One that is not there yet is m / (1 - lambda / omega^2) for each mode."""
+        there = {one.column: own for one, own in self._hung}
+        for number, one, of_mass in slopes.tuned:
+            square = one.square(self.theta)
+            if one.column in there:
+                own = there[one.column]
+                relative = one.relative(own, self.size)
+                amount = square if of_mass else 2 * square * self.theta[one.column]
+                stiff[number] += amount * (relative @ together).T @ relative
+                if of_mass:
+                    heavy[number][:, own] += together[own].T
+            elif of_mass:
+                away = 1 - value / square
+                followed = away / (away**2 + NEAR_TUNING**2)
+                n = one.rows.shape[1]
+                heavy[number][:, :n] += followed[:, None] * ((one.rows @ together[:n]).T @ one.rows)
 
     def _changes(self, parts, rows, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
         """`derivatives` at one place from Phi^T dK and Phi^T dM (n_param, all members, r): modes of the core one by
@@ -271,7 +380,7 @@ class LocalModel:
             coupling = np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)
             moved = np.stack(change, axis=2)
             for number, own in rows:
-                moved[number] += own @ onto.T
+                moved[number] += own @ onto[:, : own.shape[1]].T
             result.append((coupling.transpose(1, 2, 0), moved.transpose(1, 2, 0)))
         return result
 

@@ -114,6 +114,8 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
     "cable": _structural(("leg", "z_m", "tower_z_m"), "stiffness_npm", "N/m", low=0.0, inside=False),
     "fender": _structural(("leg", "z_m", "direction_deg"), "stiffness_npm", "N/m", low=0.0, inside=False),
+    # a mass beside the leg, held by springs in both horizontal directions and carried by it
+    "second_structure": _structural(("leg", "z_m", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
     "odd_mass": _structural(("bay", "face"), "mass_kg", "kg", low=0.0, inside=False),  # hung on the crossing
     "crosstalk": _measured(("channel", "other"), "share", "-", inside=False),
     "mount_resonance": _measured(("channel",), "period_s", "s", low=0.0, inside=False),

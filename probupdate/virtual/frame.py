@@ -9,7 +9,7 @@ at the tower top. Hidden effects act at the moment's amounts. Not modelled: the 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -287,21 +287,30 @@ def _horizontal(angle_deg: float) -> np.ndarray:
     return np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0])
 
 
-def _oscillators(mesh: Mesh, hidden: HiddenEffects, top: int, hub_m: np.ndarray) -> tuple[
+def _oscillators(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects, top: int, hub_m: np.ndarray) -> tuple[
         tuple[Oscillator, float], ...]:
-    """Blades (part of the hub, coupled along the rotor's axis) and tuned masses, each with its spring in N/m."""
+    """Blades (part of the hub, coupled along the rotor's axis), tuned masses and second structures, each with its
+    spring in N/m."""
+    hung: list[tuple[Mapping, float, int, list[np.ndarray | None]]] = []
+    for effect, weight in hidden.of("blade_coupling"):
+        hung.append((effect, weight, top, [None]))
+    for effect, weight in hidden.of("tuned_mass"):
+        node = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["z_m"]]))
+        hung.append((effect, weight, node, [_horizontal(effect["direction_deg"])]))
+    names = file.value("jacket", "leg_names")
+    for effect, weight in hidden.of("second_structure"):
+        for name in names:
+            if effect["leg"] in (name, "all"):
+                node = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))
+                hung.append((effect, weight, node, [_horizontal(0.0), _horizontal(90.0)]))
     found = []
-    for kind in ("blade_coupling", "tuned_mass"):
-        for effect, weight in hidden.of(kind):
-            weight = max(weight, SMALLEST_OSCILLATOR_KG)
-            if kind == "blade_coupling":
-                node, arm, along = top, hub_m, None
-            else:
-                node = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["z_m"]]))
-                arm, along = np.zeros(3), _horizontal(effect["direction_deg"])
-                mesh.point_mass(node, weight)
-            dof = 6 * len(mesh.nodes) + len(found)
-            oscillator = Oscillator(dof=dof, node=node, arm_m=arm, direction=along, mass_kg=weight)
+    for effect, given, node, directions in hung:
+        weight = max(given, SMALLEST_OSCILLATOR_KG)
+        if directions[0] is not None:
+            mesh.point_mass(node, weight)
+        for along in directions:
+            oscillator = Oscillator(dof=6 * len(mesh.nodes) + len(found), node=node, direction=along, mass_kg=weight,
+                                    arm_m=hub_m if along is None else np.zeros(3))
             found.append((oscillator, weight * (2 * np.pi * effect["frequency_hz"]) ** 2))
     return tuple(found)
 
@@ -324,7 +333,7 @@ def build_structure(
     _soften_by_weight(mesh, hidden, bodies)
     _foreign(mesh, file, hidden)
     hub = next(k for k, body in enumerate(file.value("rna")) if body["name"] == "hub")
-    sprung = _oscillators(mesh, hidden, top, bodies[hub][1])
+    sprung = _oscillators(mesh, file, hidden, top, bodies[hub][1])
     stiffness, mass = mesh.matrices()
     if sprung:
         stiffness = sparse.csc_array(sparse.block_diag([stiffness, np.diag([k for _, k in sprung])]))
