@@ -110,10 +110,22 @@ def _content(outcome: Outcome) -> dict:
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            "modes": modes_moved(outcome, number),
+            "modes": modes_moved(outcome, number), **_tuned(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
+
+
+def _tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
+    """The frequency of a mass on springs as fitted, and its standard deviation."""
+    problem, fitted = outcome.problem, outcome.fitted
+    small = problem.predictor.small
+    one = next((t for t in small.tuned if small.parameters.names[t.column] == n.effect.parameter), None)
+    if one is None:
+        return {}
+    hz = one.hz * float(np.exp(fitted.theta[one.tuning]))
+    variance = fitted.design.unknowns_cov([problem.updated.index(one.tuning)])[0, 0]
+    return {"frequency_hz": hz, "frequency_std_hz": hz * float(np.sqrt(variance))}
 
 
 def modes_moved(outcome: Outcome, number: int) -> list[dict]:

@@ -71,6 +71,8 @@ def part_words(part: Mapping) -> str:
     size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
     moved = ", ".join(f"{m['mode']} by {m['frequency_percent']:+.2g} %" for m in part.get("modes", ())[:3])
     words = f"{name_of(part)}: {size}, {time_profile_words(part['time_profile'], part.get('since', ''))}"
+    if "frequency_hz" in part:
+        words += f", by itself at {part['frequency_hz']:.3g} ± {part['frequency_std_hz']:.1g} Hz"
     return words + (f"; it moves {moved}" if moved else "")
 
 

@@ -88,6 +88,116 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
 
 
+def hung_record(seed, *, mass, hz, storey, from_block=20):
+    """Blocks of a frame on a storey of which a mass hangs along x from one block on, its own degree of freedom among
+    the equations; of the modes the one in which that mass moves most, against all storeys, is not identified."""
+    rng = np.random.default_rng(seed)
+    base, sets = 1 + 0.02 * rng.standard_normal(N_STOREY), []
+    for b in range(N_BLOCK):
+        K, M = storeys(base, base, MASS * np.ones(N_STOREY))
+        if b >= from_block:
+            K, M = np.pad(K, (0, 1)), np.pad(M, (0, 1))
+            both = np.zeros(len(K))
+            both[[2 * storey, -1]] = 1.0, -1.0
+            K += mass * (2 * np.pi * hz) ** 2 * np.outer(both, both)
+            M[-1, -1] = mass
+        value, phi = linalg.eigh(K, M, subset_by_index=(0, 6))
+        apart = np.argmax(np.abs(phi[-1]) / np.linalg.norm(phi[: 2 * N_STOREY], axis=0)) if b >= from_block else 6
+        value, phi = np.delete(value, apart), np.delete(phi[: 2 * N_STOREY], apart, axis=1)
+        phi = phi / np.max(np.abs(phi), axis=0)
+        f = np.sqrt(value) / (2 * np.pi)
+        sets.append(ModalSet(
+            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * b, "m")),
+            frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
+            shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
+            shape_std=np.full(phi.shape, 5e-3),
+        ))
+    return ModalData(channels=CHANNELS, sets=tuple(sets))
+
+
+def test_a_mass_on_springs_is_placed_sized_and_its_frequency_estimated(frame, validation):
+    row = validation(what="a mass of 150 kg on a spring along x at storey 5, at 1.15 times the first frequency, from "
+                          "block 20 on: part and place; size and ln of its frequency in their standard deviations and "
+                          "relative; held-out gain over its standard error", reference="what was hidden")
+    K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
+    hz = 1.15 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
+    data = hung_record(3, mass=150.0, hz=hz, storey=4)
+    found = free_form(frame, examine(frame, data), data)
+    (part,) = found.content["parts"]
+    place, direction, _ = part["location"].rsplit(", ", 2)
+    row.equal((part["cause"], place, direction, part["since"]),
+              (PART_CAUSES[3], "(0.0, 0.0, 15.0) m", "along 0 deg", data.sets[20].id), "part")
+    row.error((part["size"] - 150.0) / part["size_std"], 3, "size")
+    row.error(part["size_std"] / 150.0, 0.3, "its standard deviation")
+    row.error((part["frequency_hz"] - hz) / part["frequency_std_hz"], 3, "frequency")
+    row.error(part["frequency_std_hz"] / hz, 0.04, "its standard deviation, relative")
+    outcome = found.outcome
+    gain = measures(outcome.problem, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
+    row.least(gain["heldout_elpd"] / gain["heldout_elpd_se"], SIGNIFICANT, "gain")
+    said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
+    assert f"by itself at {part['frequency_hz']:.3g}" in said[0] and "no row of the catalogue" in said[1]
+
+
+def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame, validation):
+    """Its own degree of freedom against the matrices written out; derivatives with its mass and frequency against
+    finite differences; what is not there yet against the smallest that is."""
+    row = validation(what="a mass on springs on the small basis: frequencies; derivatives of eigenvalues and shapes "
+                          "with its mass and ln of its frequency; with a mass that is not there yet; frequencies from "
+                          "the modes without it", reference="the matrices with its own degrees of freedom; central "
+                          "differences; the smallest mass", why="eigensolver; step")
+    rows = elementary(frame.small, str, on_springs=True)
+    part = next(a for e, a in rows if e.cause == PART_CAUSES[3] and "along 45 deg" in e.location and a.tuned_hz > 3)
+    small = frame.small.attached([part])
+    (one,) = small.tuned
+    theta = np.append(frame.small.parameters.initial, [200.0, 0.05])
+    storey = int(np.argmax(np.abs(part.mass[0] @ np.linalg.pinv(frame.small.at_nodes)))) // 3
+    hz = part.tuned_hz * np.exp(0.05)
+    K, M = (np.pad(x, (0, 1)) for x in storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY)))
+    both = np.zeros(len(K))
+    both[[2 * storey, 2 * storey + 1, -1]] = np.sqrt(0.5), np.sqrt(0.5), -1.0
+    K += 200.0 * (2 * np.pi * hz) ** 2 * np.outer(both, both)
+    M[-1, -1] = 200.0
+    modes = small.at(theta).solve()
+    row.error(modes.frequency_hz / (np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)) - 1, 1e-9, "frequencies")
+    bare = small.at(np.append(frame.small.parameters.initial, [0.0, 0.05]))
+    moved = replace(one, hz=hz)
+    quick = bare.solve_with(bare.solve(), moved, 200.0, 6)
+    row.error(quick.frequency_hz / modes.frequency_hz[:6] - 1, 1e-9, "from the modes without it")
+    clusters = [[k] for k in range(6)]
+
+    def slopes_at(point):
+        local = small.at(point)
+        return local, local.derivatives(local.slopes([one.column, one.tuning]), [(0.0, local.solve(), clusters)])[0]
+
+    def value_and_shape(point, k, like):
+        local = small.at(point)
+        found = local.solve()
+        shape = local.at_channels @ found.vectors[:, k]
+        return (2 * np.pi * found.frequency_hz[k]) ** 2, shape * np.sign(shape @ like)
+
+    local, found = slopes_at(theta)
+    for k, (coupling, change) in enumerate(found):
+        value, shape = (2 * np.pi * modes.frequency_hz[k]) ** 2, local.at_channels @ modes.vectors[:, k]
+        for p, h in ((0, 0.2), (1, 1e-4)):
+            up, down = (value_and_shape(theta + s * h * np.eye(len(theta))[one.column + p], k, shape) for s in (1, -1))
+            scale = max(abs(coupling[0, 0, p]), 1e-3 * value / (200.0, 1.0)[p])
+            row.error((coupling[0, 0, p] - (up[0] - down[0]) / (2 * h)) / scale, 1e-4, "eigenvalues")
+            slope = (up[1] - down[1]) / (2 * h)
+            least = 1e-3 * np.abs(shape).max() / (200.0, 1.0)[p]
+            # of modes 3 % apart what turns them into each other is smoothed by (EQUAL / 0.03)^2 = 1.1e-3
+            row.error(np.abs(change[:, 0, p] - slope).max() / max(np.abs(slope).max(), least), 2e-3, "shapes")
+    none, small_one = theta.copy(), theta.copy()
+    none[one.column], small_one[one.column] = 0.0, 1e-3
+    own, with_it = slopes_at(none)[1], small.at(small_one).solve()
+    apart = int(np.argmin(np.abs(with_it.frequency_hz - hz)))
+    value = (2 * np.pi * np.delete(with_it.frequency_hz, apart)[:6]) ** 2
+    away = np.abs(1 - value / one.square(theta))
+    smooth = 1 / (1 + (0.05 / away) ** 2)
+    slope = np.array([coupling[0, 0, 0] for coupling, _ in own])
+    expected = (value - (2 * np.pi * small.at(none).solve().frequency_hz[:6]) ** 2) / 1e-3
+    row.error((slope - smooth * expected) / np.abs(expected).max(), 1e-3, "not there yet")
+
+
 def test_parts_are_looked_for_in_processes_too(frame):
     """The model with its parts goes to other processes, which answer as this one does."""
     data = record(3, spring=3e5)
