@@ -79,7 +79,8 @@ def examine(
     seed: int = 1, runs: Executor = SERIAL, progress: Progress = silent,
 ) -> Outcome:
     """`diagnose` with all that its pictures, the gain and the extended model need; of at most so many effects, those
-    that are `begun` tried first (see `explore`). Hypotheses that do not need one another are fitted side by side on the executor `runs`."""
+    that are `begun` tried first (see `explore`). Hypotheses that do not need one another are fitted side by side on the
+    executor `runs`."""
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)

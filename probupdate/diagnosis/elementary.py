@@ -40,7 +40,7 @@ from probupdate.diagnosis.mode_numbers import Reference, numbers_of
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
-from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel, TunedMass
+from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
@@ -50,8 +50,9 @@ from probupdate.structure.places import place_of
 
 # points of the structure where a part may sit, and horizontal directions of a spring
 N_POINT, N_DIRECTION = 48, 4
-# heights and horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its frequencies
-# are apart (in ln f): twice the standard deviation with which each is estimated, and so much where no mode is that near
+# heights and horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its
+# frequencies are apart (in ln f): twice the standard deviation with which each is estimated; where no mode is within
+# the larger distance, that one
 N_HUNG, N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 10, 8, 2 * TUNING_STD, 0.36
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there; its upper bound in these
@@ -288,9 +289,9 @@ def hung_at_size(
     plain = _numbers(problem.predictor.references(local, angle), axes)
     before, result = float(count * np.log(design.misfit(centred, []))), []
     for k, (effect, attachment) in enumerate(parts):
-        if attachment.tuned_hz is None or attachment.mass is None:
+        if attachment.tuned_hz is None:
             continue
-        one = TunedMass(column=0, tuning=0, rows=attachment.mass, hz=attachment.tuned_hz)
+        one = attachment.as_tuned(0, 0)
         tried, left = [], []
         for size in effect.prior_scale * np.array(HUNG_SIZES):
             own = local.solve_with(modes, one, size, local.n_search + len(one.rows))
@@ -300,7 +301,8 @@ def hung_at_size(
                 continue
             for profile in profiles:
                 tried.append((float(size), profile))
-                left.append([y - profile.value[:, None] * (b - a) for y, a, b in zip(centred, plain, expected, strict=True)])
+                left.append([y - profile.value[:, None] * (b - a)
+                             for y, a, b in zip(centred, plain, expected, strict=True)])
         if tried:
             each = [np.array(of_group) for of_group in zip(*left, strict=True)]
             gain = before - count * np.log(design.misfits(kept(each, noise), []))

@@ -286,21 +286,17 @@ def explore(
     begun: Sequence[IncludedEffect] = (),
 ) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects; those that do
-    not need one another side by side on the executor `runs`. `begun`: effects that are tried one by one first, at
-    sizes that someone has a reason for."""
+    not need one another side by side on the executor `runs`. `begun`: effects tried first, each at its size."""
     n_searched = len(problem.which)
     # what a design is asked for is as large as all else together, and goes with the search that asked for it
     null = replace(null, design=replace(null.design))
-    start = hypothesis_of(problem, (), (), null)
-    known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     one_more: dict[frozenset, bool] = {}
     # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
-    _fit_moves(problem, start.not_asked(), [_tried_first(problem, n, first) for n in begun], known, noise_anew=True,
-               runs=runs)
+    known = _known_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _next_looked_at(keys, relative, searches)
@@ -347,6 +343,16 @@ def explore(
     more = one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
                     first=first, last=found, one_more=more)
+
+
+def _known_first(
+    problem: DiagnosisProblem, null: Fit, moves: Sequence[Move], runs: Executor
+) -> dict[frozenset, Hypothesis]:
+    """The model as it is, and where these moves from it lead."""
+    start = hypothesis_of(problem, (), (), null)
+    known: dict[frozenset, Hypothesis] = {frozenset(): start}
+    _fit_moves(problem, start.not_asked(), moves, known, noise_anew=True, runs=runs)
+    return known
 
 
 def _tried_first(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> Move:

@@ -48,8 +48,8 @@ N_POINT, N_VERIFY = 54, 6
 TOLERANCE = 3e-4
 # and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a signature's own
 N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
-# standard deviation of ln f of a mass on a spring about the frequency it is given, and how near its own frequency (x = (f
-# / f_own)^2, from one) no first-order change holds, as the two modes share their shapes
+# standard deviation of ln f of a mass on a spring about the frequency it is given; how near that (in
+# (f / f_own)^2) no first-order change holds, as the two modes share their shapes
 TUNING_STD, NEAR_TUNING = 0.06, 0.05
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
@@ -90,6 +90,12 @@ class Attachment:
     stiffness: np.ndarray | None = None
     mass: np.ndarray | None = None
     tuned_hz: float | None = None
+
+    def as_tuned(self, column: int, tuning: int) -> TunedMass:
+        """The mass on springs whose mass and tuning are these parameters. Raises ValueError where it is none."""
+        if self.mass is None or self.tuned_hz is None:
+            raise ValueError(f"{self.name} is no mass on springs")
+        return TunedMass(column=column, tuning=tuning, rows=self.mass, hz=self.tuned_hz)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,8 +178,7 @@ class SmallModel:
         added = [Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
                  for p in parts]
         added += [Parameter(name=f"{parts[k].name}, tuning", unit="-", initial=0.0, std=TUNING_STD) for k in tuned]
-        hung = tuple(TunedMass(column=own + k, tuning=own + len(parts) + i, rows=parts[k].mass, hz=parts[k].tuned_hz)
-                     for i, k in enumerate(tuned))
+        hung = tuple(parts[k].as_tuned(own + k, own + len(parts) + i) for i, k in enumerate(tuned))
         correlation = self.parameters.correlation
         if correlation is not None:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
@@ -285,8 +290,8 @@ class LocalModel:
         whole = np.block([[np.diag(value) + mass * square * motion.T @ motion, across.T],
                           [across, square * np.eye(len(motion))]])
         found, turn = linalg.eigh(whole, subset_by_index=(0, count - 1))
-        return SmallModes(frequency_hz=np.sqrt(np.maximum(found, 0)) / (2 * np.pi), vectors=vectors @ turn[: len(value)],
-                          n_search=count)
+        return SmallModes(frequency_hz=np.sqrt(np.maximum(found, 0)) / (2 * np.pi),
+                          vectors=vectors @ turn[: len(value)], n_search=count)
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""

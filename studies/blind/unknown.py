@@ -83,7 +83,8 @@ def run_case(kind: str, number: int) -> dict:
         parts = free.content["parts"]
         result |= {"parts": [[p["cause"], p["location"], p["size"], p["size_std"], p["time_profile"]] for p in parts],
                    "placed": any(placed(truth, p["cause"], p["location"]) for p in parts),
-                   "gain": gain["heldout_elpd"], "gain_se": gain["heldout_elpd_se"], "complete": free.content["complete"]}
+                   "gain": gain["heldout_elpd"], "gain_se": gain["heldout_elpd_se"],
+                   "complete": free.content["complete"]}
     return {**result, "cpu_s": time.process_time() - begun}
 
 

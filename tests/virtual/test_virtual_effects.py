@@ -86,14 +86,17 @@ def test_every_structural_kind_has_an_example():
 
 @pytest.mark.parametrize(("kind", "place", "size", "sign"), EXAMPLES, ids=[e[0] for e in EXAMPLES])
 def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, sign, validation):
-    row = validation(what="hidden effects, 31 kinds: one mode more of two of them, two of one; largest change of a frequency of "
-                          "the others; these at amount zero, frequencies and shapes",
+    row = validation(what="hidden effects, 31 kinds: one mode more of two of them, two of one; largest change of a "
+                          "frequency of the others; these at amount zero, frequencies and shapes",
                      reference="what was put in; the structure without them", why="eigensolver")
     entries = entry(kind, place, size)
     now = solved(file, entries)
     if kind in ("blade_coupling", "tuned_mass", "second_structure"):
-        # a mode more for each spring: all others lie between those of the structure with the mass fixed and with it gone
-        row.equal(np.count_nonzero(now.frequency_hz < 2.5), np.count_nonzero(plain.frequency_hz < 2.5) + (2 if kind == "second_structure" else 1), "more modes")
+        # a mode more for each spring: all others lie between those of the structure with the mass fixed and with it
+        # gone
+        more = 2 if kind == "second_structure" else 1
+        row.equal(np.count_nonzero(now.frequency_hz < 2.5), np.count_nonzero(plain.frequency_hz < 2.5) + more,
+                  "more modes")
         return
     change = now.frequency_hz[:5] / plain.frequency_hz[:5] - 1
     row.least(sign * change[np.argmax(np.abs(change))], 2e-5, "largest change")
