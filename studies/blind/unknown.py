@@ -1,6 +1,6 @@
 """What no row describes: is it noticed, is it given a row's name, and do elementary parts say where it is?
 
-python studies/blind/unknown.py OUT.jsonl [--first K] [--most N]     (goes on where it stopped)
+python studies/blind/unknown.py OUT.jsonl [--first K] [--most N] [--kinds cable ...]     (goes on where it stopped)
 python studies/blind/unknown.py OUT.jsonl --table
 
 By turns a cable from a leg to the tower, a fender at a leg, a tuned mass on the tower, a second structure beside a leg,
@@ -107,13 +107,14 @@ def main() -> None:
     options.add_argument("out", type=Path)
     options.add_argument("--first", type=int, default=1)
     options.add_argument("--most", type=int, default=10, help="cases of each kind")
+    options.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
     options.add_argument("--table", action="store_true")
     given = options.parse_args()
     rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
     if not given.table:
         done = {r["id"] for r in rows}
         for number in range(given.first, given.first + given.most):
-            for kind in KINDS:
+            for kind in given.kinds:
                 if f"{kind}-{number}" in done:
                     continue
                 rows.append(run_case(kind, number))
