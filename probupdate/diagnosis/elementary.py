@@ -55,8 +55,8 @@ N_POINT, N_DIRECTION = 48, 4
 # the larger distance, that one
 N_HUNG, N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 10, 8, 2 * TUNING_STD, 0.36
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
-# there; its upper bound in these
-SHARE, MOST = 0.1, 100.0
+# there, of one on springs over the least where any may hang; its upper bound in these, and that of one on springs
+SHARE, MOST, MOST_HUNG = 0.1, 100.0, 10.0
 # of a mass on springs, in its prior's standard deviations, what is tried at its own size
 HUNG_SIZES = (0.1, 0.3, 1.0)
 # parts that are scored at once, and how many of a kind are fitted
@@ -181,13 +181,15 @@ def elementary(
         if frozenset((a, b)) not in lined:
             spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
                    way / np.linalg.norm(way) @ (rows[b] - rows[a]))
-    for k, n in hanging_points(wire, nodes) if on_springs else ():
+    hung = hanging_points(wire, nodes) if on_springs else []
+    # what hangs where little moves is no heavier for that
+    most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
+    for k, n in hung if most > 0 else ():
         for words, d in [*directions(n)[:-1], ("horizontal", None)]:
             own = rows[k][:2] if d is None else (d @ rows[k])[None]
-            moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
-            for hz in tunings(np.sqrt(value) / (2 * np.pi)) if moved > 0 else ():
+            for hz in tunings(np.sqrt(value) / (2 * np.pi)) if np.any(own) else ():
                 result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
-                                    SHARE / moved, Attachment(mass=own, tuned_hz=float(hz))))
+                                    SHARE / most, Attachment(mass=own, tuned_hz=float(hz)), MOST_HUNG))
     number = Counter(effect.cause for effect, _ in result)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
 
@@ -203,12 +205,14 @@ def tunings(frequency_hz: np.ndarray) -> np.ndarray:
     return np.exp(result)
 
 
-def _part(cause: str, location: str, unit: str, std: float, attachment: Attachment) -> tuple[Effect, Attachment]:
+def _part(
+    cause: str, location: str, unit: str, std: float, attachment: Attachment, most: float = MOST
+) -> tuple[Effect, Attachment]:
     name = f"{cause}: {location}"
     effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, prior_scale=std,
-                    lower=0.0, upper=MOST * std, parameter=name, time_profiles=("constant", "step"),
+                    lower=0.0, upper=most * std, parameter=name, time_profiles=("constant", "step"),
                     check="look there for what the model does not have")
-    return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=MOST * std)
+    return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=most * std)
 
 
 def place_words(point: np.ndarray, description: Description | None) -> str:

@@ -28,8 +28,8 @@ from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
-# masses on springs from whose own size the search begins
-N_BEGUN = 4
+# masses on springs from whose own size the search begins, each at another place
+N_BEGUN = 10
 # parts at once
 MOST_PARTS = 2
 # a mode is acted on where its ln f moves by so many standard deviations of a block's
@@ -63,9 +63,12 @@ def most_promising(
     for theta in (problem.predictor.parameters.initial, fitted.theta):
         tried = hung_at_size(problem, theta, parts, along)
         kept |= {k for _, k, _, _ in tried[:N_KEPT // 2]}
+        best: dict[str, tuple] = {}
+        for one in tried:
+            best.setdefault(parts[one[1]][0].location.rsplit(", ", 2)[0], one)
         begun |= {k: IncludedEffect(effect=parts[k][0], time_profile=profile, size=size)
-                  for _, k, size, profile in tried[:N_BEGUN]}
-    return sorted(kept), [*begun.values()]
+                  for _, k, size, profile in [*best.values()][:N_BEGUN]}
+    return sorted(kept.union(begun)), [*begun.values()]
 
 
 def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
