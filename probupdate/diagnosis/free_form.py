@@ -20,6 +20,7 @@ from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
@@ -29,7 +30,7 @@ from probupdate.runtime.progress import Progress, silent
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
 # masses on springs from whose own size the search begins, each at another place
-N_BEGUN = 10
+N_BEGUN = 6
 # parts at once
 MOST_PARTS = 2
 # a mode is acted on where its ln f moves by so many standard deviations of a block's
@@ -63,7 +64,7 @@ def most_promising(
     for theta in (problem.predictor.parameters.initial, fitted.theta):
         tried = hung_at_size(problem, theta, parts, along)
         kept |= {k for _, k, _, _ in tried[:N_KEPT // 2]}
-        best: dict[str, tuple] = {}
+        best: dict[str, tuple[float, int, float, TimeProfile]] = {}
         for one in tried:
             best.setdefault(parts[one[1]][0].location.rsplit(", ", 2)[0], one)
         begun |= {k: IncludedEffect(effect=parts[k][0], time_profile=profile, size=size)
