@@ -62,7 +62,11 @@ def most_promising(
     begun: dict[int, IncludedEffect] = {}
     # a strong one bends the fit without it, whose frequencies may all the same be nearer than the prior's
     for theta in (problem.predictor.parameters.initial, fitted.theta):
-        tried = hung_at_size(problem, theta, parts, along)
+        try:
+            tried = hung_at_size(problem, theta, parts, along)
+        except ConvergenceError:
+            # where the model has no modes there that pair with the measured ones
+            continue
         kept |= {k for _, k, _, _ in tried[:N_KEPT // 2]}
         best: dict[str, tuple[float, int, float, TimeProfile]] = {}
         for one in tried:

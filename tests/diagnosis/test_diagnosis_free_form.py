@@ -8,12 +8,14 @@ from scipy import linalg
 
 from probupdate.diagnosis import diagnose
 from probupdate.diagnosis import elementary as elementary_parts
+from probupdate.diagnosis import free_form as free_form_module
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.wording import free_form_words
+from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
@@ -37,6 +39,18 @@ def frame(frame_file, tmp_path_factory):
     return prepare(path, parameters=read_parameters(frame_file.with_name("model.toml")))
 
 
+def block(rng, number, value, phi):
+    """The modal set of a block: eigenvalues (6,) and shapes (10, 6) as identified."""
+    phi = phi / np.max(np.abs(phi), axis=0)
+    f = np.sqrt(value) / (2 * np.pi)
+    return ModalSet(
+        id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * number, "m")),
+        frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
+        shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
+        shape_std=np.full(phi.shape, 5e-3),
+    )
+
+
 def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
     """Blocks of a frame that from one on has a spring to ground along x, or a mass, at a storey."""
     rng = np.random.default_rng(seed)
@@ -47,14 +61,7 @@ def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
         K, M = storeys(base, base, masses)
         K[2 * storey, 2 * storey] += spring * (b >= from_block)
         value, phi = linalg.eigh(K, M, subset_by_index=(0, 5))
-        phi = phi / np.max(np.abs(phi), axis=0)
-        f = np.sqrt(value) / (2 * np.pi)
-        sets.append(ModalSet(
-            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * b, "m")),
-            frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
-            shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
-            shape_std=np.full(phi.shape, 5e-3),
-        ))
+        sets.append(block(rng, b, value, phi))
     return ModalData(channels=CHANNELS, sets=tuple(sets))
 
 
@@ -104,14 +111,7 @@ def hung_record(seed, *, mass, hz, storey, from_block=20):
         value, phi = linalg.eigh(K, M, subset_by_index=(0, 6))
         apart = np.argmax(np.abs(phi[-1]) / np.linalg.norm(phi[: 2 * N_STOREY], axis=0)) if b >= from_block else 6
         value, phi = np.delete(value, apart), np.delete(phi[: 2 * N_STOREY], apart, axis=1)
-        phi = phi / np.max(np.abs(phi), axis=0)
-        f = np.sqrt(value) / (2 * np.pi)
-        sets.append(ModalSet(
-            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * b, "m")),
-            frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
-            shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
-            shape_std=np.full(phi.shape, 5e-3),
-        ))
+        sets.append(block(rng, b, value, phi))
     return ModalData(channels=CHANNELS, sets=tuple(sets))
 
 
@@ -267,6 +267,20 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
         tried = [part for part, _ in asked if part.cause == effect.cause]
         assert len(tried) == elementary_parts.FITTED and effect.location == tried[1].location and evidence == 3.0
         assert prior == pytest.approx(np.log(effect.odds)) and effect.odds > tried[1].odds
+
+
+def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeypatch):
+    """Where nothing can be tried at its own size the parts are those that promise most to first order."""
+    def no_modes(*_):
+        raise ConvergenceError("no modes on the small basis", np.zeros(1))
+
+    data = record(3, spring=3e5)
+    known = examine(frame, data)
+    parts = elementary(frame.small, str, on_springs=True)
+    with_them = free_form_module.most_promising(known.problem, known.null, parts)
+    monkeypatch.setattr(free_form_module, "hung_at_size", no_modes)
+    kept, begun = free_form_module.most_promising(known.problem, known.null, parts)
+    assert not begun and with_them[1] and set(kept) < set(with_them[0])
 
 
 def test_nothing_is_added_where_nothing_is_hidden(frame):
