@@ -58,10 +58,12 @@ ALIKE_SHAPES = "the measured shapes are as good as one where the model expects t
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """The diagnosis with what it was read from: the fit of the model as it is (`null`), the fit with everything found
-    (`fitted`, its `included` in the order of the findings), and the first and the last search."""
+    """The diagnosis with what it was read from: the findings of the most probable hypothesis (`proposed`), which are
+    none of the diagnosis where that explains too little; the fit of the model as it is (`null`), the fit with
+    everything proposed (`fitted`, its `included` in that order), and the first and the last search."""
 
     diagnosis: Diagnosis
+    proposed: tuple[Finding, ...]
     problem: DiagnosisProblem
     null: Fit
     fitted: Fit
@@ -132,7 +134,8 @@ def examine(
         parameters=parameters,
         details=details,
     )
-    return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first, last=found)
+    return Outcome(diagnosis=diagnosis, proposed=tuple(findings), problem=problem, null=null, fitted=fitted,
+                   first=first, last=found)
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:

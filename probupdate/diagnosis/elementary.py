@@ -16,15 +16,10 @@ import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import (
     Fit,
-    about,
     design_with_more,
-    design_without_candidates,
     fitted_without_candidates,
-    kept,
-    noise_of,
 )
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
@@ -36,7 +31,6 @@ from probupdate.diagnosis.hypotheses import (
     without,
 )
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.mode_numbers import Reference, numbers_of
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
@@ -57,8 +51,6 @@ N_HUNG, N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 10, 8, 2 * TUNING_STD, 0.36
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there, of one on springs over the least where any may hang; its upper bound in these, and that of one on springs
 SHARE, MOST, MOST_HUNG = 0.1, 100.0, 10.0
-# of a mass on springs, in its prior's standard deviations, what is tried at its own size
-HUNG_SIZES = (0.1, 0.3, 1.0)
 # parts that are scored at once, and how many of a kind are fitted
 CHUNK, FITTED = 160, 3
 # score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
@@ -68,6 +60,8 @@ SAME_PLACE = 0.012
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
 NOT_THERE = ("pile", "rna")
 PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point", "mass on springs")
+# how a mass on springs moves that is on one along either horizontal axis
+BOTH_WAYS = "horizontal"
 
 
 # an elementary part: its row, and where it acts on the small basis
@@ -185,13 +179,19 @@ def elementary(
     # what hangs where little moves is no heavier for that
     most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
     for k, n in hung if most > 0 else ():
-        for words, d in [*directions(n)[:-1], ("horizontal", None)]:
+        for words, d in [*directions(n)[:-1], (BOTH_WAYS, None)]:
             own = rows[k][:2] if d is None else (d @ rows[k])[None]
             for hz in tunings(np.sqrt(value) / (2 * np.pi)) if np.any(own) else ():
                 result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
                                     SHARE / most, Attachment(mass=own, tuned_hz=float(hz)), MOST_HUNG))
     number = Counter(effect.cause for effect, _ in result)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
+
+
+def place_and_direction(part: Part) -> tuple[str, str]:
+    """Of a mass on springs where it hangs and how it moves, as its location has them."""
+    place, way, _ = part[0].location.rsplit(", ", 2)
+    return place, way
 
 
 def tunings(frequency_hz: np.ndarray) -> np.ndarray:
@@ -272,53 +272,6 @@ def scores_of_parts(
         if own is not None:
             alike[here] = _correlations(design, n)[:n].reshape(len(chunk), -1)
     return gain, size, alike
-
-
-def hung_at_size(
-    problem: DiagnosisProblem, theta: np.ndarray, parts: Sequence[Part], profiles: Sequence[TimeProfile]
-) -> list[tuple[float, int, float, TimeProfile]]:
-    """Masses on springs among the parts, each at the size and along the time profile that explains most: by how much it
-    lowers -2 ln posterior with the scale of all noise as the record then asks for, its number, size and profile, the
-    most telling first. At parameters theta and one angle, with all that is unknown to first order: a mode more, and
-    modes that are shared by two, are nowhere near linear in the mass."""
-    here = residuals_at(problem, theta, ())
-    noise = noise_of(problem, here)
-    design = design_without_candidates(problem, theta, (), noise)
-    _, centred = about(problem, design, theta, (), here)
-    count = sum(int(np.count_nonzero(w > 0)) * f.size
-                for w, f in zip(noise.weight, problem.discrepancy_std, strict=True))
-    local, angle = problem.predictor.small.at(theta), float(problem.angles[len(problem.angles) // 2])
-    modes = local.solve(angle)
-    axes = problem.predictor.axes
-    plain = _numbers(problem.predictor.references(local, angle), axes)
-    before, result = float(count * np.log(design.misfit(centred, []))), []
-    for k, (effect, attachment) in enumerate(parts):
-        if attachment.tuned_hz is None:
-            continue
-        one = attachment.as_tuned(0, 0)
-        tried, left = [], []
-        for size in effect.prior_scale * np.array(HUNG_SIZES):
-            own = local.solve_with(modes, one, size, local.n_search + len(one.rows))
-            try:
-                expected = _numbers(problem.predictor.references_of(local, own), axes)
-            except ConvergenceError:
-                continue
-            for profile in profiles:
-                tried.append((float(size), profile))
-                left.append([y - profile.value[:, None] * (b - a)
-                             for y, a, b in zip(centred, plain, expected, strict=True)])
-        if tried:
-            each = [np.array(of_group) for of_group in zip(*left, strict=True)]
-            gain = before - count * np.log(design.misfits(kept(each, noise), []))
-            best = int(np.argmax(gain))
-            result.append((float(gain[best]), k, *tried[best]))
-    return sorted(result, key=lambda t: -t[0])
-
-
-def _numbers(references: Sequence[Reference], axes: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Of every group the numbers (n_response,) of its expected modes."""
-    return [numbers_of(Reference(tensor=r.tensor[None], shape=r.shape[None]), a)[0]
-            for r, a in zip(references, axes, strict=True)]
 
 
 def _correlations(design: Design, row: int) -> np.ndarray:

@@ -327,6 +327,26 @@ def fitted_without_candidates(
     return _ended(problem, theta, included, noise, here, MOST_STEPS)
 
 
+def first_steps(
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], noise: Noise, count: int
+) -> tuple[np.ndarray, tuple[IncludedEffect, ...], float]:
+    """Parameters, effects and -2 ln posterior where so many steps of a fit with this noise lead. Raises
+    ConvergenceError where the model has no modes."""
+    included, here = tuple(included), residuals_at(problem, theta, included)
+    misfit = np.inf
+    for _ in range(count):
+        design = design_without_candidates(problem, theta, included, noise)
+        residuals, centred = about(problem, design, theta, included, here)
+        newton = _newton(problem, design, theta, included, centred)
+        misfit = design.misfit(residuals, design.held(len(problem.updated))) + penalty(problem, theta, included,
+                                                                                       included)
+        trial = _downhill(problem, design, theta, included, newton, misfit)
+        if trial is None:
+            break
+        theta, included, here, misfit = trial.theta, trial.included, trial.there, trial.misfit
+    return theta, included, misfit
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Newton:
     """A Gauss-Newton step: `move` of the updated parameters in their prior's standard deviations `scale` (n_updated,),

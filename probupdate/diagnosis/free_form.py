@@ -7,30 +7,45 @@ kind at the prior odds of one row of the catalogue. They say where and in which 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy import linalg
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.elementary import PART_CAUSES, Part, hung_at_size, parts_of, scores_of_parts
+from probupdate.diagnosis.elementary import (
+    BOTH_WAYS,
+    PART_CAUSES,
+    Part,
+    parts_of,
+    place_and_direction,
+    scores_of_parts,
+)
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import residuals_at
-from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.fitting import Fit, first_steps
+from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
-# masses on springs from whose own size the search begins, each at another place
-N_BEGUN = 6
+# with how many the search begins: of each kind those that promise most to first order, and masses on springs
+FITTED, N_BEGUN = 3, 8
+# masses on springs that go MORE_STEPS of a fit, from BEGUN_AT of their prior's standard deviation, and at how many
+# places those that move along one direction do
+N_AGAIN, MORE_STEPS, BEGUN_AT, N_ONE_WAY = 20, 4, 0.5, 4
+# probability from which what may be meant instead of a part is said
+POSSIBLE = 0.05
 # parts at once
 MOST_PARTS = 2
 # a mode is acted on where its ln f moves by so many standard deviations of a block's
@@ -48,44 +63,119 @@ class FreeForm:
 
 
 def most_promising(
-    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], runs: Executor = SERIAL
 ) -> tuple[list[int], list[IncludedEffect]]:
-    """Numbers of the parts that promise most beside a fit, N_KEPT of each kind to first order, and of masses on springs
-    as many again at their own size; the N_BEGUN of these that explain most, to begin with."""
+    """Numbers of the parts that promise most and what to begin with: of each kind N_KEPT and the FITTED best of them,
+    to first order beside a fit; of masses on springs by the first steps of fits with them, N_AGAIN and the N_BEGUN best
+    at different places or that move otherwise there."""
     profiles = [time_profile for time_profile in problem.time_profiles if time_profile.kind in ("constant", "step")]
-    gain, _, _ = scores_of_parts(problem, fitted, parts, profiles)
-    order = np.argsort(-gain.max(axis=1), kind="stable")
-    kept = {int(k) for cause in PART_CAUSES for k in [k for k in order if parts[k][0].cause == cause][:N_KEPT]}
-    step = max((c for c in range(len(profiles)) if profiles[c].kind == "step"), key=lambda c: gain[:, c].max(),
-               default=None)
-    along = [p for c, p in enumerate(profiles) if p.kind == "constant" or c == step]
-    begun: dict[int, IncludedEffect] = {}
-    # a strong one bends the fit without it, whose frequencies may all the same be nearer than the prior's
-    for theta in (problem.predictor.parameters.initial, fitted.theta):
-        try:
-            tried = hung_at_size(problem, theta, parts, along)
-        except ConvergenceError:
-            # where the model has no modes there that pair with the measured ones
-            continue
-        kept |= {k for _, k, _, _ in tried[:N_KEPT // 2]}
-        best: dict[str, tuple[float, int, float, TimeProfile]] = {}
-        for one in tried:
-            best.setdefault(parts[one[1]][0].location.rsplit(", ", 2)[0], one)
-        begun |= {k: IncludedEffect(effect=parts[k][0], time_profile=profile, size=size)
-                  for _, k, size, profile in [*best.values()][:N_BEGUN]}
-    return sorted(kept.union(begun)), [*begun.values()]
+    hung = [k for k, (_, attachment) in enumerate(parts) if attachment.tuned_hz is not None]
+    plain = [k for k, (_, attachment) in enumerate(parts) if attachment.tuned_hz is None]
+    gain, size, _ = scores_of_parts(problem, fitted, [parts[k] for k in plain], profiles)
+    order, kept, begun = np.argsort(-gain.max(axis=1), kind="stable"), set(), []
+
+    def included(k: int, profile: TimeProfile, own: float) -> IncludedEffect:
+        n = IncludedEffect(effect=parts[k][0], time_profile=profile, size=own)
+        return replace(n, size=float(np.clip(own, *np.multiply(0.6, n.bounds))))
+
+    for cause in PART_CAUSES:
+        rows = [row for row in order if parts[plain[row]][0].cause == cause][:N_KEPT]
+        kept |= {plain[row] for row in rows}
+        for row in rows[:FITTED]:
+            c = int(np.argmax(gain[row]))
+            begun += [included(plain[row], profiles[c], size[row, c])] if gain[row, c] > 0 else []
+    most = gain.max(axis=0)
+    step = max((c for c, p in enumerate(profiles) if p.kind == "step"), key=lambda c: most[c], default=0)
+    # what is so throughout bends the fit without it, beside which a step may promise more
+    along = [profiles[c] for c in sorted({0, step}) if most[c] >= most[0]]
+    stepped = hung_at_first_steps(problem, fitted, {k: parts[k] for k in hung}, along, runs)
+    first: dict[tuple[str, bool], IncludedEffect] = {}
+    for k, profile, own in stepped:
+        place, way = place_and_direction(parts[k])
+        first.setdefault((place, way == BOTH_WAYS), included(k, profile, own))
+    chosen = [*first.values()][:N_BEGUN]
+    kept |= {k for k, _, _ in stepped[:N_AGAIN]} | {k for k in hung if any(parts[k][0] is n.effect for n in chosen)}
+    return sorted(kept), [*begun, *chosen]
+
+
+def hung_at_first_steps(
+    problem: DiagnosisProblem, fitted: Fit, parts: Mapping[int, Part], along: Sequence[TimeProfile],
+    runs: Executor = SERIAL,
+) -> list[tuple[int, TimeProfile, float]]:
+    """Numbers of masses on springs by what the first steps of a fit with each of them explain, the most telling first,
+    with the time profile and the mass to which they lead: at the blocks of one heading, from where the prior expects
+    the parameters.
+
+    A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
+    else is bent to follow. Those that move both ways go one step, at every place and every second frequency; where they
+    explain most they go some more, and those that move along one direction too.
+    """
+    rows = at_one_heading(problem, along[-1])
+    shared = problem.taken(rows), fitted.design.noise.taken(rows)
+    short = [replace(profile, value=frozen_array(profile.value[rows])) for profile in along]
+    hung: dict[tuple[str, str], list[int]] = {}
+    for k, part in parts.items():
+        hung.setdefault(place_and_direction(part), []).append(k)
+
+    def steps(numbers: Sequence[tuple[int, int]], count: int) -> list[tuple[float, int, int, float, float]]:
+        tasks = [(short[c], parts[k], count) for k, c in numbers]
+        found = zip(numbers, runs.in_order(_stepped, tasks, shared=shared), strict=True)
+        return sorted((one[0], *own, *one[1:]) for own, one in found if one is not None)
+
+    first = steps([(k, c) for (_, way), own in hung.items() if way == BOTH_WAYS for k in own[::2]
+                   for c in range(len(along))], 1)
+    again = [(k, c) for _, k, c, _, _ in first[:N_AGAIN]]
+    best: dict[str, tuple[float, int]] = {}
+    for _, k, c, _, hz in first:
+        best.setdefault(place_and_direction(parts[k])[0], (hz, c))
+    for place, (hz, c) in [*best.items()][:N_ONE_WAY]:
+        for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
+            again.append((min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))), c))
+    return [(k, along[c], size) for _, k, c, size, _ in steps(again, MORE_STEPS)]
+
+
+def at_one_heading(problem: DiagnosisProblem, profile: TimeProfile) -> np.ndarray:
+    """Numbers of the blocks of the heading at which most are known, on either side of a step."""
+    _, bin_of = problem.bins
+    sides = np.unique(profile.value)
+    count = [min(np.count_nonzero((bin_of == b) & (profile.value == side)) for side in sides)
+             for b in range(bin_of.max() + 1)]
+    return np.flatnonzero(bin_of == np.argmax(count)) if max(count) else np.arange(len(bin_of))
+
+
+def _stepped(
+    problem: DiagnosisProblem, noise: Noise, profile: TimeProfile, part: Part, count: int
+) -> tuple[float, float, float] | None:
+    """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
+    modes there."""
+    small = problem.predictor.small.attached([part[1]])
+    (hung,) = small.tuned
+    alone = replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
+                    updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small))
+    n = IncludedEffect(effect=part[0], time_profile=profile, size=BEGUN_AT * part[0].prior_scale)
+    try:
+        theta, (n,), misfit = first_steps(alone, np.array(small.parameters.initial), [n], noise, count)
+    except ConvergenceError:
+        return None
+    return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
 
 
 def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
     """The model with these parts as further effects; how masses on springs are tuned is estimated as its parameters
     are."""
     small = prepared.small.attached([attachment for _, attachment in parts])
-    tunings = tuple(one.tuning for one in small.tuned)
-    prior = Parameters((*prepared.prior.items, *(small.parameters.items[k] for k in tunings)),
-                       None if prepared.prior.correlation is None
-                       else linalg.block_diag(prepared.prior.correlation, np.eye(len(tunings))))
-    return replace(prepared, small=small, prior=prior, updated=(*prepared.updated, *tunings),
+    return replace(prepared, small=small, prior=_with_tunings(prepared.prior, small),
+                   updated=(*prepared.updated, *(one.tuning for one in small.tuned)),
                    effects=(*prepared.effects, *(effect for effect, _ in parts)))
+
+
+def _with_tunings(prior: Parameters, small: SmallModel) -> Parameters:
+    """The prior of the updated parameters with those of how masses on springs are tuned."""
+    own = [small.parameters.items[one.tuning] for one in small.tuned]
+    correlation = prior.correlation
+    if correlation is not None:
+        correlation = linalg.block_diag(correlation, np.eye(len(own)))
+    return Parameters((*prior.items, *own), correlation)
 
 
 def free_form(
@@ -97,7 +187,7 @@ def free_form(
     parts = parts_of(prepared, on_springs=True)
     if not parts:
         return None
-    kept, begun = most_promising(known.problem, known.null, parts)
+    kept, begun = most_promising(known.problem, known.null, parts, runs)
     wider = prepared_with(prepared, [parts[k] for k in kept])
     try:
         outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)
@@ -112,12 +202,14 @@ def _content(outcome: Outcome) -> dict:
     problem, fitted = outcome.problem, outcome.fitted
     std = sizes_std(problem, fitted)
     rows = []
-    for number, (n, own) in enumerate(zip(fitted.included, std, strict=True)):
+    for number, (n, own, found) in enumerate(zip(fitted.included, std, outcome.proposed, strict=True)):
         step = n.time_profile.kind == "step"
         rows.append({
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
+            "posterior_probability": found.posterior_probability,
+            "alternatives": [asdict(a) for a in found.alternatives if a.posterior_probability > POSSIBLE],
             "modes": modes_moved(outcome, number), **_tuned(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",

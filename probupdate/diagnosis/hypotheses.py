@@ -251,9 +251,11 @@ def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) ->
     return replace(n, size=float(size if effect.discrete else np.clip(size, *np.multiply(0.6, n.bounds))))
 
 
-def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int) -> list[Move]:
-    """One or two effects added that were tried at their own size, where first order says little: the parameters of the
-    fit without them were bent to follow."""
+def large_moves(
+    problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int, most: int
+) -> list[Move]:
+    """One or, where there is room for as many, two effects added that were tried at their own size, where first order
+    says little: the parameters of the fit without them were bent to follow."""
     theta = np.array(problem.predictor.parameters.initial)
     included = here.fitted.included
     taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
@@ -261,7 +263,8 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
     try:
         alone = tried_whole(problem, included, free)
         # of two large ones each hides the other
-        together = tried_together(problem, included, free, alone) if alone[0].whole else None
+        room = len(included) + 2 <= most
+        together = tried_together(problem, included, free, alone) if alone[0].whole and room else None
     except ConvergenceError:
         # where the prior expects the parameters the model has no modes that pair with the measured ones
         return []
@@ -325,7 +328,7 @@ def explore(
             known[key] = here.without_design()
         # of frequencies alone first order says which of two equal modes moves, where either may
         large = bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
-        moves = large_moves(problem, here, found, n_searched) if add and large else []
+        moves = large_moves(problem, here, found, n_searched, most) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
                             best=max(h.log_posterior for h in known.values()))

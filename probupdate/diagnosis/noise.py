@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -33,6 +33,10 @@ class Noise:
     weight: tuple[np.ndarray, ...]
     degrees: tuple[np.ndarray, ...] = ()
     stated: bool = False
+
+    def taken(self, chosen: Sequence[int]) -> Noise:
+        """Of only the blocks numbered `chosen`."""
+        return replace(self, weight=tuple(frozen_array(w[list(chosen)]) for w in self.weight))
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses

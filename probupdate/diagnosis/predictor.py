@@ -91,10 +91,7 @@ class ModalPredictor:
 
     def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
-        return self.references_of(local, local.solve(angle_deg, local.n_search))
-
-    def references_of(self, local: LocalModel, modes: SmallModes) -> tuple[Reference, ...]:
-        """Expected modes of every group among these."""
+        modes = local.solve(angle_deg, local.n_search)
         shape, groups = self._members(local, modes)
         return tuple(
             self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)

@@ -159,6 +159,12 @@ class DiagnosisProblem:
             result.append(covariance if not blocks.std_alone or _agrees(covariance, numbers) else None)
         return tuple(result)
 
+    def taken(self, chosen: Sequence[int]) -> DiagnosisProblem:
+        """The problem of only the blocks numbered `chosen`."""
+        rows = list(chosen)
+        profiles = tuple(replace(p, value=frozen_array(p.value[rows])) for p in self.time_profiles)
+        return replace(self, blocks=self.blocks.taken(rows), time_profiles=profiles)
+
     @property
     def tolerated(self) -> tuple[int, ...]:
         """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""

@@ -30,8 +30,6 @@ TURNS_DEG = tuple(72.0 * k for k in range(5))
 N_KNOWN = 6
 # modes of the mean over all angles from which the lowest ones at an angle are made
 N_CORE = 80
-# modes from which those with a mass on springs are made where many such masses are tried
-N_HUNG_ON = 40
 # angles at which derivatives are taken at once
 PLACES = 12
 # modes a snapshot holds beyond those looked for: modes may trade places
@@ -279,19 +277,6 @@ class LocalModel:
         except linalg.LinAlgError as error:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors)
-
-    def solve_with(self, modes: SmallModes, one: TunedMass, mass: float, count: int) -> SmallModes:
-        """The lowest `count` modes with a mass on springs more, from the N_HUNG_ON lowest `modes` without it, as they
-        move this model's basis: a thousand such masses in the time of some dozen models."""
-        square, vectors = one.square(np.zeros(one.tuning + 1)), modes.vectors[:, :N_HUNG_ON]
-        value = (2 * np.pi * modes.frequency_hz[:N_HUNG_ON]) ** 2
-        motion = one.rows @ vectors[: one.rows.shape[1]]
-        across = -np.sqrt(mass) * square * motion
-        whole = np.block([[np.diag(value) + mass * square * motion.T @ motion, across.T],
-                          [across, square * np.eye(len(motion))]])
-        found, turn = linalg.eigh(whole, subset_by_index=(0, count - 1))
-        return SmallModes(frequency_hz=np.sqrt(np.maximum(found, 0)) / (2 * np.pi),
-                          vectors=vectors @ turn[: len(value)], n_search=count)
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""

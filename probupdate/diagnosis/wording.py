@@ -73,7 +73,10 @@ def part_words(part: Mapping) -> str:
     words = f"{name_of(part)}: {size}, {time_profile_words(part['time_profile'], part.get('since', ''))}"
     if "frequency_hz" in part:
         words += f", by itself at {part['frequency_hz']:.3g} ± {part['frequency_std_hz']:.1g} Hz"
-    return words + (f"; it moves {moved}" if moved else "")
+    words += f"; it moves {moved}" if moved else ""
+    others = [f"{name_of(a)} ({a['posterior_probability']:.2g})" for a in part.get("alternatives", ())]
+    # of equal chances the places are the message
+    return words + (f"; or {', or '.join(others)}" if others else "")
 
 
 def free_form_words(content: Mapping) -> list[str]:

@@ -14,6 +14,7 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.time_profiles import step_profile
 from probupdate.diagnosis.wording import free_form_words
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData, ModalSet
@@ -142,9 +143,9 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
     """Its own degree of freedom against the matrices written out; derivatives with its mass and frequency against
     finite differences; what is not there yet against the smallest that is."""
     row = validation(what="a mass on springs on the small basis: frequencies; derivatives of eigenvalues and shapes "
-                          "with its mass and ln of its frequency; with a mass that is not there yet; frequencies from "
-                          "the modes without it", reference="the matrices with its own degrees of freedom; central "
-                          "differences; the smallest mass", why="eigensolver; step")
+                          "with its mass and ln of its frequency; with a mass that is not there yet",
+                     reference="the matrices with its own degrees of freedom; central differences; the smallest mass",
+                     why="eigensolver; step")
     rows = elementary(frame.small, str, on_springs=True)
     part = next(a for e, a in rows if e.cause == PART_CAUSES[3] and "along 45 deg" in e.location and a.tuned_hz > 3)
     small = frame.small.attached([part])
@@ -159,10 +160,6 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
     M[-1, -1] = 200.0
     modes = small.at(theta).solve()
     row.error(modes.frequency_hz / (np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)) - 1, 1e-9, "frequencies")
-    bare = small.at(np.append(frame.small.parameters.initial, [0.0, 0.05]))
-    moved = replace(one, hz=hz)
-    quick = bare.solve_with(bare.solve(), moved, 200.0, 6)
-    row.error(quick.frequency_hz / modes.frequency_hz[:6] - 1, 1e-9, "from the modes without it")
     clusters = [[k] for k in range(6)]
 
     def slopes_at(point):
@@ -269,8 +266,45 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
         assert prior == pytest.approx(np.log(effect.odds)) and effect.odds > tried[1].odds
 
 
+def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
+    """Its modes are nowhere near linear in it: beside the fit without it another storey promises most."""
+    K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
+    hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
+    known = examine(frame, hung_record(5, mass=400.0, hz=hz, storey=3))
+    parts = dict(enumerate(elementary(frame.small, lambda point: f"z = {point[2]:g} m", on_springs=True)))
+    hung = {k: part for k, part in parts.items() if part[1].tuned_hz is not None}
+    step = step_profile(N_BLOCK, 20)
+    k, profile, mass = free_form_module.hung_at_first_steps(known.problem, known.null, hung, [step])[0]
+    assert parts[k][0].location.startswith("z = 12 m, along 0 deg") and profile is step
+    assert mass == pytest.approx(400.0, rel=0.3)
+
+
+def test_first_steps_are_made_at_the_heading_known_best_on_both_sides(frame):
+    """Four blocks looked west, all of them before the step; eight each east and north, more of north's after it."""
+    known = examine(frame, record(6))
+    blocks = known.problem.blocks
+    angle = np.zeros(len(blocks))
+    angle[:4], angle[4:12], angle[[14, 15, 16, *range(24, 29)]] = 180.0, 90.0, 270.0
+    turned = replace(known.problem, blocks=replace(blocks, angle_deg=np.where(angle == 0, 40.0 * np.arange(40), angle)))
+    constant = next(p for p in turned.time_profiles if p.kind == "constant")
+    assert free_form_module.at_one_heading(turned, step_profile(40, 20)).tolist() == [14, 15, 16, *range(24, 29)]
+    assert free_form_module.at_one_heading(turned, constant).tolist() == [*range(4, 12)]
+    apart = replace(turned, blocks=replace(blocks, angle_deg=np.where(np.arange(40) < 20, 0.0, 180.0)))
+    # no heading is known on both sides: all of them
+    assert free_form_module.at_one_heading(apart, step_profile(40, 20)).tolist() == [*range(40)]
+
+
+def test_places_that_a_part_may_have_instead_are_said():
+    part = {"cause": PART_CAUSES[0], "location": "leg B, mud line, along 90 deg", "size": 2e7, "size_std": 3e6,
+            "unit": "N/m", "time_profile": "constant", "since": "", "elementary": True, "modes": [],
+            "posterior_probability": 0.6, "alternatives": [
+                {"cause": PART_CAUSES[0], "location": "leg B, z = 2.0 m, along 90 deg", "posterior_probability": 0.31}]}
+    said = free_form_words({"details": {"free_form": {"parts": [part], "complete": True, "gain": {}}}})
+    assert said[0].endswith("all through the record; or spring to ground, leg B, z = 2.0 m, along 90 deg (0.31)")
+
+
 def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeypatch):
-    """Where nothing can be tried at its own size the parts are those that promise most to first order."""
+    """Where no fit with a mass on springs can begin the parts are the others."""
     def no_modes(*_):
         raise ConvergenceError("no modes on the small basis", np.zeros(1))
 
@@ -278,9 +312,11 @@ def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeyp
     known = examine(frame, data)
     parts = elementary(frame.small, str, on_springs=True)
     with_them = free_form_module.most_promising(known.problem, known.null, parts)
-    monkeypatch.setattr(free_form_module, "hung_at_size", no_modes)
+    monkeypatch.setattr(free_form_module, "first_steps", no_modes)
     kept, begun = free_form_module.most_promising(known.problem, known.null, parts)
-    assert not begun and with_them[1] and set(kept) < set(with_them[0])
+    hung = {k for k, (effect, _) in enumerate(parts) if effect.cause == PART_CAUSES[3]}
+    assert set(with_them[0]) & hung and set(kept) == set(with_them[0]) - hung
+    assert begun and all(n.effect.cause != PART_CAUSES[3] for n in begun)
 
 
 def test_nothing_is_added_where_nothing_is_hidden(frame):

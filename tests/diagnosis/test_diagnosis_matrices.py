@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis import wording
+from probupdate.diagnosis import hypotheses, wording
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
 from probupdate.diagnosis.crosstalk import _wider, crosstalk_effects
 from probupdate.diagnosis.diagnose import ADEQUATE, NOT_SETTLED, NOT_TESTED, diagnose, examine
@@ -172,6 +172,14 @@ def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_pr
     assert outcome.diagnosis.verdict == verdict
     by_chance = [note for note in outcome.diagnosis.notes if "more probable than chance" in note]
     assert bool(by_chance) == (verdict == "named")
+
+
+def test_two_large_effects_are_tried_together_only_where_there_is_room(prepared, record, monkeypatch):
+    asked = []
+    monkeypatch.setattr(hypotheses, "tried_together", lambda *given: asked.append(given) or ())
+    outcome = examine(prepared, record(5, gain=("y4", 2.0), mass=(2, 1.6)), most=1)
+    assert outcome.first.statistic.max() > hypotheses.LARGE
+    assert not asked and len(outcome.fitted.included) == 1
 
 
 def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, record, monkeypatch):
