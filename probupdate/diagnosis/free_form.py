@@ -95,7 +95,9 @@ def most_promising(
         first.setdefault((place, way == BOTH_WAYS), included(k, profile, own))
     chosen = [*first.values()][:N_BEGUN]
     kept |= {k for k, _, _ in stepped[:N_AGAIN]} | {k for k in hung if any(parts[k][0] is n.effect for n in chosen)}
-    return sorted(kept), [*begun, *chosen]
+    # steps may lead to a mass of a few kilograms that shares a mode: from where they began a fit may lead elsewhere
+    anew = [replace(n, size=BEGUN_AT * n.effect.prior_scale) for n in chosen]
+    return sorted(kept), [*begun, *chosen, *anew]
 
 
 def hung_at_first_steps(
