@@ -7,8 +7,8 @@ kind at the prior odds of one row of the catalogue. They say where and in which 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -28,12 +28,12 @@ from probupdate.diagnosis.fitting import Fit, first_steps
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.results import Finding
 from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
-from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -65,13 +65,11 @@ class FreeForm:
 def most_promising(
     problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], runs: Executor = SERIAL
 ) -> tuple[list[int], list[IncludedEffect]]:
-    """Numbers of the parts that promise most and what to begin with: of each kind N_KEPT and the FITTED best of them,
-    to first order beside a fit; of masses on springs by the first steps of fits with them, N_AGAIN and the N_BEGUN best
-    at different places or that move otherwise there."""
+    """Numbers of the parts that promise most, N_KEPT of each kind, and what to begin with, the FITTED best of each:
+    to first order beside a fit, and masses on springs that are there throughout by the first steps of fits with them
+    too (half of the kept, N_BEGUN)."""
     profiles = [time_profile for time_profile in problem.time_profiles if time_profile.kind in ("constant", "step")]
-    hung = [k for k, (_, attachment) in enumerate(parts) if attachment.tuned_hz is not None]
-    plain = [k for k, (_, attachment) in enumerate(parts) if attachment.tuned_hz is None]
-    gain, size, _ = scores_of_parts(problem, fitted, [parts[k] for k in plain], profiles)
+    gain, size, _ = scores_of_parts(problem, fitted, parts, profiles)
     order, kept, begun = np.argsort(-gain.max(axis=1), kind="stable"), set(), []
 
     def included(k: int, profile: TimeProfile, own: float) -> IncludedEffect:
@@ -79,82 +77,86 @@ def most_promising(
         return replace(n, size=float(np.clip(own, *np.multiply(0.6, n.bounds))))
 
     for cause in PART_CAUSES:
-        rows = [row for row in order if parts[plain[row]][0].cause == cause][:N_KEPT]
-        kept |= {plain[row] for row in rows}
-        for row in rows[:FITTED]:
-            c = int(np.argmax(gain[row]))
-            begun += [included(plain[row], profiles[c], size[row, c])] if gain[row, c] > 0 else []
-    most = gain.max(axis=0)
-    step = max((c for c, p in enumerate(profiles) if p.kind == "step"), key=lambda c: most[c], default=0)
-    # what is so throughout bends the fit without it, beside which a step may promise more
-    along = [profiles[c] for c in sorted({0, step}) if most[c] >= most[0]]
-    stepped = hung_at_first_steps(problem, fitted, {k: parts[k] for k in hung}, along, runs)
-    first: dict[tuple[str, bool], IncludedEffect] = {}
-    for k, profile, own in stepped:
-        place, way = place_and_direction(parts[k])
-        first.setdefault((place, way == BOTH_WAYS), included(k, profile, own))
-    chosen = [*first.values()][:N_BEGUN]
-    kept |= {k for k, _, _ in stepped[:N_AGAIN]} | {k for k in hung if any(parts[k][0] is n.effect for n in chosen)}
-    # steps may lead to a mass of a few kilograms that shares a mode: from where they began a fit may lead elsewhere
-    anew = [replace(n, size=BEGUN_AT * n.effect.prior_scale) for n in chosen]
-    return sorted(kept), [*begun, *chosen, *anew]
+        of_kind = [int(k) for k in order if parts[k][0].cause == cause]
+        hung = bool(of_kind) and parts[of_kind[0]][1].tuned_hz is not None
+        kept |= {*of_kind[: N_KEPT // 2 if hung else N_KEPT]}
+        for k in _at_different_places(parts, of_kind, FITTED):
+            c = int(np.argmax(gain[k]))
+            begun += [included(k, profiles[c], size[k, c])] if gain[k, c] > 0 else []
+            kept.add(k)
+    stepped = hung_at_first_steps(problem, fitted, parts, runs)
+    kept |= {*[*stepped][: N_KEPT // 2]}
+    constant = next(profile for profile in profiles if profile.kind == "constant")
+    for k in _at_different_places(parts, [*stepped], N_BEGUN):
+        # steps may lead to a mass of a few kilograms that shares a mode: from where they began a fit may lead elsewhere
+        begun += [included(k, constant, own) for own in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
+        kept.add(k)
+    return sorted(kept), begun
+
+
+def _at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
+    """The first of these parts; of masses on springs the first of each place that move both ways, and one way."""
+    first: dict[tuple, int] = {}
+    for k in order:
+        hung = parts[k][1].tuned_hz is not None
+        place, way = place_and_direction(parts[k]) if hung else (parts[k][0].location, "")
+        first.setdefault((place, way == BOTH_WAYS), k)
+        if len(first) == most:
+            break
+    return [*first.values()]
 
 
 def hung_at_first_steps(
-    problem: DiagnosisProblem, fitted: Fit, parts: Mapping[int, Part], along: Sequence[TimeProfile],
-    runs: Executor = SERIAL,
-) -> list[tuple[int, TimeProfile, float]]:
-    """Numbers of masses on springs by what the first steps of a fit with each of them explain, the most telling first,
-    with the time profile and the mass to which they lead: at the blocks of one heading, from where the prior expects
-    the parameters.
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], runs: Executor = SERIAL
+) -> dict[int, float]:
+    """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
+    explain, the most telling first, and the masses to which they lead: at the blocks of one heading, from where the
+    prior expects the parameters.
 
     A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
-    else is bent to follow. Those that move both ways go one step, at every place and every second frequency; where they
-    explain most they go some more, and those that move along one direction too.
+    else is bent to follow (beside a step what was there before it holds the fit). Those that move both ways go one
+    step, at every place and every second frequency; where they explain most they go some more, and those that move
+    along one direction too.
     """
-    rows = at_one_heading(problem, along[-1])
+    rows = at_one_heading(problem)
     shared = problem.taken(rows), fitted.design.noise.taken(rows)
-    short = [replace(profile, value=frozen_array(profile.value[rows])) for profile in along]
     hung: dict[tuple[str, str], list[int]] = {}
-    for k, part in parts.items():
-        hung.setdefault(place_and_direction(part), []).append(k)
+    for k, part in enumerate(parts):
+        if part[1].tuned_hz is not None:
+            hung.setdefault(place_and_direction(part), []).append(k)
 
-    def steps(numbers: Sequence[tuple[int, int]], count: int) -> list[tuple[float, int, int, float, float]]:
-        tasks = [(short[c], parts[k], count) for k, c in numbers]
-        found = zip(numbers, runs.in_order(_stepped, tasks, shared=shared), strict=True)
-        return sorted((one[0], *own, *one[1:]) for own, one in found if one is not None)
+    def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
+        found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
+        return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
 
-    first = steps([(k, c) for (_, way), own in hung.items() if way == BOTH_WAYS for k in own[::2]
-                   for c in range(len(along))], 1)
-    again = [(k, c) for _, k, c, _, _ in first[:N_AGAIN]]
-    best: dict[str, tuple[float, int]] = {}
-    for _, k, c, _, hz in first:
-        best.setdefault(place_and_direction(parts[k])[0], (hz, c))
-    for place, (hz, c) in [*best.items()][:N_ONE_WAY]:
+    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS for k in own[::2]], 1)
+    again = [k for _, k, _, _ in first[:N_AGAIN]]
+    best: dict[str, float] = {}
+    for _, k, _, hz in first:
+        best.setdefault(place_and_direction(parts[k])[0], hz)
+    for place, hz in [*best.items()][:N_ONE_WAY]:
         for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
-            again.append((min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))), c))
-    return [(k, along[c], size) for _, k, c, size, _ in steps(again, MORE_STEPS)]
+            again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
+    return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
 
 
-def at_one_heading(problem: DiagnosisProblem, profile: TimeProfile) -> np.ndarray:
-    """Numbers of the blocks of the heading at which most are known, on either side of a step."""
+def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
+    """Numbers of the blocks of the heading at which most are known."""
     _, bin_of = problem.bins
-    sides = np.unique(profile.value)
-    count = [min(np.count_nonzero((bin_of == b) & (profile.value == side)) for side in sides)
-             for b in range(bin_of.max() + 1)]
-    return np.flatnonzero(bin_of == np.argmax(count)) if max(count) else np.arange(len(bin_of))
+    return np.flatnonzero(bin_of == np.argmax(np.bincount(bin_of)))
 
 
 def _stepped(
-    problem: DiagnosisProblem, noise: Noise, profile: TimeProfile, part: Part, count: int
+    problem: DiagnosisProblem, noise: Noise, part: Part, count: int
 ) -> tuple[float, float, float] | None:
     """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
     modes there."""
+    constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
     small = problem.predictor.small.attached([part[1]])
     (hung,) = small.tuned
     alone = replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
                     updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small))
-    n = IncludedEffect(effect=part[0], time_profile=profile, size=BEGUN_AT * part[0].prior_scale)
+    n = IncludedEffect(effect=part[0], time_profile=constant, size=BEGUN_AT * part[0].prior_scale)
     try:
         theta, (n,), misfit = first_steps(alone, np.array(small.parameters.initial), [n], noise, count)
     except ConvergenceError:
@@ -210,12 +212,25 @@ def _content(outcome: Outcome) -> dict:
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            "posterior_probability": found.posterior_probability,
-            "alternatives": [asdict(a) for a in found.alternatives if a.posterior_probability > POSSIBLE],
-            "modes": modes_moved(outcome, number), **_tuned(outcome, n),
+            **by_place(found), "modes": modes_moved(outcome, number), **_tuned(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
+
+
+def by_place(found: Finding) -> dict:
+    """The probability of a part's place, and what may be meant instead with more than POSSIBLE: masses on springs at
+    one place are one, whatever their frequency."""
+    probability: dict[tuple[str, str], float] = {}
+    for f in (found, *found.alternatives):
+        key = f.cause, f.location.split(", about ")[0] if f.cause == PART_CAUSES[3] else f.location
+        probability[key] = probability.get(key, 0.0) + f.posterior_probability
+    # the part itself stands first
+    own = probability.pop(next(iter(probability)))
+    return {"posterior_probability": own,
+            "alternatives": [{"cause": cause, "location": location, "posterior_probability": p}
+                             for (cause, location), p in sorted(probability.items(), key=lambda pair: -pair[1])
+                             if p > POSSIBLE]}
 
 
 def _tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
