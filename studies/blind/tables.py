@@ -12,6 +12,8 @@ from scipy import stats
 
 # a cause is named from this probability
 SURE = 0.95
+# a limit is the size found nine times of ten
+POWER = float(stats.norm.ppf(0.9))
 # the simulator's size is per unit of its own amplitude, the catalogue's per m/s2
 OWN_UNIT = ("soil softens with amplitude",)
 
@@ -62,6 +64,18 @@ def above_limit(line: dict, effect: dict) -> bool:
     key = profile_of(effect, line["limits"])
     limit = line["limits"].get(key) if key else None
     return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
+
+
+def stated_power(line: dict, effect: dict) -> float | None:
+    """With what probability the diagnosis of this very record states that it finds an effect of this size: its score
+    is normal about the threshold and POWER at the limit; None where sizes cannot be compared."""
+    if "limits" not in line or effect["cause"] in OWN_UNIT:
+        return None
+    limit = line["limits"].get(profile_of(effect, line["limits"]) or "")
+    if limit is None:
+        return None
+    expected = abs(effect["size"] / limit) * (line["threshold"] + POWER)
+    return float(stats.norm.cdf(expected - line["threshold"]))
 
 
 def distinguishable(effect: dict) -> bool | None:
@@ -121,6 +135,10 @@ def summary(lines: list[dict]) -> str:
     seen = [x["id"] for x in pair if all(above_limit(x, e) for e in x["effects"])]
     out.append(rate("pairs above both limits: both in the named sets",
                     sum(x["id"] in seen for x in both), len(seen)))
+    powers = {x["id"]: [stated_power(x, e) for e in x["effects"]] for x in pair}
+    known = {name: float(np.prod(own)) for name, own in powers.items() if None not in own}
+    out.append(rate(f"pairs whose limits are stated, {sum(known.values()):.1f} expected of these: both in the named sets",
+                    sum(x["id"] in known for x in both), len(known)))
     twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
     within = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
     out.append(rate("detected twins: the true one in the set", len(within), len(twin)))

@@ -88,6 +88,22 @@ def test_answers_are_judged_by_cause_and_place(tables):
     assert "scour" in tables.confusion([line])
 
 
+def test_pairs_are_expected_as_often_as_their_limits_state(tables):
+    """A limit is found nine times of ten; at half of it a score about (4.5 + 1.28) / 2 must pass 4.5: 1 - Phi(1.61)."""
+    scour = {"cause": "scour", "location": "leg B", "time_profile": "step", "size": 1.0}
+    growth = {"cause": "marine growth", "location": "leg C", "time_profile": "ramp", "size": -0.1}
+    soft = {"cause": "soil softens with amplitude", "location": "all legs", "time_profile": "own", "size": 0.2}
+    line = {"family": "pair", "id": "p", "hidden": [], "verdict": "none", "cpu_s": 1.0, "findings": [], "threshold": 4.5,
+            "effects": [scour, growth], "limits": {"scour | leg B | step": 1.0, "marine growth | leg C | ramp": 0.2,
+                                                   "soil softens with amplitude | all legs | rms_mps2": 5.0}}
+    powers = [tables.stated_power(line, effect) for effect in (scour, growth, soft)]
+    assert powers[:2] == pytest.approx([0.9, 0.0537], abs=5e-4) and powers[2] is None
+    never = {**line, "limits": {**line["limits"], "scour | leg B | step": np.inf}}
+    assert tables.stated_power(never, scour) < 1e-5
+    assert "0.1 expected of these: both in the named sets | 0 of 2 |" in tables.summary(
+        [line, {**line, "id": "q"}, {**line, "id": "r", "effects": [scour, soft]}])
+
+
 def test_what_cannot_be_told_apart_is_counted_by_itself(tables):
     """ln(0.95 / 0.05) = 2.944 between two rows is what a name asks for."""
     effect = {"cause": "scour", "location": "leg B", "time_profile": "step", "size": 1.0, "above_stated_limit": True}
