@@ -141,8 +141,10 @@ def _prepare_matrices(
 def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:
     result = []
     for name, parts in groups.items():
-        for parameter in parts:
-            parameters.index(parameter)
+        unknown = [parameter for parameter in parts if parameter not in parameters.names]
+        if unknown:
+            raise InputError(f"group {name}: {unknown[0]}", "is no parameter of the model",
+                             f"choose from {', '.join(parameters.names)}")
         # a size of one moves every member by its amount; a standard deviation of the prior is what is normal
         allowed = min((parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a), default=0.0)
         if not allowed:

@@ -50,8 +50,8 @@ def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
     data = whole.compared(every_mode)
     kept = tuple(s for s in data.sets if np.any(s.measured))
-    if set_id is not None:
-        data.set(set_id)
+    if set_id is not None and not np.any(data.set(set_id).measured):
+        raise InputError(f"set {set_id}", "has no identified mode", "choose another set, or check its identification")
     if not kept:
         where = "modes" if whole is modes else str(modes)
         raise InputError(where, "no set has an identified mode", "check the identification")

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import opensees_jacket as jacket
-from opensees_jacket import Build, Description, State
+from opensees_jacket import Attached, Build, Description, State
 from scipy.optimize import linear_sum_assignment
 
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.virtual import modal_noise
 
-FAMILIES = ("null", "single")
+FAMILIES = ("null", "single", "unknown")
 N_BLOCK, N_MODE, DAMPING, BLOCK_S = 24, 5, 0.01, 1800.0
 # in the order of their frequencies
 MODES = ("FA1", "SS1", "FA2", "SS2", "T1")
@@ -166,6 +166,51 @@ KINDS = (
 )
 
 
+def _cable(rng, d):
+    leg, z, stiffness = str(rng.choice(list(LEGS))), float(rng.uniform(40, 85)), float(10 ** rng.uniform(7.3, 8.0))
+    return Attached(joint=UPPER[leg], other=tower_joint(d, z), stiffness=stiffness)
+
+
+def _fender(rng, d):
+    leg, angle = str(rng.choice(list(LEGS))), float(np.radians(rng.uniform(0, 180)))
+    stiffness = float(10 ** rng.uniform(7.2, 7.8))
+    return Attached(joint=AT_WATER[leg], direction=(float(np.cos(angle)), float(np.sin(angle)), 0.0),
+                    stiffness=stiffness)
+
+
+def _tuned_mass(rng, d):
+    return Attached(joint=tower_joint(d, float(rng.uniform(40, 80))), mass=float(rng.uniform(4e3, 1e4)),
+                    frequency_hz=float(rng.uniform(0.8, 1.5)))
+
+
+def _second_structure(rng, d):
+    return Attached(joint=AT_WATER[str(rng.choice(list(LEGS)))], mass=float(rng.uniform(2e4, 6e4)),
+                    frequency_hz=float(rng.uniform(0.8, 1.5)))
+
+
+# what no row of the user's catalogue describes, by the elementary part that is like it
+UPPER, AT_WATER = dict(zip(LEGS, (23, 27, 31, 35), strict=True)), dict(zip(LEGS, (22, 26, 30, 34), strict=True))
+ATTACHED = {"cable": (_cable, "spring between two points"), "fender": (_fender, "spring to ground"),
+            "tuned mass": (_tuned_mass, "mass on springs"), "second structure": (_second_structure, "mass on springs")}
+
+
+def tower_joint(d: Description, z: float) -> int:
+    joints = {joint for one, two, _ in d.tower.values() for joint in (one, two)}
+    return min(joints, key=lambda joint: abs(float(d.place[joint][2]) - z))
+
+
+def unknown_case(d: Description, number: int) -> Case:
+    """By turns what is attached, throughout or, every other four, as a step."""
+    rng = _stream(("unknown", number), 0)
+    kind = list(ATTACHED)[number % len(ATTACHED)]
+    draw, part = ATTACHED[kind]
+    one = draw(rng, d)
+    where = [[float(x) for x in d.place[joint]] for joint in (one.joint, one.other) if joint is not None]
+    return Case("unknown", number, (Effect(kind, part, str(where), one.mass or one.stiffness,
+                                           "step" if number // len(ATTACHED) % 2 else "constant",
+                                           {"attached": (one,), "where": where}),))
+
+
 def bay_members(bay: int) -> tuple[int, ...]:
     legs = [m for leg in LEGS for m in LEG_MEMBERS[leg, bay]]
     mud = MUD_BRACES if bay == 1 else ()
@@ -258,6 +303,9 @@ def damaged(state: State, effect: Effect, amount: float) -> State:
         )
     if effect.kind == "axial":
         return replace(state, axial=scaled(state.axial, [p["pile"]], left))
+    if effect.kind in ATTACHED:
+        # what has no mass yet is not there
+        return replace(state, attached=(*state.attached, *p["attached"])) if amount else state
     if effect.kind == "ice":
         return replace(state, rna=state.rna * (1 + amount * p["more"]))
     return state
@@ -276,9 +324,12 @@ def seen(shape: np.ndarray, effect: Effect, amount: float) -> np.ndarray:
 
 
 def true_modes(d: Description, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (n_mode,) and shapes (n_channel, n_mode) at the sensors, largest component one."""
+    """Frequencies (n_mode,) and shapes (n_channel, n_mode) at the sensors, largest component one, with all modes of
+    masses that are attached."""
     joints = list(dict.fromkeys(joint for _, joint, _ in SENSORS))
-    frequency, shape = Build(d, state).modes(N_MODE, joints)
+    # a mass of its own has two modes more, of which any may be like one that is looked for
+    count = N_MODE + 2 * sum(one.mass > 0 for one in state.attached)
+    frequency, shape = Build(d, state).modes(count, joints)
     rows = np.array([shape[joints.index(joint), "xyz".index(axis)] for _, joint, axis in SENSORS])
     return frequency, rows / np.abs(rows).max(axis=0)
 
@@ -353,6 +404,9 @@ def record(d: Description, case: Case, *, stated: str = "joint", still: bool = F
     onset = float(_stream(key, 4).uniform(0.3, 0.7))
     mean = np.mean([w["air_temperature_c"] for w in weather])
     reference, sets = None, []
+    if case.family == "unknown":
+        # which of the modes with what is attached are looked for
+        reference = _as_named(*true_modes(d, state), None)[1]
     for k, now in enumerate(weather):
         one = (
             state

@@ -86,11 +86,24 @@ def read_description(folder: Path) -> Description:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Attached:
+    """What stands in no table: between a joint and `other` (None: the ground) a spring in N/m along the line between
+    them or along `direction`; or at the joint a mass in kg that swings both ways by itself at a frequency in Hz."""
+
+    joint: int
+    other: int | None = None
+    direction: tuple[float, float, float] | None = None
+    stiffness: float = 0.0
+    mass: float = 0.0
+    frequency_hz: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class State:
     """What is true in one half hour, all neutral by default: factors on E and G of members and on the walls of tubes;
     growth in m on members; factors on a pile's lateral and axial stiffness and m by which its springs lie deeper;
     factors on the tower's E and G, the rotor-nacelle mass, that of the transition piece, the water's mass; water level
-    in m, steel's temperature above the water in K beyond the mean."""
+    in m, steel's temperature above the water in K beyond the mean; what is attached."""
 
     stiffness: Mapping[int, float] = field(default_factory=dict)
     wall: Mapping[int, float] = field(default_factory=dict)
@@ -104,6 +117,7 @@ class State:
     water_mass: float = 1.0
     water_level_m: float = 0.0
     warmer_k: float = 0.0
+    attached: tuple[Attached, ...] = ()
 
 
 def tube_section(diameter: float, wall: float) -> tuple[float, float]:
@@ -141,6 +155,8 @@ class Build:
             self._body(joint, row)
         for pile in d.piles:
             self._pile(pile)
+        for one in state.attached:
+            self._attach(one)
         for node, values in self.mass.items():
             self.ops.mass(node, *map(float, values))
 
@@ -267,6 +283,26 @@ class Build:
             5,
             6,
         )
+
+    def _attach(self, one: Attached) -> None:
+        self.element += 1
+        spring = 10 * self.element
+        if one.mass:
+            swings = self._node(self.place[one.joint])
+            self.ops.fix(swings, 0, 0, 1, 1, 1, 1)
+            self._carry(swings, one.mass)
+            self.ops.uniaxialMaterial("Elastic", spring, one.mass * (2 * math.pi * one.frequency_hz) ** 2)
+            self.ops.element("zeroLength", self.element, one.joint, swings, "-mat", spring, spring, "-dir", 1, 2)
+        elif one.other is not None:
+            length = float(np.linalg.norm(self.place[one.other] - self.place[one.joint]))
+            self.ops.uniaxialMaterial("Elastic", spring, one.stiffness * length)
+            self.ops.element("Truss", self.element, one.joint, one.other, 1.0, spring)
+        else:
+            ground, (x, y, _) = self._node(self.place[one.joint]), one.direction
+            self.ops.fix(ground, *[1] * 6)
+            self.ops.uniaxialMaterial("Elastic", spring, one.stiffness)
+            self.ops.element("zeroLength", self.element, ground, one.joint, "-mat", spring, "-dir", 1,
+                             "-orient", x, y, 0.0, -y, x, 0.0)
 
     def modes(self, n: int, joints) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (n,) in Hz and translations (n_joint, 3, n) at joints."""

@@ -91,6 +91,15 @@ def test_modal_sets(building, refused, change, words):
     assert contents(building["folder"]) == before
 
 
+def test_a_set_that_is_asked_for_and_has_no_mode_is_named_so(building, refused):
+    table = modes_table()
+    table["sets"][0].update(frequency_hz=[None] * 4)
+    Path(building["modes"]).write_text(json.dumps(table))
+    own = table["sets"][0]["id"]
+    line = refused(*update(building), "--set", own)
+    assert f"set {own}" in line and "no identified mode" in line, line
+
+
 # model.npz and parameters.toml -------------------------------------------------------------------------------------
 
 

@@ -462,7 +462,7 @@ def test_a_handful_of_sets_is_refused(prepared, record):
 
 
 def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
-    with pytest.raises(InputError, match="k9"):
+    with pytest.raises(InputError, match="group lost: k9.*choose from k1, k2"):
         prepare(frame_file, groups={"lost": {"k9": 0.1}})
 
 

@@ -1,0 +1,112 @@
+"""What stands in no table of the OC4 jacket: is it noticed, is it given a row's name, is it placed?
+
+python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER]     (goes on where it stopped)
+python studies/oc4_jacket/unknown.py OUT --tables
+
+By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
+structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within a
+bay of the leg (or on a face that it is part of), within a level of sensors of the tower; in the set: the place of the
+part, or one that it may have instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import hidden_cases as cases
+import numpy as np
+import opensees_jacket as jacket
+from run import DATA, read_lines
+
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.free_form import free_form
+from probupdate.diagnosis.gain import measures
+from probupdate.diagnosis.prepare import Prepared, prepare
+
+BAY_M, FACE_M, LEVEL_M = 14.0, 6.5, 24.0
+POINT = re.compile(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\) m")
+
+
+def placed(effect: cases.Effect, cause: str, location: str) -> bool:
+    """Whether a part is of the right kind and each of its points is near one of the truth."""
+    points = [np.array(list(map(float, found))) for found in POINT.findall(location)]
+    if cause != effect.cause or len(points) != len(effect.parts["where"]):
+        return False
+
+    def near(point: np.ndarray, truth: np.ndarray) -> bool:
+        on_tower = truth[2] > 20
+        apart = np.abs(point - truth)
+        return bool(apart[2] <= (LEVEL_M if on_tower else BAY_M) and np.hypot(*apart[:2]) <= FACE_M
+                    and (point[2] > 20) == on_tower)
+
+    return all(any(near(point, np.array(truth)) for point in points) for truth in effect.parts["where"])
+
+
+def run_one(prepared: Prepared, d: jacket.Description, number: int) -> dict:
+    begun, case = time.process_time(), cases.unknown_case(d, number)
+    (effect,) = case.effects
+    data = cases.record(d, case)
+    known = examine(prepared, data, seed=1)
+    line = {"id": case.id, "kind": effect.kind, "where": effect.parts["where"], "size": effect.size,
+            "frequency_hz": effect.parts["attached"][0].frequency_hz, "time_profile": effect.time_profile,
+            "verdict": known.diagnosis.verdict,
+            "findings": [[f.cause, f.location, f.posterior_probability] for f in known.diagnosis.findings]}
+    free = free_form(prepared, known, data, seed=1) if known.diagnosis.verdict == "unexplained" else None
+    if free is not None:
+        outcome, parts = free.outcome, free.content["parts"]
+        gain = measures(outcome.problem, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
+        line |= {"parts": parts, "complete": free.content["complete"],
+                 "placed": any(placed(effect, p["cause"], p["location"]) for p in parts),
+                 "in_set": any(placed(effect, a["cause"], a["location"]) for p in parts
+                               for a in (p, *p["alternatives"])),
+                 "gain": gain["heldout_elpd"], "gain_se": gain["heldout_elpd_se"]}
+    return {**line, "cpu_s": round(time.process_time() - begun, 1)}
+
+
+def tables(lines: list[dict]) -> str:
+    rows = ["| hidden | records | noticed | named as a row | parts found | kind and place right | in the set | "
+            "gain above 2 s.e. |", "|---|---|---|---|---|---|---|---|"]
+    for kind in (*cases.ATTACHED, "all"):
+        own = [x for x in lines if kind in (x["kind"], "all")]
+        found = [x for x in own if x.get("parts")]
+        rows.append(f"| {kind} | {len(own)} | {sum(x['verdict'] != 'none' for x in own)} | "
+                    f"{sum(x['verdict'] == 'named' for x in own)} | {len(found)} | {sum(x['placed'] for x in found)} | "
+                    f"{sum(x['in_set'] for x in found)} | {sum(x['gain'] > 2 * x['gain_se'] for x in found)} |")
+    return "\n".join(rows)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("out", type=Path)
+    options.add_argument("--data", type=Path, default=DATA)
+    options.add_argument("--first", type=int, default=0)
+    options.add_argument("--most", type=int, default=16)
+    options.add_argument("--tables", action="store_true")
+    given = options.parse_args()
+    path = given.out / "unknown.jsonl"
+    if not given.tables:
+        given.out.mkdir(parents=True, exist_ok=True)
+        d = jacket.read_description(given.data)
+        prepared = prepare(cases.write_model(given.data, given.out / "model", d))
+        done = {x["id"] for x in read_lines(path)}
+        for number in range(given.first, given.first + given.most):
+            if f"unknown-{number:03d}" in done:
+                continue
+            line = run_one(prepared, d, number)
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            sys.stdout.write(f"{line['id']}, {line['kind']}: {line['verdict']}, "
+                             f"{[[p['cause'], p['location']] for p in line.get('parts', [])]}\n")
+            sys.stdout.flush()
+    sys.stdout.write(tables(read_lines(path)) + "\n")
+
+
+if __name__ == "__main__":
+    main()
