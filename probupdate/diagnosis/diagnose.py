@@ -87,7 +87,7 @@ def examine(
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _beyond_chance(explored, seed)
-    parts = parts_of(prepared) if findings else []
+    parts = parts_of(prepared, on_springs=True) if findings else []
     instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
     findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
     problem, chosen = explored.problem, explored.hypotheses[0]
