@@ -218,6 +218,20 @@ def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, 
     row.count(found.verdict == "unexplained" and f"an elementary part, {part}" in note, 1, 1, case=note)
 
 
+def test_a_mass_on_springs_is_more_probable_than_the_row_that_comes_nearest(frame, validation):
+    row = validation(what="masses of 25 to 60 kg on a spring of their own at a storey, at 1.15 to 2.2 times the first "
+                          "frequency, from block 20 on: verdict, the most probable part beside the row that comes "
+                          "nearest, its storey and direction", reference="what was hidden")
+    K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
+    first_hz = np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
+    for mass, share, storey in ((60.0, 2.2, 3), (25.0, 1.3, 4), (30.0, 1.15, 4)):
+        outcome = examine(frame, hung_record(7, mass=mass, hz=share * first_hz, storey=storey))
+        part = outcome.proposed[0].alternatives[0]
+        row.equal((outcome.diagnosis.verdict, part.cause, part.location.rsplit(", ", 1)[0]),
+                  ("unexplained", PART_CAUSES[3], f"(0.0, 0.0, {3.0 * (storey + 1)}) m, along 0 deg"), "part",
+                  case=f"{mass:g} kg")
+
+
 def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, stepped, validation, monkeypatch):
     """By what they promise to first order no part comes near; each kind's best one is fitted here all the same."""
     row = validation(what="a storey that loosens, beside all elementary parts: verdict, cause, place; how much less "
