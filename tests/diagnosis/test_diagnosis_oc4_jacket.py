@@ -145,6 +145,44 @@ def test_members_lie_where_their_groups_say(study, described):
     assert len(found_here) == len(set(found_here))
 
 
+def test_what_is_attached_in_opensees_moves_modes_as_perturbation_says(study, described, validation):
+    """Springs and a mass so weak that they are of first order: d lambda = k (d . phi)^2, -lambda m |phi|^2 of what
+    swings far above the modes."""
+    row = validation(what="weak springs to ground and between two joints, a mass that swings far above the modes, in "
+                          "OpenSees: changes of five eigenvalues over the largest of them",
+                     reference="first-order perturbation of the modes without them", why="second order")
+    jacket = study.jacket
+    leg, tower, water = 23, study.cases.tower_joint(described, 60.0), 22
+    frequency, shape = jacket.Build(described, jacket.State()).modes(5, [leg, tower, water])
+    value = (2 * np.pi * frequency) ** 2
+    along = described.place[tower] - described.place[leg]
+    along = along / np.linalg.norm(along)
+    way = np.array([0.6, 0.8, 0.0])
+    for one, expected in (
+        (jacket.Attached(joint=water, direction=(0.6, 0.8, 0.0), stiffness=1e4), 1e4 * (way @ shape[2]) ** 2),
+        (jacket.Attached(joint=leg, other=tower, stiffness=1e5), 1e5 * (along @ (shape[1] - shape[0])) ** 2),
+        (jacket.Attached(joint=tower, mass=20.0, frequency_hz=60.0), -value * 20 * np.sum(shape[1, :2] ** 2, axis=0)),
+    ):
+        found, _ = jacket.Build(described, jacket.State(attached=(one,))).modes(5, [leg])
+        change = (2 * np.pi * found) ** 2 - value
+        row.error(np.max(np.abs(change - expected)) / np.max(np.abs(expected)), 0.02, "change", case=one)
+
+
+def test_the_modes_that_are_looked_for_are_followed_beside_a_second_structure(study, described):
+    """Five of each half hour, whichever share their frequency with what swings beside the leg."""
+    case = study.cases.unknown_case(described, 3)
+    assert case.effects[0].kind == "second structure" and case.effects[0].time_profile == "constant"
+    data = study.cases.record(described, case)
+    shapes = np.array([s.shape / np.linalg.norm(s.shape, axis=0) for s in data.sets])
+    frequency = np.array([s.frequency_hz for s in data.sets])
+    assert np.abs(frequency / frequency.mean(axis=0) - 1).max() < 0.02
+    # both pairs turn freely from half hour to half hour: what stays is their plane
+    for own in (slice(0, 2), slice(2, 4), slice(4, 5)):
+        cosines = [np.linalg.svd(shapes[0][:, own].conj().T @ one[:, own], compute_uv=False) for one in shapes]
+        whole = [np.linalg.svd(one[:, own], compute_uv=False) for one in shapes]
+        assert np.min(np.prod(cosines, axis=1) / np.prod(whole, axis=1) / np.prod(whole[0])) > 0.98
+
+
 def test_sensor_faults_act_on_the_channels_they_name(study):
     cases = study.cases
     shape = np.arange(1.0, 1 + len(cases.CHANNELS) * cases.N_MODE).reshape(len(cases.CHANNELS), -1)
