@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
-from probupdate.diagnosis.elementary import PART_CAUSES, in_place_of, parts_of
+from probupdate.diagnosis.elementary import COMPETING_HEIGHTS, PART_CAUSES, in_place_of, parts_of
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
@@ -87,7 +87,7 @@ def examine(
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _beyond_chance(explored, seed)
-    parts = parts_of(prepared, on_springs=True) if findings else []
+    parts = parts_of(prepared, heights=COMPETING_HEIGHTS) if findings else []
     instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
     findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
     problem, chosen = explored.problem, explored.hypotheses[0]

@@ -44,10 +44,12 @@ from probupdate.structure.places import place_of
 
 # points of the structure where a part may sit, and horizontal directions of a spring
 N_POINT, N_DIRECTION = 48, 4
-# heights and horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its
-# frequencies are apart (in ln f): twice the standard deviation with which each is estimated; where no mode is within
-# the larger distance, that one
-N_HUNG, N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 10, 8, 2 * TUNING_STD, 0.36
+# heights of masses on springs that compete with findings, and of those that are placed: a bay between them is too far
+COMPETING_HEIGHTS, PLACED_HEIGHTS = 10, 16
+# horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its frequencies are apart
+# (in ln f): twice the standard deviation with which each is estimated; where no mode is within the larger distance,
+# that one
+N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 8, 2 * TUNING_STD, 0.36
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there, of one on springs over the least where any may hang; its upper bound in these, and that of one on springs
 SHARE, MOST, MOST_HUNG = 0.1, 100.0, 10.0
@@ -114,17 +116,17 @@ def farthest(place: np.ndarray, among: Sequence[int], count: int) -> list[int]:
     return result
 
 
-def hanging_points(wire: Wireframe, nodes: np.ndarray) -> list[tuple[int, int]]:
-    """Which of these nodes (n,) a mass on springs may hang at, spread over the structure's heights, and along how many
-    horizontal directions: many where nothing else is at that height; of several nodes there those that are farthest
-    from one another, as many as directions."""
+def hanging_points(wire: Wireframe, nodes: np.ndarray, most: int) -> list[tuple[int, int]]:
+    """Which of these nodes (n,) a mass on springs may hang at, at most so many heights of the structure, and along how
+    many horizontal directions: many where nothing else is at that height; of several nodes there those that are
+    farthest from one another, as many as directions."""
     place = wire.node_m[nodes]
     extent = float(np.max(np.ptp(wire.node_m, axis=0)))
     levels = np.round(place[:, 2] / (2 * SAME_PLACE * extent)).astype(int)
     own = [np.flatnonzero(levels == k) for k in np.unique(levels)]
     heights = np.array([[0.0, 0.0, place[k, 2].mean()] for k in own])
     result = []
-    for number in sorted(farthest(heights, range(len(own)), N_HUNG)):
+    for number in sorted(farthest(heights, range(len(own)), most)):
         there = own[number]
         several = len(there) > 1
         chosen = farthest(place, [int(k) for k in there], N_DIRECTION) if several else there
@@ -139,10 +141,11 @@ def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
 
 
 def elementary(
-    small: SmallModel, place: Callable[[np.ndarray], str], *, on_springs: bool = False
+    small: SmallModel, place: Callable[[np.ndarray], str], *, heights: int = 0
 ) -> list[tuple[Effect, Attachment]]:
     """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words;
-    `on_springs`: masses on springs too, at frequencies from below the lowest mode to above those looked through."""
+    `heights`: masses on springs at so many heights too, at frequencies from below the lowest mode to above those looked
+    through."""
     wire, at_nodes = small.picture
     nodes = points(wire)
     K, M = (wave[0] for wave in small.at(small.parameters.initial).matrices())
@@ -175,7 +178,7 @@ def elementary(
         if frozenset((a, b)) not in lined:
             spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
                    way / np.linalg.norm(way) @ (rows[b] - rows[a]))
-    hung = hanging_points(wire, nodes) if on_springs else []
+    hung = hanging_points(wire, nodes, heights) if heights else []
     # what hangs where little moves is no heavier for that
     most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
     for k, n in hung if most > 0 else ():
@@ -221,12 +224,12 @@ def place_words(point: np.ndarray, description: Description | None) -> str:
     return included or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
 
 
-def parts_of(prepared: Prepared, *, on_springs: bool = False) -> list[Part]:
+def parts_of(prepared: Prepared, *, heights: int = 0) -> list[Part]:
     """Every part that may be added to a model; none where it has no picture to place them in, or has parts already."""
     if prepared.small.wire is None or any(effect.cause in PART_CAUSES for effect in prepared.effects):
         return []
     return elementary(prepared.small, lambda point: place_words(point, prepared.description),
-                      on_springs=on_springs)
+                      heights=heights)
 
 
 def with_parts(

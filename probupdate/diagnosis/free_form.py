@@ -17,6 +17,7 @@ from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.elementary import (
     BOTH_WAYS,
     PART_CAUSES,
+    PLACED_HEIGHTS,
     Part,
     parts_of,
     place_and_direction,
@@ -188,7 +189,7 @@ def free_form(
 ) -> FreeForm | None:
     """The same search with elementary parts in the catalogue; None where the model has no picture to place them in, or
     where none of them is taken in. `known`: what the catalogue made of the record."""
-    parts = parts_of(prepared, on_springs=True)
+    parts = parts_of(prepared, heights=PLACED_HEIGHTS)
     if not parts:
         return None
     kept, begun = most_promising(known.problem, known.null, parts, runs)

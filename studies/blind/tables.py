@@ -137,7 +137,8 @@ def summary(lines: list[dict]) -> str:
                     sum(x["id"] in seen for x in both), len(seen)))
     powers = {x["id"]: [stated_power(x, e) for e in x["effects"]] for x in pair}
     known = {name: float(np.prod(own)) for name, own in powers.items() if None not in own}
-    out.append(rate(f"pairs whose limits are stated, {sum(known.values()):.1f} expected of these: both in the named sets",
+    expected = f"{sum(known.values()):.1f} expected of these"
+    out.append(rate(f"pairs whose limits are stated, {expected}: both in the named sets",
                     sum(x["id"] in known for x in both), len(known)))
     twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
     within = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]

@@ -4,8 +4,8 @@ python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] 
 python studies/oc4_jacket/unknown.py OUT --tables
 
 By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
-structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within a
-bay of the leg (or on a face that it is part of), within a level of sensors of the tower; in the set: the place of the
+structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within
+a bay of the leg (or on a face that it is part of), within a level of sensors of the tower; in the set: the place of the
 part, or one that it may have instead.
 """
 

@@ -146,7 +146,7 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
                           "with its mass and ln of its frequency; with a mass that is not there yet",
                      reference="the matrices with its own degrees of freedom; central differences; the smallest mass",
                      why="eigensolver; step")
-    rows = elementary(frame.small, str, on_springs=True)
+    rows = elementary(frame.small, str, heights=5)
     part = next(a for e, a in rows if e.cause == PART_CAUSES[3] and "along 45 deg" in e.location and a.tuned_hz > 3)
     small = frame.small.attached([part])
     (one,) = small.tuned
@@ -285,7 +285,7 @@ def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
     hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
     known = examine(frame, hung_record(5, mass=400.0, hz=hz, storey=3, from_block=0))
-    parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", on_springs=True)
+    parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", heights=5)
     first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null, parts)))
     assert parts[first][0].location.startswith("z = 12 m, along 0 deg")
 
@@ -329,7 +329,7 @@ def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeyp
 
     data = record(3, spring=3e5)
     known = examine(frame, data)
-    parts = elementary(frame.small, str, on_springs=True)
+    parts = elementary(frame.small, str, heights=5)
     with_them = free_form_module.most_promising(known.problem, known.null, parts)
     monkeypatch.setattr(free_form_module, "first_steps", no_modes)
     kept, begun = free_form_module.most_promising(known.problem, known.null, parts)

@@ -93,9 +93,10 @@ def test_pairs_are_expected_as_often_as_their_limits_state(tables):
     scour = {"cause": "scour", "location": "leg B", "time_profile": "step", "size": 1.0}
     growth = {"cause": "marine growth", "location": "leg C", "time_profile": "ramp", "size": -0.1}
     soft = {"cause": "soil softens with amplitude", "location": "all legs", "time_profile": "own", "size": 0.2}
-    line = {"family": "pair", "id": "p", "hidden": [], "verdict": "none", "cpu_s": 1.0, "findings": [], "threshold": 4.5,
-            "effects": [scour, growth], "limits": {"scour | leg B | step": 1.0, "marine growth | leg C | ramp": 0.2,
-                                                   "soil softens with amplitude | all legs | rms_mps2": 5.0}}
+    line = {"family": "pair", "id": "p", "hidden": [], "verdict": "none", "cpu_s": 1.0, "findings": [],
+            "threshold": 4.5, "effects": [scour, growth],
+            "limits": {"scour | leg B | step": 1.0, "marine growth | leg C | ramp": 0.2,
+                       "soil softens with amplitude | all legs | rms_mps2": 5.0}}
     powers = [tables.stated_power(line, effect) for effect in (scour, growth, soft)]
     assert powers[:2] == pytest.approx([0.9, 0.0537], abs=5e-4) and powers[2] is None
     never = {**line, "limits": {**line["limits"], "scour | leg B | step": np.inf}}
