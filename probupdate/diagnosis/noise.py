@@ -34,9 +34,9 @@ class Noise:
     degrees: tuple[np.ndarray, ...] = ()
     stated: bool = False
 
-    def taken(self, chosen: Sequence[int]) -> Noise:
+    def taken(self, chosen: np.ndarray) -> Noise:
         """Of only the blocks numbered `chosen`."""
-        return replace(self, weight=tuple(frozen_array(w[list(chosen)]) for w in self.weight))
+        return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight))
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses

@@ -159,11 +159,10 @@ class DiagnosisProblem:
             result.append(covariance if not blocks.std_alone or _agrees(covariance, numbers) else None)
         return tuple(result)
 
-    def taken(self, chosen: Sequence[int]) -> DiagnosisProblem:
+    def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""
-        rows = list(chosen)
-        profiles = tuple(replace(p, value=frozen_array(p.value[rows])) for p in self.time_profiles)
-        return replace(self, blocks=self.blocks.taken(rows), time_profiles=profiles)
+        profiles = tuple(replace(p, value=frozen_array(p.value[chosen])) for p in self.time_profiles)
+        return replace(self, blocks=self.blocks.taken(chosen), time_profiles=profiles)
 
     @property
     def tolerated(self) -> tuple[int, ...]:
