@@ -16,11 +16,7 @@ import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.fitting import (
-    Fit,
-    design_with_more,
-    fitted_without_candidates,
-)
+from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
     Explored,
@@ -191,9 +187,9 @@ def elementary(
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
 
 
-def place_and_direction(part: Part) -> tuple[str, str]:
-    """Of a mass on springs where it hangs and how it moves, as its location has them."""
-    place, way, _ = part[0].location.rsplit(", ", 2)
+def place_and_direction(location: str) -> tuple[str, str]:
+    """Where a mass on springs of this location hangs and how it moves, without its frequency."""
+    place, way, _ = location.rsplit(", ", 2)
     return place, way
 
 
@@ -334,8 +330,7 @@ def _compared(
     profile = best.fitted.included[number].time_profile
     problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
     _, base = with_parts(explored.problem, rest, [part], (profile,))
-    n = IncludedEffect(effect=part[0], time_profile=profile, size=0.0)
-    begun = replace(n, size=float(np.clip(size, *np.multiply(0.6, n.bounds))))
+    begun = IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size)
     try:
         found = fitted_without_candidates(problem, base.theta, (*rest.included, begun), base=base)
     except ConvergenceError:

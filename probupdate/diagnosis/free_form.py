@@ -16,6 +16,7 @@ from scipy import linalg
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.elementary import (
     BOTH_WAYS,
+    FITTED,
     PART_CAUSES,
     PLACED_HEIGHTS,
     Part,
@@ -40,8 +41,8 @@ from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
-# with how many the search begins: of each kind those that promise most to first order, and masses on springs
-FITTED, N_BEGUN = 3, 8
+# masses on springs with which the search begins, beside FITTED of each kind that promise most to first order
+N_BEGUN = 8
 # masses on springs that go MORE_STEPS of a fit, from BEGUN_AT of their prior's standard deviation, and at how many
 # places those that move along one direction do
 N_AGAIN, MORE_STEPS, BEGUN_AT, N_ONE_WAY = 20, 4, 0.5, 4
@@ -74,8 +75,7 @@ def most_promising(
     order, kept, begun = np.argsort(-gain.max(axis=1), kind="stable"), set(), []
 
     def included(k: int, profile: TimeProfile, own: float) -> IncludedEffect:
-        n = IncludedEffect(effect=parts[k][0], time_profile=profile, size=own)
-        return replace(n, size=float(np.clip(own, *np.multiply(0.6, n.bounds))))
+        return IncludedEffect(effect=parts[k][0], time_profile=profile, size=0.0).begun_at(own)
 
     for cause in PART_CAUSES:
         of_kind = [int(k) for k in order if parts[k][0].cause == cause]
@@ -100,7 +100,7 @@ def _at_different_places(parts: Sequence[Part], order: Sequence[int], most: int)
     first: dict[tuple, int] = {}
     for k in order:
         hung = parts[k][1].tuned_hz is not None
-        place, way = place_and_direction(parts[k]) if hung else (parts[k][0].location, "")
+        place, way = place_and_direction(parts[k][0].location) if hung else (parts[k][0].location, "")
         first.setdefault((place, way == BOTH_WAYS), k)
         if len(first) == most:
             break
@@ -124,7 +124,7 @@ def hung_at_first_steps(
     hung: dict[tuple[str, str], list[int]] = {}
     for k, part in enumerate(parts):
         if part[1].tuned_hz is not None:
-            hung.setdefault(place_and_direction(part), []).append(k)
+            hung.setdefault(place_and_direction(part[0].location), []).append(k)
 
     def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
         found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
@@ -134,7 +134,7 @@ def hung_at_first_steps(
     again = [k for _, k, _, _ in first[:N_AGAIN]]
     best: dict[str, float] = {}
     for _, k, _, hz in first:
-        best.setdefault(place_and_direction(parts[k])[0], hz)
+        best.setdefault(place_and_direction(parts[k][0].location)[0], hz)
     for place, hz in [*best.items()][:N_ONE_WAY]:
         for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
             again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
@@ -224,7 +224,7 @@ def by_place(found: Finding) -> dict:
     one place are one, whatever their frequency."""
     probability: dict[tuple[str, str], float] = {}
     for f in (found, *found.alternatives):
-        key = f.cause, f.location.split(", about ")[0] if f.cause == PART_CAUSES[3] else f.location
+        key = f.cause, ", ".join(place_and_direction(f.location)) if f.cause == PART_CAUSES[3] else f.location
         probability[key] = probability.get(key, 0.0) + f.posterior_probability
     # the part itself stands first
     own = probability.pop(next(iter(probability)))

@@ -247,8 +247,7 @@ def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) ->
     effect, time_profile = problem.effects[j], problem.time_profiles[c]
     if time_profile.kind == "step":
         time_profile = sharpened(problem, base, int(j), time_profile)
-    n = IncludedEffect(effect=effect, time_profile=time_profile, size=0.0)
-    return replace(n, size=float(size if effect.discrete else np.clip(size, *np.multiply(0.6, n.bounds))))
+    return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).begun_at(size)
 
 
 def large_moves(

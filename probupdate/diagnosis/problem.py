@@ -74,6 +74,11 @@ class IncludedEffect:
         reach = float(np.max(np.abs(self.time_profile.value)))
         return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
 
+    def begun_at(self, size: float) -> IncludedEffect:
+        """To begin a fit with: of this size, but well within its bounds."""
+        within = size if self.effect.discrete else np.clip(size, *np.multiply(0.6, self.bounds))
+        return replace(self, size=float(within))
+
     @property
     def exact(self) -> bool:
         """Whether the reference holds it as it is; else through its signature."""

@@ -75,7 +75,6 @@ def part_words(part: Mapping) -> str:
         words += f", by itself at {part['frequency_hz']:.3g} ± {part['frequency_std_hz']:.1g} Hz"
     words += f"; it moves {moved}" if moved else ""
     others = [f"{name_of(a)} ({a['posterior_probability']:.2g})" for a in part.get("alternatives", ())]
-    # of equal chances the places are the message
     return words + (f"; or {', or '.join(others)}" if others else "")
 
 

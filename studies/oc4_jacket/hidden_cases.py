@@ -20,6 +20,7 @@ from scipy.optimize import linear_sum_assignment
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.virtual import modal_noise
 
+# a family's place seeds its cases
 FAMILIES = ("null", "single", "unknown")
 N_BLOCK, N_MODE, DAMPING, BLOCK_S = 24, 5, 0.01, 1800.0
 # in the order of their frequencies

@@ -206,7 +206,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--families", nargs="*", default=list(cases.FAMILIES))
+    parser.add_argument("--families", nargs="+", choices=[*MOST], default=[*MOST])
     parser.add_argument("--first", type=int, default=0, help="number of the first case of each family")
     parser.add_argument("--most", type=int, help="cases of each family at most")
     parser.add_argument("--quick", action="store_true", help="one record with nothing hidden, two with an effect")
