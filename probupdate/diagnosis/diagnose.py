@@ -10,7 +10,15 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
-from probupdate.diagnosis.elementary import COMPETING_HEIGHTS, PART_CAUSES, in_place_of, parts_of
+from probupdate.diagnosis.elementary import (
+    COMPETING_HEIGHTS,
+    OWN_RESPONSE,
+    PART_CAUSES,
+    OwnResponse,
+    in_place_of,
+    own_responses,
+    parts_of,
+)
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
@@ -60,7 +68,8 @@ ALIKE_SHAPES = "the measured shapes are as good as one where the model expects t
 class Outcome:
     """The diagnosis with what it was read from: the findings of the most probable hypothesis (`proposed`), which are
     none of the diagnosis where that explains too little; the fit of the model as it is (`null`), the fit with
-    everything proposed (`fitted`, its `included` in that order), and the first and the last search."""
+    everything proposed (`fitted`, its `included` in that order), and the first and the last search. `own_response`:
+    that of channels, where it is more probable than what the catalogue says of them."""
 
     diagnosis: Diagnosis
     proposed: tuple[Finding, ...]
@@ -69,6 +78,7 @@ class Outcome:
     fitted: Fit
     first: Search
     last: Search
+    own_response: OwnResponse | None = None
 
 
 def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Progress = silent) -> Diagnosis:
@@ -87,9 +97,7 @@ def examine(
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _beyond_chance(explored, seed)
-    parts = parts_of(prepared, heights=COMPETING_HEIGHTS) if findings else []
-    instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
-    findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
+    findings, own_response = _beside_parts(prepared, explored, findings, refuted)
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -135,7 +143,24 @@ def examine(
         details=details,
     )
     return Outcome(diagnosis=diagnosis, proposed=tuple(findings), problem=problem, null=null, fitted=fitted,
-                   first=first, last=found)
+                   first=first, last=found, own_response=own_response)
+
+
+def _beside_parts(
+    prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int]
+) -> tuple[list[Finding], OwnResponse | None]:
+    """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
+    is more probable than what the catalogue says of them."""
+    if not findings:
+        return findings, None
+    parts = parts_of(prepared, heights=COMPETING_HEIGHTS)
+    instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
+    responses = own_responses(explored)
+    for one in responses:
+        for number in one.numbers:
+            instead[number] = [*instead[number], (one.row, one.log_evidence, one.log_prior)]
+    findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
+    return findings, _own_response(findings, responses)
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:
@@ -361,12 +386,25 @@ def _foreign(findings: Sequence[Finding]) -> list[str]:
     """What to say of findings for which an elementary part that no row describes is more probable."""
     result = []
     for f in findings:
-        part = next((a for a in f.alternatives if a.cause in PART_CAUSES), None)
-        if part is not None and part.posterior_probability > f.posterior_probability:
+        part = _likelier_part(f)
+        if part is not None:
             result.append(f"{f.cause}, {f.location}, is less probable ({f.posterior_probability:.2g}) than an "
                           f"elementary part, {part.cause}: {part.location} ({part.posterior_probability:.2g}); no row "
                           "of the catalogue describes what is there")
     return result
+
+
+def _likelier_part(found: Finding) -> Alternative | None:
+    """The most probable elementary part, where it is more probable than a finding."""
+    part = next((a for a in found.alternatives if a.cause in (*PART_CAUSES, OWN_RESPONSE)), None)
+    return part if part is not None and part.posterior_probability > found.posterior_probability else None
+
+
+def _own_response(findings: Sequence[Finding], responses: Sequence[OwnResponse]) -> OwnResponse | None:
+    """The most probable of those that are more probable than a finding in whose place they are."""
+    likelier = [one for one in responses for part in map(_likelier_part, (findings[k] for k in one.numbers))
+                if part is not None and (part.cause, part.location) == (one.row.cause, one.row.location)]
+    return max(likelier, key=lambda one: one.log_evidence + one.log_prior, default=None)
 
 
 def _beyond_sense(found: Search) -> list[str]:

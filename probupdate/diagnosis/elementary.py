@@ -1,15 +1,16 @@
-"""Elementary parts that a model may lack: a spring to ground or between two points, a mass, a mass on springs.
+"""Elementary parts that a model may lack: a spring to ground or between two points, a mass, a mass on springs; and
+channels with a frequency response of their own.
 
 Of one kind all together are as probable before the data as one row of the catalogue. They stand for what no row
-describes: as competing hypotheses of every finding about the structure, and, where the record stays unexplained, as
-what says where and in which modes the unknown acts.
+describes: as competing hypotheses of every finding about the structure or about single sensors, and, where the record
+stays unexplained, as what says where and in which modes the unknown acts.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +25,7 @@ from probupdate.diagnosis.hypotheses import (
     Ranking,
     hypothesis_of,
     key_of,
+    log_prior,
     without,
 )
 from probupdate.diagnosis.linear import Design
@@ -32,7 +34,7 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
 from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
-from probupdate.effects.catalogue import Effect
+from probupdate.effects.catalogue import GAIN_RANGE, Effect, FrequencyResponse, Gain
 from probupdate.errors import ConvergenceError
 from probupdate.model.interface import Wireframe
 from probupdate.structure.description import Description
@@ -58,6 +60,9 @@ SAME_PLACE = 0.012
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
 NOT_THERE = ("pile", "rna")
 PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point", "mass on springs")
+OWN_RESPONSE = "frequency response of its own"
+# prior scale of what channels show of one mode, in phase and a quarter of a period ahead: that of a gain
+RESPONSE_SCALE = 0.1
 # how a mass on springs moves that is on one along either horizontal axis
 BOTH_WAYS = "horizontal"
 
@@ -338,9 +343,112 @@ def _compared(
     candidates = (*(c for i, c in enumerate(best.candidates) if i != number), len(problem.which) - 1)
     z = (*(z for i, z in enumerate(best.z) if i != number), best.z[number])
     one, here = hypothesis_of(problem, candidates, z, found), replace(best, fitted=fitted)
-    known: dict[frozenset, Hypothesis] = {key_of(problem, h.candidates): h for h in (here, one)}
-    relative = dict(zip(*Ranking().order(problem, known), strict=True))
-    apart = relative[key_of(problem, candidates)] - relative[key_of(problem, best.candidates)]
-    prior = one.log_prior - here.log_prior
+    apart, prior = _relative(problem, one, here), one.log_prior - here.log_prior
     return float(apart - prior), float(prior)
 
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OwnResponse:
+    """Channels with a frequency response of their own in place of the findings `numbers` of the most probable
+    hypothesis: `row` stands for all of `fitted`'s effects of one mode each, whose factors it names. ln evidence and ln
+    prior relative to that hypothesis; `problem` with these effects."""
+
+    row: Effect
+    numbers: tuple[int, ...]
+    problem: DiagnosisProblem
+    fitted: Fit
+    log_evidence: float
+    log_prior: float
+
+    def factors(self) -> list[dict]:
+        """Per group of modes the factor and the phase of what the channels show over what they should, with standard
+        deviations: plain numbers."""
+        design, own = self.fitted.design, [n for n in self.fitted.included if n.effect.cause == OWN_RESPONSE]
+        free = [n for n in self.fitted.included if not n.effect.discrete]
+        std = np.sqrt(np.diag(design.unknowns_cov([design.sizes.start + free.index(n) for n in own])))
+        result = []
+        for k in range(0, len(own), 2):
+            value = (1 + own[k].size) * (1 + 1j * own[k + 1].size)
+            # to first order, of the two that are multiplied
+            ahead = 1 + own[k + 1].size ** 2
+            of_factor = np.hypot(std[k] * np.sqrt(ahead), (1 + own[k].size) * own[k + 1].size * std[k + 1]
+                                 / np.sqrt(ahead))
+            result.append({"mode": own[k].effect.location, "factor": float(abs(value)), "factor_std": float(of_factor),
+                           "phase_deg": float(np.degrees(np.angle(value))),
+                           "phase_std_deg": float(np.degrees(std[k + 1] / ahead))})
+        return result
+
+
+def own_responses(explored: Explored) -> list[OwnResponse]:
+    """Each set of channels of which a finding of the most probable hypothesis says that all of them are wrong alike (a
+    gain, a clock, a filter, a crosstalk), with a response of its own in place of all that is said of any of these
+    channels: what differs from mode to mode in a way that no row describes (a mount that resonates) is bought as two or
+    three rows that hold in every mode."""
+    problem, best = explored.problem, explored.hypotheses[0]
+    included = best.fitted.included
+    every = len(problem.blocks.channels)
+    alike = dict.fromkeys(n.effect.channels_changed for n in included if n.exact and n.effect.one_for_all)
+    found = []
+    for rows in alike:
+        numbers = tuple(k for k, n in enumerate(included)
+                        if n.exact and set(rows) & set(n.effect.channels_changed))
+        one = _with_own_response(explored, rows, numbers) if 0 < len(rows) < every else None
+        found += [one] if one is not None else []
+    return found
+
+
+def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple[int, ...]) -> OwnResponse | None:
+    """None where the model has no modes there."""
+    best, first = explored.hypotheses[0], len(explored.problem.effects)
+    effects = _factors_of_modes(explored.problem, rows)
+    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    profile = best.fitted.included[chief].time_profile
+    number = next((c for c, one in enumerate(explored.problem.time_profiles) if one is profile),
+                  len(explored.problem.time_profiles))
+    profiles = explored.problem.time_profiles
+    which = [(first + k, number) for k in range(len(effects))]
+    problem = replace(explored.problem, effects=(*explored.problem.effects, *effects),
+                      time_profiles=profiles if number < len(profiles) else (*profiles, profile),
+                      which=np.vstack([explored.problem.which, which]))
+    base = replace(best.fitted, design=design_with_more(problem, best.fitted, first))
+    kept = [k for k in range(len(best.candidates)) if k not in numbers]
+    gain = sum(n.size for n in (best.fitted.included[k] for k in numbers)
+               if isinstance(n.effect.observe, Gain) and n.effect.channels_changed == rows)
+    begun = (*(best.fitted.included[k] for k in kept),
+             *(IncludedEffect(effect=effect, time_profile=profile, size=gain if k % 2 == 0 else 0.0)
+               for k, effect in enumerate(effects)))
+    try:
+        fitted = fitted_without_candidates(problem, base.theta, begun, base=base)
+    except ConvergenceError:
+        return None
+    rest, n_known = tuple(best.candidates[k] for k in kept), len(explored.problem.which)
+    candidates = (*rest, *range(n_known, n_known + len(effects)))
+    one = hypothesis_of(problem, candidates, (*(best.z[k] for k in kept), *(0.0 for _ in effects)), fitted)
+    # they are one thing that may be, of as many as there are channels
+    one = replace(one, log_prior=log_prior(problem, (*rest, n_known)))
+    apart = _relative(problem, one, best)
+    prior = one.log_prior - best.log_prior
+    channels = [problem.blocks.channels[k] for k in rows]
+    row = replace(effects[0], location=", ".join(channels))
+    return OwnResponse(row=row, numbers=numbers, problem=problem, fitted=fitted, log_evidence=float(apart - prior),
+                       log_prior=float(prior))
+
+
+def _relative(problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> float:
+    """ln posterior of a hypothesis relative to another one."""
+    known = {key_of(problem, h.candidates): h for h in (best, one)}
+    relative = dict(zip(*Ranking().order(problem, known), strict=True))
+    return relative[key_of(problem, one.candidates)] - relative[key_of(problem, best.candidates)]
+
+
+def _factors_of_modes(problem: DiagnosisProblem, rows: tuple[int, ...]) -> list[Effect]:
+    """Of every group of modes, the lowest first, what these channels show in phase and a quarter of a period ahead."""
+    log = np.array([own.mean() for own in problem.predictor.log_frequency])
+    order = np.argsort(log)
+    between = np.exp(0.5 * (log[order][1:] + log[order][:-1]))
+    ends = [0.0, *(float(hz) for hz in between), np.inf]
+    return [Effect(kind="measurement", cause=OWN_RESPONSE, location=problem.blocks.group_name(int(q)), unit="-",
+                   tolerance=0.0, prior_scale=RESPONSE_SCALE, lower=-GAIN_RANGE[1], upper=GAIN_RANGE[1],
+                   observe=FrequencyResponse(rows, ends[k], ends[k + 1], along), step_of_size=1e-3,
+                   odds=1 / len(problem.blocks.channels), check="look at its mount, its cable and its filter")
+            for k, q in enumerate(order) for along in (1.0, 1.0j)]

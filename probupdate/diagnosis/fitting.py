@@ -13,7 +13,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
 from probupdate.diagnosis.time_profiles import TimeProfile
-from probupdate.effects.catalogue import Effect
+from probupdate.effects.catalogue import Effect, FrequencyResponse
 from probupdate.runtime.arrays import frozen_array
 
 # a fit has settled when no parameter moves by more, in posterior standard deviations
@@ -114,8 +114,10 @@ def _design(
         included=(*((column[_number(problem, n)], n.time_profile, n.prior_std)
                     for n in included if not n.effect.discrete), *scatter),
         n_scatter=len(scatter),
+        # a factor that every mode has of its own follows no theory that could be in error
         model_errors=tuple((n.time_profile, _model_errors(problem, n, [e[:, :, column[_number(problem, n)]]
-                                                                       for e in effect])) for n in included),
+                                                                       for e in effect]))
+                           for n in included if not isinstance(n.effect.observe, FrequencyResponse)),
     )
 
 

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.diagnose import Outcome, examine
+from probupdate.diagnosis.adequacy import adequacy
+from probupdate.diagnosis.diagnose import ADEQUATE, Outcome, examine
 from probupdate.diagnosis.elementary import (
     BOTH_WAYS,
     FITTED,
+    OWN_RESPONSE,
     PART_CAUSES,
     PLACED_HEIGHTS,
     Part,
@@ -26,11 +28,13 @@ from probupdate.diagnosis.elementary import (
 )
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import residuals_at
-from probupdate.diagnosis.fitting import Fit, first_steps
+from probupdate.diagnosis.fitting import Fit, first_steps, with_candidates
+from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.results import Finding
+from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
@@ -217,6 +221,27 @@ def _content(outcome: Outcome) -> dict:
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
+
+
+def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
+    """What `free_form` says of elementary parts, of channels with a frequency response of their own."""
+    own = outcome.own_response
+    if own is None:
+        raise ValueError("no channel of this outcome has a frequency response of its own")
+    problem, fitted = own.problem, with_candidates(own.problem, own.fitted)
+    profile = next(n.time_profile for n in fitted.included if n.effect.cause == OWN_RESPONSE)
+    row = {
+        "cause": own.row.cause, "location": own.row.location, "unit": "-", "time_profile": profile.name,
+        "since": problem.blocks.ids[profile.at] if profile.kind == "step" else "", "elementary": True,
+        "posterior_probability": min(
+            a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
+            if (a.cause, a.location) == (own.row.cause, own.row.location)),
+        "check": own.row.check, "factors": own.factors(),
+    }
+    found = search(problem, fitted, seed=seed, heavier=outcome.first.heavier)
+    p, _ = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))
+    return {"parts": [row], "complete": p >= ADEQUATE, "adequacy_p": p,
+            "gain": measures(problem, outcome.null, fitted, noise=outcome.null.design.noise)}
 
 
 def by_place(found: Finding) -> dict:

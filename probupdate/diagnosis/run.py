@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from probupdate.campaign.reading import Campaign
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
-from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.extension_sampling import bounded
-from probupdate.diagnosis.free_form import free_form
+from probupdate.diagnosis.free_form import free_form, own_response_content
 from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.hypotheses import MOST_MOVES
 from probupdate.diagnosis.prepare import Prepared, prepare
@@ -130,12 +130,23 @@ def _whole(
         found = replace(found, extended_model=more.model, extension=more.content)
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few:
-        free = free_form(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
-        if free is not None:
-            null, fitted = free.outcome.null, free.outcome.fitted
-            gain = measures(free.outcome.problem, null, fitted, noise=null.design.noise)
-            details["free_form"] = {**free.content, "gain": gain}
+        content = _unknown_cause(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
+        details |= {"free_form": content} if content else {}
     return replace(found, splits=found.splits or splits(outcome), details=details)
+
+
+def _unknown_cause(
+    prepared: Prepared, outcome: Outcome, data: ModalData, *, seed: int, runs: Executor, progress: Progress
+) -> dict:
+    """What no row describes, of sensors or, where these are as they should be, of the structure, and what it gains on
+    held-out blocks."""
+    if outcome.own_response is not None:
+        return own_response_content(outcome, seed=seed)
+    free = free_form(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
+    if free is None:
+        return {}
+    null, fitted = free.outcome.null, free.outcome.fitted
+    return {**free.content, "gain": measures(free.outcome.problem, null, fitted, noise=null.design.noise)}
 
 
 def _with_gains(found: Diagnosis, gains_of: Sequence[dict]) -> Diagnosis:

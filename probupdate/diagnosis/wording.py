@@ -25,6 +25,8 @@ PROFILE_WORDS = {
 # a push of a parameter that its prior expects once in ten times
 # and less than this, in prior standard deviations, is not worth a word
 SURPRISING, LEAST_SHIFT = 1.645, 0.5
+# standard deviations from which a mode is said to show what a sensor does to it
+SHOWN = 2.0
 
 
 def amount(value: float | None, std: float | None, unit: str, cause: str) -> str:
@@ -66,6 +68,8 @@ def finding_words(finding: Mapping) -> str:
 
 def part_words(part: Mapping) -> str:
     """"a spring to ground, leg A, z = 2.0 m, along 45 deg: 20 +- 3 MN/m, from ... on; it moves FA1/SS1 by +1.2 %"."""
+    if "factors" in part:
+        return _own_response_words(part)
     scale, unit = SCALED.get(part["unit"], (1.0, part["unit"]))
     std = part.get("size_std")
     size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
@@ -76,6 +80,17 @@ def part_words(part: Mapping) -> str:
     words += f"; it moves {moved}" if moved else ""
     others = [f"{name_of(a)} ({a['posterior_probability']:.2g})" for a in part.get("alternatives", ())]
     return words + (f"; or {', or '.join(others)}" if others else "")
+
+
+def _own_response_words(part: Mapping) -> str:
+    """"frequency response of its own, TP-A-y: T1 by 1.16 +- 0.02, -9.8 +- 0.6 deg; ...", modes that do not show it left
+    out."""
+    shown = [f"{m['mode']} by {m['factor']:.2f} ± {m['factor_std']:.2f} and {m['phase_deg']:+.1f} ± "
+             f"{m['phase_std_deg']:.1f} deg" for m in part["factors"]
+             if abs(m["factor"] - 1) > SHOWN * m["factor_std"] or abs(m["phase_deg"]) > SHOWN * m["phase_std_deg"]]
+    seen = f": it shows {', '.join(shown)}" if shown else ""
+    when = time_profile_words(part["time_profile"], part.get("since", ""))
+    return f"{name_of(part)}, {when}{seen}; {part['check']}, and diagnose again without it"
 
 
 def free_form_words(content: Mapping) -> list[str]:

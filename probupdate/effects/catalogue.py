@@ -98,6 +98,25 @@ class Effect:
         """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
         return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)
 
+    @cached_property
+    def channels_changed(self) -> tuple[int, ...]:
+        """Rows of the channels that an effect on some sensors changes; none of any other."""
+        match self.observe:
+            case Gain(rows) | Delay(rows) | LowPass(rows) | FrequencyResponse(rows):
+                return rows
+            case Crosstalk(into, _):
+                return (into,)
+            case Swap(first, second):
+                return (first, second)
+            case Turn(pairs):
+                return tuple(sorted({row for pair in pairs for row in pair}))
+        return ()
+
+    @property
+    def one_for_all(self) -> bool:
+        """Whether it changes its channels by one factor, each beside what the others show."""
+        return isinstance(self.observe, Gain | Delay | LowPass | Crosstalk)
+
     @property
     def observation(self) -> Observation:
         """`observe` of an effect of sensors. Raises ValueError where the effect is none of sensors."""
@@ -211,6 +230,23 @@ class LowPass:
 
 
 @dataclass(frozen=True)
+class FrequencyResponse:
+    """Channels that show modes between two frequencies by 1 + size times `along` of what they should: 1 in phase, 1j a
+    quarter of a period ahead."""
+
+    rows: tuple[int, ...]
+    low_hz: float
+    high_hz: float
+    along: complex
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        between = (frequency_hz >= self.low_hz) & (frequency_hz < self.high_hz)
+        result[list(self.rows)] *= np.where(between, 1 + size * self.along, 1.0)
+        return result, 0.0
+
+
+@dataclass(frozen=True)
 class Rate:
     """The clock of all channels runs fast by the share `size`: every frequency looks lower by it."""
 
@@ -228,7 +264,7 @@ class Stiffness:
 
 # in the order in which a signal passes them, the structure first; a sensor turned before its sign is exchanged is not
 # one turned after it
-SIGNAL_PATH = ((Stiffness, Turn), (Gain,), (Swap, Crosstalk), (Delay, LowPass, Rate))
+SIGNAL_PATH = ((Stiffness, Turn), (Gain, FrequencyResponse), (Swap, Crosstalk), (Delay, LowPass, Rate))
 # they take a frequency for each mode as well
 LAWS = tuple(law for laws in SIGNAL_PATH for law in laws)
 

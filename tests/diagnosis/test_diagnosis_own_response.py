@@ -1,0 +1,111 @@
+"""Channels with a frequency response of their own: on a frame whose records come from other equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.elementary import OWN_RESPONSE
+from probupdate.diagnosis.free_form import own_response_content
+from probupdate.diagnosis.gain import SIGNIFICANT
+from probupdate.diagnosis.run import ModelSource, diagnose_files
+from probupdate.diagnosis.wording import free_form_words
+from probupdate.effects.catalogue import Crosstalk, Delay, Effect, FrequencyResponse, Gain, Rate, Swap, Turn
+from probupdate.modal.modes import ModalData
+from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
+from tests.diagnosis.test_diagnosis_free_form import block, frame  # noqa: F401
+
+CHANNEL = 6
+
+
+def mount(frequency_hz, resonance_hz, damping=0.2):
+    """What a sensor on a mount of one degree of freedom shows over what the structure does."""
+    ratio = frequency_hz / resonance_hz
+    return 1 / (1 - ratio**2 + 2j * damping * ratio)
+
+
+def seen(seed, response, from_block=0):
+    """Blocks of a frame one channel of which shows `response` of frequency (6,) from a block on."""
+    rng = np.random.default_rng(seed)
+    base, sets = 1 + 0.02 * rng.standard_normal(N_STOREY), []
+    for b in range(N_BLOCK):
+        value, phi = linalg.eigh(*storeys(base, base, MASS * np.ones(N_STOREY)), subset_by_index=(0, 5))
+        found = block(rng, b, value, phi)
+        shape = np.array(found.shape)
+        shape[CHANNEL] *= response(np.sqrt(value) / (2 * np.pi)) if b >= from_block else 1.0
+        sets.append(replace(found, shape=shape))
+    return ModalData(channels=CHANNELS, sets=tuple(sets))
+
+
+def places(factors):
+    """Frequency in Hz of each factor's group, those that the channel hardly moves in left out."""
+    value = linalg.eigvalsh(*storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY)))
+    hz = np.sqrt(value[:6]).reshape(3, 2).mean(axis=1) / (2 * np.pi)
+    assert len(factors) == len(hz)
+    return hz
+
+
+@pytest.mark.parametrize("from_block", [0, pytest.param(20, marks=pytest.mark.long)])
+def test_a_mount_that_resonates_is_the_channels_own_response(frame, from_block, validation):  # noqa: F811
+    row = validation(what="a sensor on a mount of one degree of freedom at 15 Hz, damped by 0.2, in no row of the "
+                          "catalogue: verdict, channel, time profile; factor and phase in each mode in their standard "
+                          "deviations; held-out gain over its standard error",
+                     reference="the mount's frequency response")
+    data = seen(3, lambda hz: mount(hz, 15.0), from_block)
+    outcome = examine(frame, data)
+    own = outcome.own_response
+    content = own_response_content(outcome)
+    (part,) = content["parts"]
+    row.equal((outcome.diagnosis.verdict, part["cause"], part["location"], part["time_profile"], part["since"]),
+              ("unexplained", OWN_RESPONSE, CHANNELS[CHANNEL], "step" if from_block else "constant",
+               data.sets[20].id if from_block else ""), "part", case=f"from block {from_block}")
+    factors = own.factors()
+    for hz, found in zip(places(factors), factors, strict=True):
+        true = mount(hz, 15.0)
+        row.error((found["factor"] - abs(true)) / found["factor_std"], 3, "factor", case=found["mode"])
+        row.error((found["phase_deg"] - np.degrees(np.angle(true))) / found["phase_std_deg"], 3, "phase",
+                  case=found["mode"])
+    row.least(content["gain"]["heldout_elpd"] / content["gain"]["heldout_elpd_se"], SIGNIFICANT, "gain")
+    assert content["complete"]
+    said = free_form_words({"details": {"free_form": content}})
+    assert said[0].startswith(f"something like {OWN_RESPONSE}, {CHANNELS[CHANNEL]}") and "no row" in said[1]
+
+
+@pytest.mark.parametrize(("fault", "cause"), [
+    (lambda hz: 1.15 * np.ones(len(hz)), "sensor gain"), (lambda hz: -np.ones(len(hz)), "sensor polarity"),
+])
+def test_a_fault_that_is_alike_in_every_mode_keeps_its_name(frame, fault, cause):  # noqa: F811
+    outcome = examine(frame, seen(4, fault))
+    (finding,) = outcome.diagnosis.findings
+    assert (outcome.diagnosis.verdict, finding.cause, finding.location) == ("named", cause, CHANNELS[CHANNEL])
+    assert outcome.own_response is None
+    with pytest.raises(ValueError, match="no channel"):
+        own_response_content(outcome)
+
+
+def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_does(frame, monkeypatch):  # noqa: F811
+    def asked(*_, **__):
+        raise AssertionError("the structure has nothing to do with it")
+
+    monkeypatch.setattr("probupdate.diagnosis.run.free_form", asked)
+    found = diagnose_files(ModelSource(model=frame), seen(3, lambda hz: mount(hz, 15.0)))
+    (part,) = found.details["free_form"]["parts"]
+    assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)
+
+
+def test_a_response_changes_its_channels_between_its_frequencies_alone():
+    shape, hz = np.ones((3, 4), complex), np.array([1.0, 2.0, 3.0, 4.0])
+    changed, shift = FrequencyResponse((1,), 2.0, 4.0, 1j)(shape, hz, 0.1)
+    assert shift == 0.0 and np.array_equal(changed[[0, 2]], shape[[0, 2]])
+    assert np.allclose(changed[1], [1.0, 1 + 0.1j, 1 + 0.1j, 1.0])
+
+
+@pytest.mark.parametrize(("law", "rows", "alike"), [
+    (Gain((1, 2)), (1, 2), True), (Delay((3,)), (3,), True), (Crosstalk(4, 0), (4,), True), (Swap(1, 5), (1, 5), False),
+    (Turn(((0, 1), (3, 4))), (0, 1, 3, 4), False), (Rate(), (), False),
+])
+def test_channels_that_a_fault_changes(law, rows, alike):
+    effect = Effect(kind="measurement", cause="x", location="", unit="", tolerance=0.0, prior_scale=1.0, observe=law)
+    assert effect.channels_changed == rows and effect.one_for_all == alike
