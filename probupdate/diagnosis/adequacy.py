@@ -1,18 +1,187 @@
-"""The test of the rest: is what the fit leaves more than noise, in directions that some effect could take or in
-the frequencies as such?"""
+"""What remains after the best fit, and whether it is more than noise.
+
+At the most probable parameters (and sizes of effects) residuals are r = y - G_h c_h. When nothing more is wrong
+cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances, the model discrepancy of model form and the model error of
+signatures that were taken in, C_h the posterior covariance of what was fitted. All that is shown is a sum over blocks
+of r (a mean, a slope, a bin's mean) over its own standard deviation, so that it is standard normal when the model is
+right; the fit's own appetite is counted. Whether the rest is more than noise is tested in directions that some effect
+could take, and in the frequencies as such.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import linalg, stats
 
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.problem import DiagnosisProblem
-from probupdate.diagnosis.residual_state import residual_of
+from probupdate.diagnosis.problem import DiagnosisProblem, local_std, prior_shift
 from probupdate.diagnosis.search import Search
+
+# of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
+INFORMED = 0.05
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Residual:
+    """What a fit leaves: per group `left` (n_block, n_response), zero where not measured; `held` the unknowns of the
+    design that the fit chose, `held_cov` their posterior covariance."""
+
+    design: Design
+    left: tuple[np.ndarray, ...]
+    held: np.ndarray
+    held_cov: np.ndarray
+
+    def spread(self, q: int, share: np.ndarray) -> np.ndarray:
+        """Covariance (m, m) of sum_b share_b r_b of group q; share (n_block,)."""
+        return self.spread_between(q, share, q, share) + self.own_noise(q, share)
+
+    def own_noise(self, q: int, share: np.ndarray) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        scale = float(np.sum(share[there] ** 2 / weight[there]))
+        return scale * self.design.noise.covariance[q] + np.diag(self._offset_variance(q, share))
+
+    def _offset_variance(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m,) what the model discrepancy of model form adds, and the model error of signatures of effects that were
+        taken in."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        variance = (design.discrepancy_std[q] * share.sum()) ** 2
+        for time_profile, spread in design.model_errors:
+            by_bin = np.bincount(design.bin_of, share * time_profile.value, design.n_bin)
+            variance = variance + (by_bin @ spread[q]) ** 2
+        return variance
+
+    def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
+        """What tolerances add and the fit takes away of the covariance between two sums."""
+        first, second = self._summed(q, share), self._summed(p, other)
+        return (first * self._tolerated**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
+
+    @cached_property
+    def _tolerated(self) -> np.ndarray:
+        """(n_common,) standard deviations of what was not fitted, zero for what was."""
+        std = np.array(self.design.prior_std[: self.design.n_common])
+        std[self.held] = 0.0
+        return std
+
+    def _summed(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m, n_common) what common unknowns make of a sum over blocks."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        by_bin = np.bincount(design.bin_of, share, design.n_bin)
+        columns = [np.einsum("g,gmk->mk", by_bin, design.nuisance[q])]
+        for effect, time_profile, _ in design.included:
+            there = np.bincount(design.bin_of, share * time_profile.value, design.n_bin)
+            columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """sum_b share_b r_b (m,) of group q and its standard deviation (m,)."""
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        value = np.where(there, share, 0.0) @ self.left[q]
+        # the diagonal of `spread`
+        summed = self._summed(q, share)
+        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
+        variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
+        held = summed[:, self.held]
+        variance -= np.sum((held @ self.held_cov) * held, axis=1)
+        return value, np.sqrt(np.maximum(variance, 1e-300))
+
+    def mean_share(self, q: int) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        return weight / max(weight.sum(), 1e-12)
+
+    @cached_property
+    def means(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means over blocks of all groups' responses in a row (n,), and their full covariance (n, n)."""
+        shares = [self.mean_share(q) for q in range(len(self.left))]
+        sizes = [y.shape[1] for y in self.left]
+        at = np.concatenate([[0], np.cumsum(sizes)])
+        covariance = np.zeros((at[-1], at[-1]))
+        for q, share in enumerate(shares):
+            for p in range(q + 1):
+                block = self.spread_between(q, share, p, shares[p])
+                if p == q:
+                    block = block + self.own_noise(q, share)
+                covariance[at[q] : at[q + 1], at[p] : at[p + 1]] = block
+                covariance[at[p] : at[p + 1], at[q] : at[q + 1]] = block.T
+        return np.concatenate([s @ y for s, y in zip(shares, self.left, strict=True)]), covariance
+
+
+def residual_of(fitted: Fit, n_own: int) -> Residual:
+    """Of a fit with n_own updated parameters."""
+    design = fitted.design
+    held = np.array(design.held(n_own))
+    return Residual(design=design, left=fitted.residuals, held=held, held_cov=design.unknowns_cov(held))
+
+
+def slope_share(r: Residual, q: int, value: np.ndarray) -> np.ndarray:
+    """Shares (n_block,) of blocks whose sum is the slope of a response on `value`."""
+    weight = r.design.noise.weight[q]
+    centred = value - (weight @ value) / max(weight.sum(), 1e-12)
+    size = float(weight @ centred**2)
+    return weight * centred / size if size > 0 else np.zeros_like(weight)
+
+
+def chunk_share(r: Residual, q: int, chosen: np.ndarray) -> np.ndarray | None:
+    """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
+    weight = r.design.noise.weight[q]
+    own = np.where(chosen, weight, 0.0)
+    return own / own.sum() - weight / max(weight.sum(), 1e-12) if own.sum() > 0 else None
+
+
+def free_directions(shape: np.ndarray, n_log: int) -> np.ndarray:
+    """(m, n) orthonormal: responses of a group less those that aligning its shapes to `shape` (n_channel, k) takes
+    away."""
+    n_channel, k = shape.shape
+    m = n_log + 2 * n_channel * k
+    taken = []
+    for i in range(k):
+        real = slice(n_log + i * n_channel, n_log + (i + 1) * n_channel)
+        imaginary = slice(real.start + k * n_channel, real.stop + k * n_channel)
+        for j in range(k):
+            in_phase, out_of_phase = np.real(shape[:, j]), np.imag(shape[:, j])
+            for re, im in ((in_phase, out_of_phase), (-out_of_phase, in_phase)):
+                row = np.zeros(m)
+                row[real], row[imaginary] = re, im
+                taken.append(row)
+    return linalg.null_space(np.array(taken))
+
+
+def block_sizes(r: Residual, effect: int) -> tuple[np.ndarray, np.ndarray]:
+    """The size of an effect that fits each block best, by its signature (n_block,), and its standard deviation by the
+    block's noise; infinite where nothing was measured."""
+    design = r.design
+    top, bottom = np.zeros(len(design.bin_of)), np.zeros(len(design.bin_of))
+    for q, y in enumerate(r.left):
+        prints = design.effect[q][:, :, effect]
+        weighted = prints @ design.noise.precision[q]
+        top += design.noise.weight[q] * np.einsum("bm,bm->b", weighted[design.bin_of], y)
+        bottom += design.noise.weight[q] * np.einsum("gm,gm->g", weighted, prints)[design.bin_of]
+    known = bottom > 0
+    return np.where(known, top / np.where(known, bottom, 1.0), 0.0), np.where(
+        known, 1 / np.sqrt(np.where(known, bottom, 1.0)), np.inf)
+
+
+def push(problem: DiagnosisProblem, fitted: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Shift of each updated parameter over its prior's standard deviation (n,), the standard deviation expected of
+    that, and p of all shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior
+    covariance."""
+    n = len(problem.updated)
+    std = np.array([local_std(problem.prior, i, fitted.theta[k]) for i, k in enumerate(problem.updated)])
+    shift = -prior_shift(problem, fitted.theta) / std
+    learnt = np.eye(n) - fitted.design.unknowns_cov(range(n)) / np.outer(std, std)
+    value, turn = np.linalg.eigh(learnt)
+    informed = value > INFORMED
+    statistic = float(np.sum((turn[:, informed].T @ shift) ** 2 / value[informed]))
+    p = float(stats.chi2.sf(statistic, int(informed.sum()))) if informed.any() else 1.0
+    return shift, np.sqrt(np.maximum(np.diag(learnt), 0.0)), p
+
 
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does

@@ -156,10 +156,8 @@ def _beside_parts(
     parts = parts_of(prepared, heights=COMPETING_HEIGHTS)
     instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
     responses = own_responses(explored)
-    for one in responses:
-        for number in one.numbers:
-            instead[number] = [*instead[number], (one.row, one.log_evidence, one.log_prior)]
-    findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
+    if responses or any(instead.values()):
+        findings = findings_of(explored, instead, refuted, responses)
     return findings, _own_response(findings, responses)
 
 
@@ -273,11 +271,12 @@ def _explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) 
 
 def findings_of(
     explored: Explored, instead: Mapping[int, Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
-    refuted: Collection[int] = (),
+    refuted: Collection[int] = (), responses: Sequence[OwnResponse] = (),
 ) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
     effect alone. `instead`: what else may be meant by the effect of a number, with ln evidence and ln prior relative to
-    it. `refuted`: numbers of effects in whose place nothing at all explains the record no longer."""
+    it; `responses`: what channels may show instead. `refuted`: numbers of effects in whose place nothing at all
+    explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
@@ -293,7 +292,13 @@ def findings_of(
             for row in (others, evidence, prior):
                 del row[nothing]
         dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
-        probability = special.softmax(np.array(evidence) / dispersion + prior)
+        explains = [value / dispersion for value in evidence]
+        for one in responses:
+            # a signature's error is in its evidence, and factors of their own have no signature
+            if number in one.numbers:
+                others, prior = [*others, one.row], [*prior, one.log_prior]
+                explains.append(one.log_evidence / max(left / directions, 1.0))
+        probability = special.softmax(np.add(explains, prior))
         alternatives = tuple(
             Alternative(cause=CHANCE, location="", posterior_probability=float(p)) if other is None else
             Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))

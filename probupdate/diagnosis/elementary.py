@@ -425,13 +425,12 @@ def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple
     candidates = (*rest, *range(n_known, n_known + len(effects)))
     one = hypothesis_of(problem, candidates, (*(best.z[k] for k in kept), *(0.0 for _ in effects)), fitted)
     # they are one thing that may be, of as many as there are channels
-    one = replace(one, log_prior=log_prior(problem, (*rest, n_known)))
-    apart = _relative(problem, one, best)
+    single = replace(problem, effects=problem.effects[: first + 1], which=problem.which[: n_known + 1])
+    one = replace(one, log_prior=log_prior(single, (*rest, n_known)))
     prior = one.log_prior - best.log_prior
-    channels = [problem.blocks.channels[k] for k in rows]
-    row = replace(effects[0], location=", ".join(channels))
-    return OwnResponse(row=row, numbers=numbers, problem=problem, fitted=fitted, log_evidence=float(apart - prior),
-                       log_prior=float(prior))
+    row = replace(effects[0], location=", ".join(problem.blocks.channels[k] for k in rows))
+    return OwnResponse(row=row, numbers=numbers, problem=problem, fitted=fitted, log_prior=prior,
+                       log_evidence=_relative(problem, one, best) - prior)
 
 
 def _relative(problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> float:

@@ -13,7 +13,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from probupdate.diagnosis.crosstalk import with_crosstalk
 from probupdate.diagnosis.evidence import (
     linear_evidence,
     log_evidence,
@@ -24,18 +23,17 @@ from probupdate.diagnosis.evidence import (
 )
 from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, linearised
-from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
-from probupdate.diagnosis.search import (
-    MARGIN,
-    Search,
-    gains,
-    model_error_dispersion,
-    scores_beside,
-    search,
+from probupdate.diagnosis.proposals import (
+    Tried,
+    sharpened,
+    sharpened_again,
+    tried_together,
+    tried_whole,
+    with_crosstalk,
 )
-from probupdate.diagnosis.step_time import sharpened, sharpened_again
+from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.runtime.executors import SERIAL, Executor

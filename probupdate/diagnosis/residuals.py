@@ -9,12 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, stats
 
-from probupdate.diagnosis.blocks import with_derived
-from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.fitting import Fit
-from probupdate.diagnosis.mode_numbers import labels_of
-from probupdate.diagnosis.problem import DiagnosisProblem
-from probupdate.diagnosis.residual_state import (
+from probupdate.diagnosis.adequacy import (
     Residual,
     block_sizes,
     chunk_share,
@@ -23,6 +18,11 @@ from probupdate.diagnosis.residual_state import (
     residual_of,
     slope_share,
 )
+from probupdate.diagnosis.blocks import with_derived
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.mode_numbers import labels_of
+from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.search import Search
 from probupdate.modal.modes import Sensor
 

@@ -12,7 +12,7 @@ from probupdate.runtime.arrays import frozen_array
 # times of a step that are tried; finer ones are found in the refit
 N_STEP = 16
 # blocks that must lie on either side of a step
-MARGIN = 4
+EDGE = 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,12 +43,12 @@ _UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "
 
 def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimeProfile, ...]:
     """constant, steps, ramp, and the named columns that the blocks show and that vary."""
-    n, margin = len(blocks), 1 if blocks.few else MARGIN
+    n, margin = len(blocks), 1 if blocks.few else EDGE
     time_profiles = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
     if n >= 2 * margin + (not blocks.few):
         for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
             time_profiles.append(step_profile(n, int(at)))
-    if n >= 2 * MARGIN + 1:
+    if n >= 2 * EDGE + 1:
         span = blocks.hours[-1] - blocks.hours[0]
         time_profiles.append(TimeProfile(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
     for column in columns:

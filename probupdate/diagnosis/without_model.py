@@ -13,17 +13,20 @@ from functools import cache
 import numpy as np
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.diagnose import POWER, SURE, verdict_of
 from probupdate.diagnosis.empirical_reference import look, mended
 from probupdate.diagnosis.empirical_search import (
     ALL,
     FALSE_ALARM,
+    LEFT,
     MEAN,
     Followed,
     Found,
+    Scores,
     allowed_profiles,
+    make_contrasts,
+    score,
     search,
     watch,
 )
@@ -31,7 +34,7 @@ from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
 from probupdate.diagnosis.search import FALSE_NEXT
-from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
+from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
@@ -78,7 +81,7 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time
     if time_profile.kind != "step":
         return time_profile
     n = len(blocks)
-    at = np.arange(MARGIN, n - MARGIN + 1)
+    at = np.arange(EDGE, n - EDGE + 1)
     root = np.sqrt(followed.weight[row])
     nuisance = root[:, None] * np.column_stack([np.ones(n), followed.empirical.turning, known])
     both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
@@ -106,14 +109,14 @@ def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int)
     """The block from which it leaves least, by halved steps from one of a coarse grid."""
     n = len(blocks)
     left = cache(lambda k: _left_from(blocks, sensors, effect, k))
-    step = -(-(n - 2 * MARGIN) // N_STEP)
+    step = -(-(n - 2 * EDGE) // N_STEP)
     while True:
-        at = min((k for k in (at, at - step, at + step) if MARGIN <= k <= n - MARGIN), key=left)
+        at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
         if step == 1:
             break
         step = -(-step // 2)
     # the last step once more, as long as it leads on
-    while (best := min((k for k in (at, at - 1, at + 1) if MARGIN <= k <= n - MARGIN), key=left)) != at:
+    while (best := min((k for k in (at, at - 1, at + 1) if EDGE <= k <= n - EDGE), key=left)) != at:
         at = best
     return at
 
@@ -380,7 +383,7 @@ def _as_a_whole(
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
     n, tried = len(now), []
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
-    grid = {time_profile.at, *map(int, np.linspace(MARGIN, n - MARGIN, N_STEP))} if once else {time_profile.at}
+    grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}
     for effect in whole:
         names = effect.location.split(" and ")
         # pairs are many: those of channels whose gains explain much

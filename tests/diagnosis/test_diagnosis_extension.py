@@ -15,7 +15,7 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.step_time import sharpened
+from probupdate.diagnosis.proposals import sharpened
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.effects.turbine import turbine_effects

@@ -12,11 +12,11 @@ from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.hypotheses import without
-from probupdate.diagnosis.large_faults import sizes_of, tried_whole
 from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.proposals import sizes_of, tried_whole
 from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import Sensor

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 import probupdate
 from probupdate.diagnosis import hypotheses, wording
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
-from probupdate.diagnosis.crosstalk import _wider, crosstalk_effects
 from probupdate.diagnosis.diagnose import ADEQUATE, NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
@@ -33,13 +33,13 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.proposals import _wider, crosstalk_effects
 from probupdate.diagnosis.search import drawn_scores, gains, search
 from probupdate.diagnosis.small_model import LocalModel
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.updating.ensemble import SamplerSettings
-from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 # a chain of one segment: same seed, same numbers, converged or not
 QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=100)
@@ -492,8 +492,10 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     there = next(k for k, (j, _) in enumerate(problem.which)
                  if (problem.effects[j].cause, problem.effects[j].location, names[k])
                  == (one.cause, one.location, one.time_profile))
-    share = odds[there] / odds.sum()
-    assert one.prior_probability == pytest.approx(share / (1 + share), rel=1e-9)
+    share, channels = odds[there] / odds.sum(), len(problem.blocks.channels)
+    # and a frequency response of its own, one of as many as there are channels and one of all rows more
+    own = (1 / channels) / (odds.sum() + 1 / channels)
+    assert one.prior_probability == pytest.approx(share / (1 + share + own), rel=1e-9)
     assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, 0.25 before the data"

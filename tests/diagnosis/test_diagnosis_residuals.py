@@ -9,11 +9,11 @@ import pytest
 from scipy import stats
 
 import probupdate
+from probupdate.diagnosis.adequacy import Residual, free_directions, slope_share
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.residual_state import Residual, free_directions, slope_share
 from probupdate.diagnosis.residuals import residuals, whitened
 from probupdate.diagnosis.splitting import needed_z
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile

@@ -11,8 +11,8 @@ import pytest
 import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import main
-from probupdate.diagnosis.along_record import make_contrasts, score
 from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
+from probupdate.diagnosis.empirical_search import make_contrasts, score
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect

@@ -1,26 +1,34 @@
-"""What is very wrong, tried at its own size.
+"""What the search over hypotheses tries beyond first-order scores: large faults, crosstalks, the time of a step.
 
 A frame turned by twenty degrees or two exchanged channels are nowhere near linear: the fit without them bends its
 parameters to follow, and the scores there favour whatever is left. Sensors see all modes alike, so that a size costs no
 new modes and every one can be tried; of the structure, whose sizes cost modes, those that promise most to first order.
 Everything else that is unknown follows to first order.
+
+To first order a sensor that is turned is two crosstalks, one each way, and where one of its axes hardly moves it is
+one. They are as many as there are ordered pairs of channels: too many for every fit to follow and for a table of
+detectable sizes to list. So they cost no false alarm; a record in which nothing else stands out is not asked for them.
+
+The search tries a few times of a step only; between which two blocks it lies a long record shows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
-from probupdate.diagnosis.fitting import kept, linearised, noise_of
+from probupdate.diagnosis.fitting import Fit, design_at, kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
-from probupdate.diagnosis.search import gains
-from probupdate.effects.catalogue import Effect
+from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, step_profile
+from probupdate.effects.catalogue import Crosstalk, Effect
 from probupdate.errors import ConvergenceError
+from probupdate.runtime.arrays import frozen_array
 
 # of an effect's prior scale: a gain of 20, half a turn
 DOUBLINGS = 7
@@ -176,3 +184,113 @@ def _linear(problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndar
     usable = design.share_left > 1e-3
     gain, size = gains(problem, u, np.where(usable, v, 0.0))
     return size, np.where(usable, np.maximum(2 * gain, 0.0), 0.0)
+
+
+# of all ordered pairs, how many are refitted
+MOST_OFFERED = 2
+
+
+def crosstalk_effects(channels: Sequence[str]) -> tuple[Effect, ...]:
+    """The share of every channel in every other."""
+    return tuple(
+        Effect(kind="measurement", cause="crosstalk", location=f"{other} into {into}", unit="-", tolerance=0.0,
+               prior_scale=0.1, lower=-1.0, upper=1.0, observe=Crosstalk(i, j), step_of_size=1e-3,
+               signature="one channel shows a share of another, every mode alike; the other shows nothing of it",
+               check=f"tap the sensor of {other} along its axis and look at {into}; measure the cables' insulation",
+               odds=1 / (len(channels) * (len(channels) - 1)))
+        for i, into in enumerate(channels) for j, other in enumerate(channels) if i != j
+    )
+
+
+def with_crosstalk(
+    problem: DiagnosisProblem, fitted: Fit, found: Search, *, seed: int, z_included: Sequence[float] = ()
+) -> tuple[DiagnosisProblem, Fit, Search]:
+    """Problem, fit and search with the crosstalks, constant or along the time profile of the best candidate, that with
+    their prior odds promise nearly as much as it does, as last candidates. The threshold is what it was without
+    them."""
+    best = int(np.argmax(found.statistic))
+    _, c = problem.which[best]
+    known = {(e.cause, e.location) for e in problem.effects}
+    rows = [e for e in crosstalk_effects(problem.blocks.channels) if (e.cause, e.location) not in known]
+    constant = [k for k, time_profile in enumerate(problem.time_profiles) if time_profile.kind == "constant"]
+    time_profiles = np.unique([*constant, c])
+    everything = _wider(problem, rows, np.tile(time_profiles, (len(rows), 1)))
+    design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
+    u, v = scores_beside(everything, design, fitted.centred, fitted.included, z_included)
+    gain, _ = gains(everything, u, np.where(design.share_left > 1e-3, v, 0.0))
+    odds = np.log([everything.effects[j].prior_odds(everything.time_profiles[d].name) for j, d in everything.which])
+    promise = gain / model_error_dispersion(float(found.statistic.max())) + odds
+    of_table = np.where(found.usable, promise[: len(problem.which)], -np.inf)
+    new = promise[len(problem.which):].reshape(len(rows), len(time_profiles))
+    strongest = [k for k in np.argsort(-new.max(axis=1), kind="stable")[:MOST_OFFERED]
+                 if new[k].max() > of_table.max() - MARGIN]
+    if not len(strongest):
+        return problem, fitted, found
+    wider = _wider(problem, [rows[k] for k in strongest], time_profiles[np.argmax(new[strongest], axis=1)][:, None])
+    fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.included, fitted.design.noise))
+    again = search(wider, fitted, seed=seed, z_included=z_included, heavier=found.heavier)
+    return wider, fitted, replace(again, threshold=found.threshold, p_value=found.p_value, maxima=found.maxima)
+
+
+def _wider(problem: DiagnosisProblem, rows: Sequence[Effect], time_profiles: np.ndarray) -> DiagnosisProblem:
+    """The problem with these effects as last candidates, each along its time profiles (n_effect, n)."""
+    numbers = len(problem.effects) + np.arange(len(rows))
+    added = np.column_stack([np.repeat(numbers, time_profiles.shape[1]), time_profiles.ravel()])
+    return replace(problem, effects=(*problem.effects, *rows), which=np.vstack([problem.which, added]))
+
+
+# shares of a block that a step may have left; by how much -2 ln posterior must be lower for it to be within one
+SHARES, WITHIN = (0.2, 0.4, 0.6, 0.8), 16.0
+
+
+def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile: TimeProfile) -> TimeProfile:
+    """The step of effect number `effect` that scores highest among all blocks between the neighbours of `time_profile`
+    in the search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
+    tried = _between_neighbours(problem, time_profile)
+    design = replace(fitted.design, time_profiles=(fitted.design.time_profiles[0], *tried),
+                     which=np.array([(effect, c + 1) for c in range(len(tried))]))
+    information = design.information
+    score = np.abs(design.scores(fitted.centred)) / np.sqrt(np.maximum(information, 1e-300))
+    return tried[int(np.argmax(np.where(information > 0, score, 0.0)))]
+
+
+def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEffect, ...]:
+    """The fit's included effects, each step at the time that leaves least, where need be within a block: where another
+    effect was still unknown the scores may have been misled."""
+    included, answers = list(fitted.included), ModelAnswers(problem.predictor)
+    held, noise = fitted.design.held(len(problem.updated)), fitted.design.noise
+    for i, n in enumerate(included):
+        if n.time_profile.kind != "step":
+            continue
+
+        def left(time_profile: TimeProfile, n=n, i=i) -> float:
+            tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
+            there = residuals_at(problem, fitted.theta, tried, answers)
+            return fitted.design.misfit(kept(there, noise), held)
+
+        # where two leave the same the one that is there
+        best = min([n.time_profile, *_between_neighbours(problem, n.time_profile)], key=left)
+        # what has one size only has no share of it
+        within = best if n.effect.discrete else min(_within_a_block(best), key=left)
+        included[i] = replace(n, time_profile=within if left(within) < left(best) - WITHIN else best)
+    return tuple(included)
+
+
+def _within_a_block(time_profile: TimeProfile) -> list[TimeProfile]:
+    """The step within the block before it or after it."""
+    result = []
+    for block in (time_profile.at - 1, time_profile.at):
+        for share in SHARES:
+            value = np.array(time_profile.value, float)
+            value[block] = share
+            result.append(replace(time_profile, value=frozen_array(value)))
+    return result
+
+
+def _between_neighbours(problem: DiagnosisProblem, time_profile: TimeProfile) -> list[TimeProfile]:
+    """Steps at all blocks between the neighbours of one in the search's grid."""
+    n = len(problem.blocks)
+    grid = np.array([EDGE, *(c.at for c in problem.time_profiles if c.kind == "step"), n - EDGE])
+    low = int(np.max(grid[grid < time_profile.at], initial=min(EDGE, time_profile.at)))
+    high = int(np.min(grid[grid > time_profile.at], initial=max(n - EDGE, time_profile.at)))
+    return [step_profile(n, at) for at in range(low, high + 1)]
