@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate import __version__, verbs
-from probupdate.diagnosis.wording import finding_words
+from probupdate.diagnosis.wording import found_words
 from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.io.result_table import table_of
@@ -159,7 +159,7 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
     effects = [hidden_words(e) for e in tomllib.loads(hidden).get("effect", ())]
     if not effects:
         return "hidden in this campaign: nothing"
-    found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
+    found = found_words(diagnosis.content()) or ["nothing with a name"]
     return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
                       *(f"  {f}" for f in found)])
 

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
+from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
@@ -363,9 +364,8 @@ class OwnResponse:
     def factors(self) -> list[dict]:
         """Per group of modes the factor and the phase of what the channels show over what they should, with standard
         deviations: plain numbers."""
-        design, own = self.fitted.design, [n for n in self.fitted.included if n.effect.cause == OWN_RESPONSE]
-        free = [n for n in self.fitted.included if not n.effect.discrete]
-        std = np.sqrt(np.diag(design.unknowns_cov([design.sizes.start + free.index(n) for n in own])))
+        sizes = zip(self.fitted.included, sizes_std(self.problem, self.fitted), strict=True)
+        own, std = zip(*((n, s) for n, s in sizes if n.effect.cause == OWN_RESPONSE), strict=True)
         result = []
         for k in range(0, len(own), 2):
             value = (1 + own[k].size) * (1 + 1j * own[k + 1].size)

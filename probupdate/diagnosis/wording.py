@@ -66,6 +66,13 @@ def finding_words(finding: Mapping) -> str:
     return f"{name_of(finding)}: {size}, {profile}"
 
 
+def found_words(content: Mapping) -> list[str]:
+    """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
+    parts = content.get("details", {}).get("free_form", {}).get("parts", ())
+    return [finding_words(f) for f in content["findings"]] or [
+        f"no row, but something like {name_of(part)}" for part in parts if part["elementary"]]
+
+
 def part_words(part: Mapping) -> str:
     """"a spring to ground, leg A, z = 2.0 m, along 45 deg: 20 +- 3 MN/m, from ... on; it moves FA1/SS1 by +1.2 %"."""
     if "factors" in part:
@@ -83,14 +90,15 @@ def part_words(part: Mapping) -> str:
 
 
 def _own_response_words(part: Mapping) -> str:
-    """"frequency response of its own, TP-A-y: T1 by 1.16 +- 0.02, -9.8 +- 0.6 deg; ...", modes that do not show it left
-    out."""
-    shown = [f"{m['mode']} by {m['factor']:.2f} ± {m['factor_std']:.2f} and {m['phase_deg']:+.1f} ± "
+    """"frequency response of its own, TP-A-y, all through the record: T1 factor 1.16 +- 0.02, phase -9.8 +- 0.6 deg,
+    ...", modes that do not show it left out."""
+    shown = [f"{m['mode']} factor {m['factor']:.2f} ± {m['factor_std']:.2f}, phase {m['phase_deg']:+.1f} ± "
              f"{m['phase_std_deg']:.1f} deg" for m in part["factors"]
              if abs(m["factor"] - 1) > SHOWN * m["factor_std"] or abs(m["phase_deg"]) > SHOWN * m["phase_std_deg"]]
-    seen = f": it shows {', '.join(shown)}" if shown else ""
+    seen = f": {', '.join(shown)}" if shown else ""
     when = time_profile_words(part["time_profile"], part.get("since", ""))
-    return f"{name_of(part)}, {when}{seen}; {part['check']}, and diagnose again without it"
+    return (f"{name_of(part)}, {when}{seen}; {part['check']}, and diagnose again without it "
+            f"(--without {part['location'].replace(',', '')})")
 
 
 def free_form_words(content: Mapping) -> list[str]:

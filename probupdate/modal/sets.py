@@ -97,6 +97,10 @@ class CovarianceFactors:
         return CovarianceFactors(ln_frequency=_columns(self.ln_frequency, columns, 0), damping_ratio=_columns(
             self.damping_ratio, columns, 0), shape=_columns(self.shape, columns, 1))
 
+    def of_channels(self, rows: Sequence[int]) -> CovarianceFactors:
+        """Of shapes at these channels alone."""
+        return replace(self, shape=self.shape[list(rows)])
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoredFactors:
@@ -127,6 +131,10 @@ class StoredFactors:
     def of_modes(self, columns: Sequence[int]) -> StoredFactors:
         columns = tuple(int(j) for j in columns)
         return StoredFactors(read=lambda: self.read().of_modes(columns))
+
+    def of_channels(self, rows: Sequence[int]) -> StoredFactors:
+        rows = tuple(int(k) for k in rows)
+        return StoredFactors(read=lambda: self.read().of_channels(rows))
 
 
 def _columns(value: np.ndarray, columns: Sequence[int], axis: int) -> np.ndarray:
@@ -209,6 +217,12 @@ class ModalSet:
                        shape_std=_columns(self.shape_std, columns, 1),
                        covariance_factors=None if self.covariance_factors is None
                        else self.covariance_factors.of_modes(columns))
+
+    def of_channels(self, rows: Sequence[int]) -> ModalSet:
+        """The same set with shapes at these channels alone, in the scaling that they had."""
+        rows, factors = list(rows), self.covariance_factors
+        return replace(self, shape=self.shape[rows], shape_std=self.shape_std[rows],
+                       covariance_factors=None if factors is None else factors.of_channels(rows))
 
     @property
     def measured(self) -> np.ndarray:
@@ -347,6 +361,18 @@ class ModalData:
         return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
                        labels=tuple(self.labels[j] for j in columns) if self.labels else (),
                        records=tuple(self.records[j] for j in columns) if self.records else ())
+
+    def without_channels(self, names: Sequence[str]) -> ModalData:
+        """The same sets without these channels. Raises InputError for one that is not there, or where none is left."""
+        for name in names:
+            if name not in self.channels:
+                raise InputError(f"channel {name}", "is to be left out, but there is none of that name",
+                                 f"there are {', '.join(self.channels) or 'no channels at all'}")
+        rows = [k for k, name in enumerate(self.channels) if name not in names]
+        if self.channels and not rows:
+            raise InputError("channels", "all of them are to be left out", "keep those that can be trusted")
+        return replace(self, channels=tuple(self.channels[k] for k in rows),
+                       sets=tuple(s.of_channels(rows) for s in self.sets))
 
     def compared(self, every: bool = False) -> ModalData:
         """The modes that are compared with a model: those of interest, by their names; with `every` also those that

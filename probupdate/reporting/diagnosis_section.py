@@ -52,7 +52,7 @@ def diagnosis_section(run: Run) -> Section | None:
         items.append(Items(title="Notes", statements=tuple(map(typeset_with_stop, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
     if hidden:
-        items.insert(0, _hidden_beside_found(hidden, content["findings"]))
+        items.insert(0, _hidden_beside_found(hidden, wording.found_words(content)))
     if content["findings"]:
         items.append(_findings_table(content["findings"]))
         items.append(_picture(
@@ -122,8 +122,8 @@ def _actions(content: Mapping) -> list[Element]:
     return [Items(title="What to do", statements=tuple(statements))] if statements else []
 
 
-def _hidden_beside_found(hidden: Sequence[str], findings: Sequence[Mapping]) -> Table:
-    rows = [(h, typeset(f)) for h, f in zip_longest(hidden, map(wording.finding_words, findings), fillvalue="-")]
+def _hidden_beside_found(hidden: Sequence[str], found: Sequence[str]) -> Table:
+    rows = [(h, typeset(f)) for h, f in zip_longest(hidden, found, fillvalue="-")]
     return Table(caption="What was hidden in this virtual campaign, and what the diagnosis found",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
                  note="Each in its own order. Sizes of findings are changes from the neutral value: a factor of 0.75 "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,6 +41,7 @@ def diagnose(
     *,
     campaign: str | Path | None = None,
     parameters: str | Path | None = None,
+    without: Sequence[str] = (),
     seed: int = 1,
     progress: Progress = silent,
     **options,
@@ -47,7 +49,8 @@ def diagnose(
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors are,
-    and its raw records are tested too. `options`: `sensors`, `groups` and `effects` of `diagnosis.run.ModelSource` (own
+    and its raw records are tested too. `without`: channels that the modes have and that are not to be looked at, as a
+    diagnosis has found that they are wrong. `options`: `sensors`, `groups` and `effects` of `diagnosis.run.ModelSource` (own
     effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
     """
     from probupdate.diagnosis.blocks import gather
@@ -57,7 +60,7 @@ def diagnose(
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
-    data = data if model is None else data.compared()
+    data = (data if model is None else data.compared()).without_channels(without)
     # before a minute of preparation is spent on them
     gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None

@@ -38,7 +38,8 @@ OPTIONS = {
     "demo": {"--seed"}, "simulate": {"--model", "--days", "--truth", "--seed"}, "check": set(),
     "identify": {"--model", "--out"}, "select": {"--scada", "--out"}, "update": {"--model", "--modes", "--out"},
     "sample": {"--model", "--modes", "--out", "--seed"}, "compare": {"--out", "--model"}, "report": {"--out"},
-    "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed"},
+    "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed",
+                 "--without"},
 }
 
 

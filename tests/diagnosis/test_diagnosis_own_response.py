@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+import probupdate
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import OWN_RESPONSE
 from probupdate.diagnosis.free_form import own_response_content
 from probupdate.diagnosis.gain import SIGNIFICANT
 from probupdate.diagnosis.run import ModelSource, diagnose_files
-from probupdate.diagnosis.wording import free_form_words
+from probupdate.diagnosis.wording import found_words, free_form_words
 from probupdate.effects.catalogue import Crosstalk, Delay, Effect, FrequencyResponse, Gain, Rate, Swap, Turn
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, write_modes
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
 from tests.diagnosis.test_diagnosis_free_form import block, frame  # noqa: F401
 
@@ -93,6 +94,15 @@ def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_do
     found = diagnose_files(ModelSource(model=frame), seen(3, lambda hz: mount(hz, 15.0)))
     (part,) = found.details["free_form"]["parts"]
     assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)
+    assert found_words(found.content()) == [f"no row, but something like {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
+    (said, *_) = free_form_words({"details": found.details})
+    assert said.endswith(f"and diagnose again without it (--without {CHANNELS[CHANNEL]})")
+
+
+def test_without_the_channel_nothing_is_found(frame, tmp_path):  # noqa: F811
+    path = tmp_path / "modes.json"
+    write_modes(seen(3, lambda hz: mount(hz, 15.0)), path)
+    assert probupdate.diagnose(frame, path, without=[CHANNELS[CHANNEL]]).verdict == "none"
 
 
 def test_a_response_changes_its_channels_between_its_frequencies_alone():

@@ -118,6 +118,25 @@ def test_frequencies_alone_need_no_shapes(tmp_path):
     assert data.sets[0].shape.shape == (0, 2) and data.sets[0].frequency_hz.tolist() == [1.0, 2.5]
 
 
+def test_channels_are_left_out_of_shapes_and_covariances_alone():
+    data = sample_data()
+    one, n_mode = data.sets[0], data.n_mode
+    factors = CovarianceFactors(ln_frequency=RNG.standard_normal((n_mode, 5)), damping_ratio=np.zeros((n_mode, 5)),
+                                shape=RNG.standard_normal((4, n_mode, 5)))
+    for kept in (factors, StoredFactors(read=lambda: factors)):
+        whole = dataclasses.replace(data, sets=(dataclasses.replace(one, covariance_factors=kept),))
+        (left,) = (less := whole.without_channels(["b", "c"])).sets
+        assert less.channels == ("a", "d") and less.labels == data.labels
+        assert np.array_equal(left.shape, one.shape[[0, 3]], equal_nan=True)
+        assert np.array_equal(left.frequency_hz, one.frequency_hz, equal_nan=True)
+        assert np.array_equal(left.covariance_factors.loaded().shape, factors.shape[[0, 3]])
+        assert np.array_equal(left.covariance_factors.ln_frequency, factors.ln_frequency)
+    with pytest.raises(InputError, match="channel x.*there is none.*a, b, c, d"):
+        data.without_channels(["x"])
+    with pytest.raises(InputError, match="all of them"):
+        data.without_channels(data.channels)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
