@@ -21,13 +21,14 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.virtual import modal_noise
 
 # a family's place seeds its cases
-FAMILIES = ("null", "single", "unknown")
+FAMILIES = ("null", "single", "unknown", "mount")
 N_BLOCK, N_MODE, DAMPING, BLOCK_S = 24, 5, 0.01, 1800.0
 # in the order of their frequencies
 MODES = ("FA1", "SS1", "FA2", "SS2", "T1")
 START = np.datetime64("2024-03-01T00:00:00")
 TIDE_M, TIDE_H, SURGE_M = 1.2, 12.42, 0.15
 DAILY_K, DRIFT_K = 3.0, 2.0
+MOUNT_DAMPING = 0.2
 SOFTENING = 0.02  # share of the lateral soil stiffness lost at the strongest wind
 # of the prior: what is normal
 STD = {
@@ -212,6 +213,21 @@ def unknown_case(d: Description, number: int) -> Case:
                                            {"attached": (one,), "where": where}),))
 
 
+def mount_case(number: int) -> Case:
+    """A sensor on a mount that resonates above the modes, throughout or, every other one, as a step."""
+    rng = _stream(("mount", number), 0)
+    channel = str(rng.choice(CHANNELS))
+    return Case("mount", number, (Effect("mount", "frequency response of its own", channel, np.nan,
+                                         "step" if number % 2 else "constant",
+                                         {"channel": channel, "resonance_hz": float(rng.uniform(2.5, 6.0))}),))
+
+
+def of_mount(frequency_hz: np.ndarray, resonance_hz: float) -> np.ndarray:
+    """What a mount of one degree of freedom makes of each mode."""
+    ratio = frequency_hz / resonance_hz
+    return 1 / (1 - ratio**2 + 2j * MOUNT_DAMPING * ratio)
+
+
 def bay_members(bay: int) -> tuple[int, ...]:
     legs = [m for leg in LEGS for m in LEG_MEMBERS[leg, bay]]
     mud = MUD_BRACES if bay == 1 else ()
@@ -312,10 +328,13 @@ def damaged(state: State, effect: Effect, amount: float) -> State:
     return state
 
 
-def seen(shape: np.ndarray, effect: Effect, amount: float) -> np.ndarray:
-    """Shapes (n_channel, n_mode) through the sensors' faults."""
+def seen(shape: np.ndarray, effect: Effect, amount: float, frequency_hz: np.ndarray | None = None) -> np.ndarray:
+    """Shapes (n_channel, n_mode) through the sensors' faults; a mount's differs with the frequency (n_mode,)."""
     p = effect.parts
     result = np.array(shape)
+    if effect.kind == "mount":
+        result = result.astype(complex)
+        result[CHANNELS.index(p["channel"])] *= 1 + amount * (of_mount(frequency_hz, p["resonance_hz"]) - 1)
     if effect.kind in ("gain", "flip"):
         result[CHANNELS.index(p["channel"])] *= 1 + amount * (p["factor"] - 1)
     elif effect.kind == "swap" and amount:
@@ -424,7 +443,7 @@ def record(d: Description, case: Case, *, stated: str = "joint", still: bool = F
         frequency, shape = _as_named(*true_modes(d, one), reference)
         reference = shape
         for effect in case.effects:
-            shape = seen(shape, effect, amount_of(effect, k / (N_BLOCK - 1), onset))
+            shape = seen(shape, effect, amount_of(effect, k / (N_BLOCK - 1), onset), frequency)
         start = START + np.timedelta64(round(3600 * now["hour"]), "s")
         sets.append(
             replace(

@@ -1,12 +1,13 @@
 """What stands in no table of the OC4 jacket: is it noticed, is it given a row's name, is it placed?
 
-python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER]     (goes on where it stopped)
+python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts]   (goes on where it stopped)
 python studies/oc4_jacket/unknown.py OUT --tables
 
 By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
 structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within
 a bay of the leg (or on a face that it is part of), within a level of sensors of the tower; in the set: the place of the
-part, or one that it may have instead.
+part, or one that it may have instead. `--mounts`: sensors on mounts that resonate, instead; the channel is the place,
+and factor and phase in each group of modes are compared with the mount's.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ import numpy as np
 import opensees_jacket as jacket
 from run import DATA, read_lines
 
-from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.free_form import free_form
+from probupdate.diagnosis.diagnose import Outcome, examine
+from probupdate.diagnosis.free_form import free_form, own_response_content
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.prepare import Prepared, prepare
 
@@ -70,11 +71,40 @@ def run_one(prepared: Prepared, d: jacket.Description, number: int) -> dict:
     return {**line, "cpu_s": round(time.process_time() - begun, 1)}
 
 
+def run_mount(prepared: Prepared, d: jacket.Description, number: int) -> dict:
+    begun, case = time.process_time(), cases.mount_case(number)
+    (effect,) = case.effects
+    known = examine(prepared, cases.record(d, case), seed=1)
+    line = {"id": case.id, "kind": effect.kind, "where": effect.location, "size": effect.parts["resonance_hz"],
+            "time_profile": effect.time_profile, "verdict": known.diagnosis.verdict,
+            "findings": [[f.cause, f.location, f.posterior_probability] for f in known.proposed]}
+    if known.own_response is not None:
+        content = own_response_content(known)
+        line |= {"parts": content["parts"], "complete": content["complete"], "gain": content["gain"]["heldout_elpd"],
+                 "gain_se": content["gain"]["heldout_elpd_se"], "off": _off(known, content["parts"][0], effect)}
+        line["placed"] = line["in_set"] = content["parts"][0]["location"] == effect.location
+    return {**line, "cpu_s": round(time.process_time() - begun, 1)}
+
+
+def _off(known: Outcome, part: dict, effect: cases.Effect) -> list[list[float]]:
+    """By how many of their standard deviations factor and phase are off in each group of modes."""
+    blocks, result = known.problem.blocks, []
+    of_group = {blocks.group_name(q): float(np.nanmedian(blocks.frequency_hz[:, list(members)]))
+                for q, members in enumerate(blocks.groups)}
+    for one in part["factors"]:
+        true = cases.of_mount(np.array(of_group[one["mode"]]), effect.parts["resonance_hz"])
+        result.append([float((one["factor"] - abs(true)) / one["factor_std"]),
+                       float((one["phase_deg"] - np.degrees(np.angle(true))) / one["phase_std_deg"])])
+    return result
+
+
 def tables(lines: list[dict]) -> str:
     rows = ["| hidden | records | noticed | named as a row | parts found | kind and place right | in the set | "
             "gain above 2 s.e. |", "|---|---|---|---|---|---|---|---|"]
-    for kind in (*cases.ATTACHED, "all"):
+    for kind in (*cases.ATTACHED, "mount", "all"):
         own = [x for x in lines if kind in (x["kind"], "all")]
+        if not own:
+            continue
         found = [x for x in own if x.get("parts")]
         rows.append(f"| {kind} | {len(own)} | {sum(x['verdict'] != 'none' for x in own)} | "
                     f"{sum(x['verdict'] == 'named' for x in own)} | {len(found)} | {sum(x['placed'] for x in found)} | "
@@ -88,6 +118,7 @@ def main() -> None:
     options.add_argument("--data", type=Path, default=DATA)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--most", type=int, default=16)
+    options.add_argument("--mounts", action="store_true")
     options.add_argument("--tables", action="store_true")
     given = options.parse_args()
     path = given.out / "unknown.jsonl"
@@ -97,9 +128,9 @@ def main() -> None:
         prepared = prepare(cases.write_model(given.data, given.out / "model", d))
         done = {x["id"] for x in read_lines(path)}
         for number in range(given.first, given.first + given.most):
-            if f"unknown-{number:03d}" in done:
+            if f"{'mount' if given.mounts else 'unknown'}-{number:03d}" in done:
                 continue
-            line = run_one(prepared, d, number)
+            line = (run_mount if given.mounts else run_one)(prepared, d, number)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             sys.stdout.write(f"{line['id']}, {line['kind']}: {line['verdict']}, "
