@@ -1,6 +1,6 @@
 """What stands in no table of the OC4 jacket: is it noticed, is it given a row's name, is it placed?
 
-python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts]   (goes on where it stopped)
+python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts] (goes on where it stopped)
 python studies/oc4_jacket/unknown.py OUT --tables
 
 By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
