@@ -48,10 +48,10 @@ def diagnose(
 ) -> Diagnosis:
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
-    `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors are,
-    and its raw records are tested too. `without`: channels that the modes have and that are not to be looked at, as a
-    diagnosis has found that they are wrong. `options`: `sensors`, `groups` and `effects` of `diagnosis.run.ModelSource` (own
-    effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
+    `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
+    are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
+    at, as a diagnosis has found that they are wrong. `options`: `sensors`, `groups` and `effects` of
+    `diagnosis.run.ModelSource` (own effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
     """
     from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.prepare import Prepared
