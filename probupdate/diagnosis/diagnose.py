@@ -389,13 +389,17 @@ def _far(parameters: Sequence[dict]) -> list[str]:
 
 def _foreign(findings: Sequence[Finding]) -> list[str]:
     """What to say of findings for which an elementary part that no row describes is more probable."""
-    result = []
+    instead: dict[tuple[str, str], list[tuple[Finding, Alternative]]] = {}
     for f in findings:
         part = _likelier_part(f)
         if part is not None:
-            result.append(f"{f.cause}, {f.location}, is less probable ({f.posterior_probability:.2g}) than an "
-                          f"elementary part, {part.cause}: {part.location} ({part.posterior_probability:.2g}); no row "
-                          "of the catalogue describes what is there")
+            instead.setdefault((part.cause, part.location), []).append((f, part))
+    result = []
+    for (cause, location), pairs in instead.items():
+        names = " and ".join(f"{f.cause}, {f.location}," for f, _ in pairs)
+        least, most = min(p.posterior_probability for _, p in pairs), max(f.posterior_probability for f, _ in pairs)
+        result.append(f"{names} {'is' if len(pairs) == 1 else 'are'} less probable ({most:.2g}) than an elementary "
+                      f"part, {cause}: {location} ({least:.2g}); no row of the catalogue describes what is there")
     return result
 
 

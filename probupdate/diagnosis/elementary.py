@@ -64,6 +64,8 @@ PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a
 OWN_RESPONSE = "frequency response of its own"
 # prior scale of what channels show of one mode, in phase and a quarter of a period ahead: that of a gain
 RESPONSE_SCALE = 0.1
+# channels of a finding of which each is also tried alone: those of one sensor
+MOST_ALONE = 3
 # how a mass on springs moves that is on one along either horizontal axis
 BOTH_WAYS = "horizontal"
 
@@ -380,16 +382,18 @@ class OwnResponse:
 
 
 def own_responses(explored: Explored) -> list[OwnResponse]:
-    """Each set of channels of which a finding of the most probable hypothesis says that all of them are wrong alike (a
-    gain, a clock, a filter, a crosstalk), with a response of its own in place of all that is said of any of these
-    channels: what differs from mode to mode in a way that no row describes (a mount that resonates) is bought as two or
-    three rows that hold in every mode."""
+    """Each set of channels of which a finding of the most probable hypothesis says that all of them are wrong alike
+    (a gain, a clock, a filter, a crosstalk), and each of a sensor's alone, with a response of its own in place of
+    all that is said of any of these channels: what differs from mode to mode in a way that no row describes (a
+    mount that resonates) is bought as two or three rows that hold in every mode."""
     problem, best = explored.problem, explored.hypotheses[0]
     included = best.fitted.included
     every = len(problem.blocks.channels)
-    alike = dict.fromkeys(n.effect.channels_changed for n in included if n.exact and n.effect.one_for_all)
+    alike = [n.effect.channels_changed for n in included if n.exact and n.effect.one_for_all]
+    # one channel of a sensor is bought as a clock or a filter of all of them
+    alone = [(k,) for rows in alike if len(rows) <= MOST_ALONE for k in rows]
     found = []
-    for rows in alike:
+    for rows in dict.fromkeys((*alike, *alone)):
         numbers = tuple(k for k, n in enumerate(included)
                         if n.exact and set(rows) & set(n.effect.channels_changed))
         one = _with_own_response(explored, rows, numbers) if 0 < len(rows) < every else None

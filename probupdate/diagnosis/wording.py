@@ -70,7 +70,7 @@ def found_words(content: Mapping) -> list[str]:
     """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
     parts = content.get("details", {}).get("free_form", {}).get("parts", ())
     return [finding_words(f) for f in content["findings"]] or [
-        f"no row, but something like {name_of(part)}" for part in parts if part["elementary"]]
+        f"no row, but something like {_with_article(name_of(part))}" for part in parts if part["elementary"]]
 
 
 def part_words(part: Mapping) -> str:
@@ -101,12 +101,17 @@ def _own_response_words(part: Mapping) -> str:
             f"(--without {part['location'].replace(',', '')})")
 
 
+def _with_article(words: str) -> str:
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
 def free_form_words(content: Mapping) -> list[str]:
     """What elementary parts say of an unknown cause, and whether they predict better."""
     found = content.get("details", {}).get("free_form")
     if not found:
         return []
-    said = [("something like " if part["elementary"] else "with ") + part_words(part) for part in found["parts"]]
+    said = [f"something like {_with_article(part_words(part))}" if part["elementary"] else f"with {part_words(part)}"
+            for part in found["parts"]]
     if any(part["elementary"] for part in found["parts"]):
         said.append(
             "no row of the catalogue is like that; it says where and in which modes the unknown acts, not what it is"

@@ -109,8 +109,11 @@ def _actions(content: Mapping) -> list[Element]:
     statements += [typeset_with_stop(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
     if content["verdict"] == "unexplained" and content["parameters"]:
-        statements.append("Do not read the updated parameters as properties of the structure: find what is missing in "
-                          "the model first. The maps below show where model and measurement part.")
+        parts = content["details"].get("free_form", {}).get("parts", ())
+        missing = ("they were fitted to a channel that is wrong" if any("factors" in part for part in parts) else
+                   "find what is missing in the model first")
+        statements.append(f"Do not read the updated parameters as properties of the structure: {missing}. The maps "
+                          "below show where model and measurement part.")
     if content["verdict"] == "unexplained" and nearest:
         statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
     statements += [typeset_with_stop(s) for s in wording.free_form_words(content)]

@@ -71,7 +71,7 @@ def test_a_mount_that_resonates_is_the_channels_own_response(frame, from_block, 
     row.least(content["gain"]["heldout_elpd"] / content["gain"]["heldout_elpd_se"], SIGNIFICANT, "gain")
     assert content["complete"]
     said = free_form_words({"details": {"free_form": content}})
-    assert said[0].startswith(f"something like {OWN_RESPONSE}, {CHANNELS[CHANNEL]}") and "no row" in said[1]
+    assert said[0].startswith(f"something like a {OWN_RESPONSE}, {CHANNELS[CHANNEL]}") and "no row" in said[1]
 
 
 @pytest.mark.parametrize(("fault", "cause"), [
@@ -94,7 +94,7 @@ def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_do
     found = diagnose_files(ModelSource(model=frame), seen(3, lambda hz: mount(hz, 15.0)))
     (part,) = found.details["free_form"]["parts"]
     assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)
-    assert found_words(found.content()) == [f"no row, but something like {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
+    assert found_words(found.content()) == [f"no row, but something like a {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
     (said, *_) = free_form_words({"details": found.details})
     assert said.endswith(f"and diagnose again without it (--without {CHANNELS[CHANNEL]})")
 
