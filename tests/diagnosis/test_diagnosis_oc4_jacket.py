@@ -11,6 +11,8 @@ import opensees_loader
 import pytest
 
 from probupdate.cli import main
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import read_modes, write_modes
 from probupdate.structure.load import load_model
 
@@ -181,6 +183,22 @@ def test_the_modes_that_are_looked_for_are_followed_beside_a_second_structure(st
         cosines = [np.linalg.svd(shapes[0][:, own].conj().T @ one[:, own], compute_uv=False) for one in shapes]
         whole = [np.linalg.svd(one[:, own], compute_uv=False) for one in shapes]
         assert np.min(np.prod(cosines, axis=1) / np.prod(whole, axis=1) / np.prod(whole[0])) > 0.98
+
+
+def test_a_mount_that_resonates_below_one_channel_is_no_filter_of_its_sensor(study, described, model, validation):
+    row = validation(what="a mount that resonates at 3.3 Hz below one channel of the OC4 jacket's tower in OpenSees: "
+                          "channel; factor and phase in three groups of modes in their standard deviations",
+                     reference="the mount's frequency response", why="three modes, not independent")
+    case = study.cases.mount_case(0)
+    (effect,) = case.effects
+    outcome = examine(prepare(model), study.cases.record(described, case))
+    own, blocks = outcome.own_response, outcome.problem.blocks
+    row.equal((outcome.diagnosis.verdict, own.row.location), ("unexplained", effect.location), "channel")
+    hz = {blocks.group_name(q): np.median(blocks.frequency_hz[:, list(g)]) for q, g in enumerate(blocks.groups)}
+    for one in own.factors():
+        true = study.cases.of_mount(hz[one["mode"]], effect.parts["resonance_hz"])
+        row.error((one["factor"] - abs(true)) / one["factor_std"], 3, "factor", case=one["mode"])
+        row.error((one["phase_deg"] - np.degrees(np.angle(true))) / one["phase_std_deg"], 3, "phase", case=one["mode"])
 
 
 def test_sensor_faults_act_on_the_channels_they_name(study):
