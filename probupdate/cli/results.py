@@ -18,7 +18,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            extend=not a.no_extend, sampler=not a.no_sampler, without=tuple(a.without), jobs=runs, progress=progress)
+            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without or (), jobs=runs, progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
 
@@ -60,7 +60,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
-    p.add_argument("--without", nargs="+", default=(), metavar="CHANNEL",
+    p.add_argument("--without", nargs="+", metavar="CHANNEL",
                    help="channels that are not looked at, as they are known to be wrong")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--no-extend", action="store_true",

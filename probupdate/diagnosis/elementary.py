@@ -445,13 +445,13 @@ def _relative(problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> f
 
 
 def _factors_of_modes(problem: DiagnosisProblem, rows: tuple[int, ...]) -> list[Effect]:
-    """Of every group of modes, the lowest first, what these channels show in phase and a quarter of a period ahead."""
+    """Of every group of modes, the lowest first, what these channels show in phase and a quarter of a period ahead at
+    its mean frequency; two modes of a pair differ as the line to the next group says."""
     log = np.array([own.mean() for own in problem.predictor.log_frequency])
     order = np.argsort(log)
-    between = np.exp(0.5 * (log[order][1:] + log[order][:-1]))
-    ends = [0.0, *(float(hz) for hz in between), np.inf]
+    at = tuple(float(hz) for hz in np.exp(log[order]))
     return [Effect(kind="measurement", cause=OWN_RESPONSE, location=problem.blocks.group_name(int(q)), unit="-",
                    tolerance=0.0, prior_scale=RESPONSE_SCALE, lower=-GAIN_RANGE[1], upper=GAIN_RANGE[1],
-                   observe=FrequencyResponse(rows, ends[k], ends[k + 1], along), step_of_size=1e-3,
+                   observe=FrequencyResponse(rows, at, k, along), step_of_size=1e-3,
                    odds=1 / len(problem.blocks.channels), check="look at its mount, its cable and its filter")
             for k, q in enumerate(order) for along in (1.0, 1.0j)]

@@ -231,18 +231,27 @@ class LowPass:
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Channels that show modes between two frequencies by 1 + size times `along` of what they should: 1 in phase, 1j a
-    quarter of a period ahead."""
+    """Channels that show what happens at one of the rising frequencies `at_hz`, the one of this `number`, by 1 + size
+    times `along` of what they should: 1 in phase, 1j a quarter of a period ahead. Between two of them, and beyond the
+    last ones, size goes along straight lines in ln f to nothing at the next."""
 
     rows: tuple[int, ...]
-    low_hz: float
-    high_hz: float
+    at_hz: tuple[float, ...]
+    number: int
     along: complex
+
+    def share(self, frequency_hz: float | np.ndarray) -> np.ndarray:
+        """Of the size, at these frequencies."""
+        log, at = np.log(frequency_hz), np.log(self.at_hz)
+        if len(at) == 1:
+            return np.ones_like(log)
+        below = np.clip(np.searchsorted(at, log) - 1, 0, len(at) - 2)
+        above = (log - at[below]) / (at[below + 1] - at[below])
+        return np.where(below == self.number, 1 - above, np.where(below + 1 == self.number, above, 0.0))
 
     def __call__(self, shape, frequency_hz, size):
         result = np.array(shape, complex)
-        between = (frequency_hz >= self.low_hz) & (frequency_hz < self.high_hz)
-        result[list(self.rows)] *= np.where(between, 1 + size * self.along, 1.0)
+        result[list(self.rows)] *= 1 + size * self.along * self.share(frequency_hz)
         return result, 0.0
 
 

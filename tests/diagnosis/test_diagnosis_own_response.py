@@ -105,11 +105,16 @@ def test_without_the_channel_nothing_is_found(frame, tmp_path):  # noqa: F811
     assert probupdate.diagnose(frame, path, without=[CHANNELS[CHANNEL]]).verdict == "none"
 
 
-def test_a_response_changes_its_channels_between_its_frequencies_alone():
-    shape, hz = np.ones((3, 4), complex), np.array([1.0, 2.0, 3.0, 4.0])
-    changed, shift = FrequencyResponse((1,), 2.0, 4.0, 1j)(shape, hz, 0.1)
+def test_a_response_changes_its_channels_at_its_frequency_and_on_the_way_to_the_next():
+    shape, hz = np.ones((3, 5), complex), np.exp([0.0, 0.5, 1.0, 1.25, 4.0])
+    first, second, third = (FrequencyResponse((1,), tuple(np.exp([0.0, 1.0, 3.0])), k, 1j) for k in range(3))
+    changed, shift = second(shape, hz, 0.1)
     assert shift == 0.0 and np.array_equal(changed[[0, 2]], shape[[0, 2]])
-    assert np.allclose(changed[1], [1.0, 1 + 0.1j, 1 + 0.1j, 1.0])
+    assert np.allclose(changed[1], 1 + 0.1j * np.array([0.0, 0.5, 1.0, 0.875, -0.5]))
+    # straight lines through what the three say, beyond the last one too
+    total = sum(k * one.share(hz) for k, one in zip((1.0, 2.0, 4.0), (first, second, third), strict=True))
+    assert np.allclose(total, [1.0, 1.5, 2.0, 2.25, 5.0])
+    assert np.array_equal(FrequencyResponse((1,), (2.0,), 0, 1.0).share(hz), np.ones(5))
 
 
 @pytest.mark.parametrize(("law", "rows", "alike"), [
