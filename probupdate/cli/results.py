@@ -18,7 +18,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without or (), jobs=runs, progress=progress)
+            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without, jobs=runs, progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
 

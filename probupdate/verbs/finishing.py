@@ -41,7 +41,7 @@ def diagnose(
     *,
     campaign: str | Path | None = None,
     parameters: str | Path | None = None,
-    without: Sequence[str] = (),
+    without: Sequence[str] | None = None,
     seed: int = 1,
     progress: Progress = silent,
     **options,
@@ -60,7 +60,7 @@ def diagnose(
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
-    data = (data if model is None else data.compared()).without_channels(without)
+    data = (data if model is None else data.compared()).without_channels(without or ())
     # before a minute of preparation is spent on them
     gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
