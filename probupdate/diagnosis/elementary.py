@@ -37,6 +37,7 @@ from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import GAIN_RANGE, Effect, FrequencyResponse, Gain
 from probupdate.errors import ConvergenceError
+from probupdate.modal.matching import close_clusters
 from probupdate.model.interface import Wireframe
 from probupdate.structure.description import Description
 from probupdate.structure.places import place_of
@@ -406,10 +407,8 @@ def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple
     best, first = explored.hypotheses[0], len(explored.problem.effects)
     effects = _factors_of_modes(explored.problem, rows)
     chief = max(numbers, key=lambda k: abs(best.z[k]))
-    profile = best.fitted.included[chief].time_profile
-    number = next((c for c, one in enumerate(explored.problem.time_profiles) if one is profile),
-                  len(explored.problem.time_profiles))
-    profiles = explored.problem.time_profiles
+    profile, profiles = best.fitted.included[chief].time_profile, explored.problem.time_profiles
+    number = next((c for c, one in enumerate(profiles) if one is profile), len(profiles))
     which = [(first + k, number) for k in range(len(effects))]
     problem = replace(explored.problem, effects=(*explored.problem.effects, *effects),
                       time_profiles=profiles if number < len(profiles) else (*profiles, profile),
@@ -445,13 +444,14 @@ def _relative(problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> f
 
 
 def _factors_of_modes(problem: DiagnosisProblem, rows: tuple[int, ...]) -> list[Effect]:
-    """Of every group of modes, the lowest first, what these channels show in phase and a quarter of a period ahead at
-    its mean frequency; two modes of a pair differ as the line to the next group says."""
-    log = np.array([own.mean() for own in problem.predictor.log_frequency])
-    order = np.argsort(log)
-    at = tuple(float(hz) for hz in np.exp(log[order]))
-    return [Effect(kind="measurement", cause=OWN_RESPONSE, location=problem.blocks.group_name(int(q)), unit="-",
+    """Of every group of modes, the lowest first and those that are close as one, what these channels show in phase and
+    a quarter of a period ahead at its mean frequency; two modes of a pair differ as the line to the next group says."""
+    hz = np.exp([own.mean() for own in problem.predictor.log_frequency])
+    close = close_clusters(hz)
+    at = tuple(float(hz[list(cluster)].mean()) for cluster in close)
+    names = [" and ".join(problem.blocks.group_name(int(q)) for q in cluster) for cluster in close]
+    return [Effect(kind="measurement", cause=OWN_RESPONSE, location=name, unit="-",
                    tolerance=0.0, prior_scale=RESPONSE_SCALE, lower=-GAIN_RANGE[1], upper=GAIN_RANGE[1],
                    observe=FrequencyResponse(rows, at, k, along), step_of_size=1e-3,
                    odds=1 / len(problem.blocks.channels), check="look at its mount, its cable and its filter")
-            for k, q in enumerate(order) for along in (1.0, 1.0j)]
+            for k, name in enumerate(names) for along in (1.0, 1.0j)]

@@ -1,6 +1,7 @@
 """Channels with a frequency response of their own: on a frame whose records come from other equations."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy import linalg
 
 import probupdate
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.elementary import OWN_RESPONSE
+from probupdate.diagnosis.elementary import OWN_RESPONSE, _factors_of_modes
 from probupdate.diagnosis.free_form import own_response_content
 from probupdate.diagnosis.gain import SIGNIFICANT
 from probupdate.diagnosis.run import ModelSource, diagnose_files
@@ -40,12 +41,10 @@ def seen(seed, response, from_block=0):
     return ModalData(channels=CHANNELS, sets=tuple(sets))
 
 
-def places(factors):
-    """Frequency in Hz of each factor's group, those that the channel hardly moves in left out."""
+def pairs_hz():
+    """Mean frequency (3,) in Hz of each pair of modes."""
     value = linalg.eigvalsh(*storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY)))
-    hz = np.sqrt(value[:6]).reshape(3, 2).mean(axis=1) / (2 * np.pi)
-    assert len(factors) == len(hz)
-    return hz
+    return np.sqrt(value[:6]).reshape(3, 2).mean(axis=1) / (2 * np.pi)
 
 
 @pytest.mark.parametrize("from_block", [0, pytest.param(20, marks=pytest.mark.long)])
@@ -62,8 +61,7 @@ def test_a_mount_that_resonates_is_the_channels_own_response(frame, from_block, 
     row.equal((outcome.diagnosis.verdict, part["cause"], part["location"], part["time_profile"], part["since"]),
               ("unexplained", OWN_RESPONSE, CHANNELS[CHANNEL], "step" if from_block else "constant",
                data.sets[20].id if from_block else ""), "part", case=f"from block {from_block}")
-    factors = own.factors()
-    for hz, found in zip(places(factors), factors, strict=True):
+    for hz, found in zip(pairs_hz(), own.factors(), strict=True):
         true = mount(hz, 15.0)
         row.error((found["factor"] - abs(true)) / found["factor_std"], 3, "factor", case=found["mode"])
         row.error((found["phase_deg"] - np.degrees(np.angle(true))) / found["phase_std_deg"], 3, "phase",
@@ -115,6 +113,15 @@ def test_a_response_changes_its_channels_at_its_frequency_and_on_the_way_to_the_
     total = sum(k * one.share(hz) for k, one in zip((1.0, 2.0, 4.0), (first, second, third), strict=True))
     assert np.allclose(total, [1.0, 1.5, 2.0, 2.25, 5.0])
     assert np.array_equal(FrequencyResponse((1,), (2.0,), 0, 1.0).share(hz), np.ones(5))
+
+
+def test_groups_that_are_close_show_one_factor():
+    """Between two of the same frequency no line could be drawn."""
+    blocks = SimpleNamespace(group_name=lambda q: "ABC"[q], channels=CHANNELS)
+    log = tuple(np.log(np.array([hz])) for hz in (2.0, 1.0, 2.0))
+    effects = _factors_of_modes(SimpleNamespace(predictor=SimpleNamespace(log_frequency=log), blocks=blocks), (0,))
+    assert [e.location for e in effects] == ["B", "B", "A and C", "A and C"]
+    assert all(e.observe.at_hz == pytest.approx((1.0, 2.0)) for e in effects)
 
 
 @pytest.mark.parametrize(("law", "rows", "alike"), [
