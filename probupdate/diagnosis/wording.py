@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 # causes whose size is a share of something, stated in per cent
 SHARES = (
@@ -68,9 +68,17 @@ def finding_words(finding: Mapping) -> str:
 
 def found_words(content: Mapping) -> list[str]:
     """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
-    parts = content.get("details", {}).get("free_form", {}).get("parts", ())
     return [finding_words(f) for f in content["findings"]] or [
-        f"no row, but something like {_with_article(name_of(part))}" for part in parts if part["elementary"]]
+        f"no row, but something like {_with_article(name_of(part))}" for part in _parts(content) if part["elementary"]]
+
+
+def own_response_actions(content: Mapping) -> list[str]:
+    """What to do about channels with a frequency response of their own; empty where there are none."""
+    return [f"{part['location']}: {_own_response_action(part)}" for part in _parts(content) if "factors" in part]
+
+
+def _parts(content: Mapping) -> Sequence[Mapping]:
+    return content.get("details", {}).get("free_form", {}).get("parts", ())
 
 
 def part_words(part: Mapping) -> str:
@@ -97,8 +105,11 @@ def _own_response_words(part: Mapping) -> str:
              if abs(m["factor"] - 1) > SHOWN * m["factor_std"] or abs(m["phase_deg"]) > SHOWN * m["phase_std_deg"]]
     seen = f": {', '.join(shown)}" if shown else ""
     when = time_profile_words(part["time_profile"], part.get("since", ""))
-    return (f"{name_of(part)}, {when}{seen}; {part['check']}, and diagnose again without it "
-            f"(--without {part['location'].replace(',', '')})")
+    return f"{name_of(part)}, {when}{seen}; {_own_response_action(part)}"
+
+
+def _own_response_action(part: Mapping) -> str:
+    return f"{part['check']}, and diagnose again without it (--without {part['location'].replace(',', '')})"
 
 
 def _with_article(words: str) -> str:

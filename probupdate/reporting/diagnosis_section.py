@@ -109,8 +109,7 @@ def _actions(content: Mapping) -> list[Element]:
     statements += [typeset_with_stop(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
     if content["verdict"] == "unexplained" and content["parameters"]:
-        parts = content["details"].get("free_form", {}).get("parts", ())
-        missing = ("they were fitted to a channel that is wrong" if any("factors" in part for part in parts) else
+        missing = ("they were fitted to a channel that is wrong" if wording.own_response_actions(content) else
                    "find what is missing in the model first")
         statements.append(f"Do not read the updated parameters as properties of the structure: {missing}. The maps "
                           "below show where model and measurement part.")

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.wording import finding_words, name_of, prior_shift_words, verdict_words
+from probupdate.diagnosis.wording import (
+    found_words,
+    name_of,
+    own_response_actions,
+    prior_shift_words,
+    verdict_words,
+)
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
@@ -105,12 +111,13 @@ def _of_diagnosis(run: Run) -> list[Finding]:
     content = run.diagnosis
     if content is None or content["verdict"] == "none":
         return []
-    named = "; ".join(finding_words(f) for f in content["findings"])
+    named = "; ".join(found_words(content))
     actions = [full_sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
     if content.get("extended_model"):
         held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
         but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
         actions.append(f"Then update again with {content['extended_model']}, which has the findings in it{but}.")
+    actions += [full_sentence(one) for one in own_response_actions(content)]
     if not actions:
         actions.append("Find what is missing in the model before the parameters are read as properties of the "
                        "structure: the section on the diagnosis shows where model and measurement part.")

@@ -13,7 +13,7 @@ from probupdate.diagnosis.elementary import OWN_RESPONSE, _factors_of_modes
 from probupdate.diagnosis.free_form import own_response_content
 from probupdate.diagnosis.gain import SIGNIFICANT
 from probupdate.diagnosis.run import ModelSource, diagnose_files
-from probupdate.diagnosis.wording import found_words, free_form_words
+from probupdate.diagnosis.wording import found_words, free_form_words, own_response_actions
 from probupdate.effects.catalogue import Crosstalk, Delay, Effect, FrequencyResponse, Gain, Rate, Swap, Turn
 from probupdate.modal.modes import ModalData, write_modes
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
@@ -93,6 +93,8 @@ def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_do
     (part,) = found.details["free_form"]["parts"]
     assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)
     assert found_words(found.content()) == [f"no row, but something like a {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
+    (action,) = own_response_actions(found.content())
+    assert action.startswith(f"{CHANNELS[CHANNEL]}: look at its mount")
     (said, *_) = free_form_words({"details": found.details})
     assert said.endswith(f"and diagnose again without it (--without {CHANNELS[CHANNEL]})")
 
