@@ -45,11 +45,14 @@ class ProjectedTerms:
 
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
-        own = self.entry.shape[0]
-        # entries stand column by column; what is symmetric has the same rows
-        rows, starts, basis = self._touched
-        whole = sparse.csr_array((weight[:own] @ self.entry, self.row, starts), shape=(len(rows), len(self.basis)))
-        found = basis.T @ (whole @ self.basis)
+        own, size = self.entry.shape[0], self.basis.shape[1]
+        found = np.zeros((size, size), weight.dtype)
+        # of what turns with the nacelle most is not there but for a few effects
+        if weight[self.moved].any():
+            # entries stand column by column; what is symmetric has the same rows
+            rows, starts, basis = self._touched
+            whole = sparse.csr_array((weight[:own] @ self.entry, self.row, starts), shape=(len(rows), len(self.basis)))
+            found += basis.T @ (whole @ self.basis)
         for value, factor in zip(weight[own:], self.added, strict=True):
             if value:
                 found += value * (factor.T @ factor)
