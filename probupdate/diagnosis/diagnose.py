@@ -18,6 +18,7 @@ from probupdate.diagnosis.elementary import (
     in_place_of,
     own_responses,
     parts_of,
+    taken_together,
 )
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit, fitted_without_candidates
@@ -150,12 +151,14 @@ def _beside_parts(
     prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int]
 ) -> tuple[list[Finding], OwnResponse | None]:
     """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
-    is more probable than what the catalogue says of them."""
+    is more probable than what the catalogue says of them, and than any part in place of findings."""
     if not findings:
         return findings, None
     parts = parts_of(prepared, heights=COMPETING_HEIGHTS)
-    instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
-    responses = own_responses(explored)
+    together = taken_together(explored.hypotheses[0].fitted.included)
+    instead = {numbers: in_place_of(parts, explored, numbers) for numbers in together}
+    most = max((evidence + prior for found in instead.values() for _, evidence, prior in found), default=-np.inf)
+    responses = [one for one in own_responses(explored) if one.log_evidence + one.log_prior > most]
     if responses or any(instead.values()):
         findings = findings_of(explored, instead, refuted, responses)
     return findings, _own_response(findings, responses)
@@ -270,13 +273,14 @@ def _explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) 
 
 
 def findings_of(
-    explored: Explored, instead: Mapping[int, Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
+    explored: Explored,
+    instead: Mapping[tuple[int, ...], Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
     refuted: Collection[int] = (), responses: Sequence[OwnResponse] = (),
 ) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
-    effect alone. `instead`: what else may be meant by the effect of a number, with ln evidence and ln prior relative to
-    it; `responses`: what channels may show instead. `refuted`: numbers of effects in whose place nothing at all
-    explains the record no longer."""
+    effect alone. `instead`: what else may be meant by the effects of these numbers, with ln evidence and ln prior
+    relative to them; `responses`: what channels may show instead. `refuted`: numbers of effects in whose place nothing
+    at all explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
@@ -285,8 +289,9 @@ def findings_of(
         k, z = best.candidates[number], best.z[number]
         left, directions = span_left(problem, best.fitted, problem.which[k, 1])
         others, evidence, prior = exchanged(explored, number)
-        for other, apart, before in instead.get(number, ()):
-            others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
+        for numbers, parts in instead.items():
+            for other, apart, before in parts if number in numbers else ():
+                others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
         if number in refuted and None in others:
             nothing = others.index(None)
             for row in (others, evidence, prior):
@@ -299,19 +304,24 @@ def findings_of(
                 others, prior = [*others, one.row], [*prior, one.log_prior]
                 explains.append(one.log_evidence / max(left / directions, 1.0))
         probability = special.softmax(np.add(explains, prior))
-        alternatives = tuple(
-            Alternative(cause=CHANCE, location="", posterior_probability=float(p)) if other is None else
-            Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
-            for other, p in sorted(zip(others[1:], probability[1:], strict=True), key=lambda pair: -pair[1]) if p > 1e-3
-        )
         effect, time_profile = n.effect, n.time_profile
         start = problem.blocks.ids[time_profile.at] if time_profile.kind == "step" else ""
         result.append(Finding(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=n.size, size_std=std,
             unit=effect.unit + time_profile.unit, time_profile=time_profile.name, time_profile_start=start, z=z,
             posterior_probability=float(probability[0]), prior_probability=float(special.softmax(prior)[0]),
-            alternatives=alternatives, check=effect.check))
+            alternatives=_alternatives(others[1:], probability[1:]), check=effect.check))
     return result
+
+
+def _alternatives(others: Sequence[Effect | None], probability: Sequence[float]) -> tuple[Alternative, ...]:
+    """The most probable first; the same part in place of one finding and of several is one."""
+    together: dict[tuple[str, str], float] = {}
+    for other, p in zip(others, probability, strict=True):
+        key = (CHANCE, "") if other is None else (other.cause, other.location)
+        together[key] = together.get(key, 0.0) + float(p)
+    return tuple(Alternative(cause=cause, location=location, posterior_probability=p)
+                 for (cause, location), p in sorted(together.items(), key=lambda pair: -pair[1]) if p > 1e-3)
 
 
 def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:

@@ -21,6 +21,7 @@ from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import (
     LEAST_LEFT,
+    SAME_TIME,
     Explored,
     Hypothesis,
     Ranking,
@@ -259,63 +260,83 @@ def with_parts(
 
 def scores_of_parts(
     problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], profiles: Sequence[TimeProfile],
-    own: tuple[int, TimeProfile] | None = None,
+    own: Sequence[int] = (),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every part along every time profile (n_part, n_profile) beside a fit: ln Bayes factor and size to first order,
-    and the score correlation with the effect of number and time profile `own` (zero without); -inf where nothing of
-    the signature is left beside all that is normal. By chunks, as all parts at once take gigabytes."""
+    and the largest score correlation with the effects of the numbers `own` along the first of these (zero without);
+    -inf where nothing of the signature is left beside all that is normal. By chunks, as all parts at once take
+    gigabytes."""
     gain, size, alike = (np.zeros((len(parts), len(profiles))) for _ in range(3))
     for start in range(0, len(parts), CHUNK):
         chunk = parts[start : start + CHUNK]
         wider, there = with_parts(problem, fitted, chunk, profiles)
         first, n = len(problem.effects), len(chunk) * len(profiles)
         rows = [(first + j, c) for j in range(len(chunk)) for c in range(len(profiles))]
-        rows += [] if own is None else [(own[0], len(profiles))]
-        asked = {"time_profiles": (*profiles, *(() if own is None else own[1:])), "which": np.array(rows)}
+        rows += [(j, 0) for j in own]
+        asked = {"time_profiles": tuple(profiles), "which": np.array(rows)}
         design = replace(there.design, **asked)
         u, v = design.scores(fitted.centred), np.where(design.share_left > LEAST_LEFT, design.information, 0.0)
         found = gains(replace(wider, **asked), u, v)
         here = slice(start, start + len(chunk)), slice(None)
         gain[here], size[here] = (x[:n].reshape(len(chunk), -1) for x in found)
-        if own is not None:
-            alike[here] = _correlations(design, n)[:n].reshape(len(chunk), -1)
+        if own:
+            alike[here] = _correlations(design, range(n, len(rows)))[:n].reshape(len(chunk), -1)
     return gain, size, alike
 
 
-def _correlations(design: Design, row: int) -> np.ndarray:
-    """(n_candidate,) score correlations with one candidate."""
+def _correlations(design: Design, rows: Sequence[int]) -> np.ndarray:
+    """(n_candidate,) largest score correlations with any of some candidates, without sign."""
     length = np.sqrt(np.maximum(design.information, 1e-300))
-    return design.overlap([row], range(len(length)))[0] / (length * length[row])
+    overlap = design.overlap(rows, range(len(length))) / (length * length[list(rows)][:, None])
+    return np.max(np.abs(overlap), axis=0)
+
+
+def taken_together(included: Sequence[IncludedEffect]) -> list[tuple[int, ...]]:
+    """Numbers of effects that one part may stand for: each that is constant or a step, and all sets of those that are
+    so throughout, or since the same time. What a spring does that no row has is bought as two soils and a brace, or as
+    a crosstalk."""
+    each = [k for k, n in enumerate(included) if n.exact]
+
+    def at_once(chosen: tuple[int, ...]) -> bool:
+        profiles = [included[k].time_profile for k in chosen]
+        return all(a.name == b.name and abs(a.at - b.at) <= SAME_TIME for a, b in combinations(profiles, 2))
+
+    return [chosen for count in range(1, len(each) + 1) for chosen in combinations(each, count) if at_once(chosen)]
 
 
 def in_place_of(
-    parts: Sequence[Part], explored: Explored, number: int
+    parts: Sequence[Part], explored: Explored, numbers: tuple[int, ...]
 ) -> list[tuple[Effect, float, float]]:
-    """What of each kind of part may be meant instead of an effect of the most probable hypothesis: of the few that
-    promise most the one that, fitted, explains most, its ln evidence and ln prior relative to the effect's. It stands
-    for all of its kind: its prior odds are theirs, each weighed by what it explains beside it, or promises to first
-    order where it was not fitted, less what fits of the others fell short of that. Parts that do what the effect does
-    are not estimated from it and are left out, and none competes with what a sensor does or what follows a column."""
+    """What of each kind of part may be meant instead of these effects of the most probable hypothesis, one or several
+    `taken_together`: of the few that promise most the one that, fitted, explains most, its ln evidence and ln prior
+    relative to theirs. It stands for all of its kind: its prior odds are theirs, each weighed by what it explains
+    beside it, or promises to first order where it was not fitted, less what fits of the others fell short of that.
+    Parts that do what one of the effects does are not estimated from it and are left out."""
     problem, best = explored.problem, explored.hypotheses[0]
-    n = best.fitted.included[number]
-    if not parts or n.effect.kind == "measurement" or not n.exact:
+    if not parts:
         return []
-    rest, lost = without(problem, best.fitted, number)
-    own = int(problem.which[best.candidates[number], 0])
-    gain, size, alike = (x[:, 0]
-                         for x in scores_of_parts(problem, rest, parts, (n.time_profile,), (own, n.time_profile)))
-    # the effect itself has what it lost where it was taken out
-    dispersion = model_error_dispersion(best.z[number])
+    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    n, rest, lost = best.fitted.included[chief], best.fitted, 0.0
+    for k in sorted(numbers, reverse=True):
+        rest, more = without(problem, rest, k)
+        lost += more
+    own = [int(problem.which[best.candidates[k], 0]) for k in numbers]
+    gain, size, alike = (x[:, 0] for x in scores_of_parts(problem, rest, parts, (n.time_profile,), own))
+    # the effects themselves have what they lost where they were taken out
+    dispersion = model_error_dispersion(best.z[chief])
     odds = np.log([effect.odds for effect, _ in parts])
-    promise = np.where(np.abs(alike) < SAME, (gain + lost) / dispersion + odds, -np.inf)
+    promise = np.where(alike < SAME, (gain + lost) / dispersion + odds, -np.inf)
+    # one part has its odds once, each of the effects had its own
+    before = np.log(n.effect.prior_odds(n.time_profile.name)) + log_prior(
+        problem, [best.candidates[k] for k in numbers if k != chief])
     result = []
     for cause in PART_CAUSES:
         of_kind = [k for k, (effect, _) in enumerate(parts) if effect.cause == cause and np.isfinite(promise[k])]
         together = logsumexp(promise[of_kind]) if of_kind else -np.inf
-        if together - np.log(n.effect.prior_odds(n.time_profile.name)) < -MARGIN:
+        if together - before < -MARGIN:
             continue
         most = sorted(of_kind, key=lambda k: -promise[k])[:FITTED]
-        found = {k: _compared(explored, rest, number, parts[k], float(size[k])) for k in most}
+        found = {k: _compared(explored, rest, numbers, parts[k], float(size[k])) for k in most}
         fitted = {k: there for k, there in found.items() if there is not None}
         if not fitted:
             continue
@@ -331,12 +352,13 @@ def in_place_of(
 
 
 def _compared(
-    explored: Explored, rest: Fit, number: int, part: Part, size: float
+    explored: Explored, rest: Fit, numbers: tuple[int, ...], part: Part, size: float
 ) -> tuple[float, float] | None:
-    """ln evidence and ln prior of the most probable hypothesis with a part in place of one effect, relative to it; None
-    where the model has no modes there."""
+    """ln evidence and ln prior of the most probable hypothesis with a part in place of these effects (`rest` is the fit
+    without them), relative to it; None where the model has no modes there."""
     best = explored.hypotheses[0]
-    profile = best.fitted.included[number].time_profile
+    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    profile = best.fitted.included[chief].time_profile
     problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
     _, base = with_parts(explored.problem, rest, [part], (profile,))
     begun = IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size)
@@ -344,8 +366,8 @@ def _compared(
         found = fitted_without_candidates(problem, base.theta, (*rest.included, begun), base=base)
     except ConvergenceError:
         return None
-    candidates = (*(c for i, c in enumerate(best.candidates) if i != number), len(problem.which) - 1)
-    z = (*(z for i, z in enumerate(best.z) if i != number), best.z[number])
+    candidates = (*(c for i, c in enumerate(best.candidates) if i not in numbers), len(problem.which) - 1)
+    z = (*(z for i, z in enumerate(best.z) if i not in numbers), best.z[chief])
     one, here = hypothesis_of(problem, candidates, z, found), replace(best, fitted=fitted)
     apart, prior = _relative(problem, one, here), one.log_prior - here.log_prior
     return float(apart - prior), float(prior)

@@ -13,6 +13,7 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
+from probupdate.diagnosis.hypotheses import log_prior
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.wording import free_form_words
@@ -219,6 +220,45 @@ def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, 
     row.count(found.verdict == "unexplained" and f"an elementary part, {part}" in note, 1, 1, case=note)
 
 
+@pytest.mark.parametrize(("spring", "storey"), [(6e4, 2), pytest.param(1e5, 3, marks=pytest.mark.long),
+                                                pytest.param(2e5, 4, marks=pytest.mark.long)])
+def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, storey, validation):
+    """The catalogue follows these springs with the clock of all channels and a crosstalk or two, of which a channel's
+    own response is more probable than the crosstalk: no channel is wrong."""
+    row = validation(what="a spring to ground that the catalogue follows with what sensors do: *unexplained*, the part "
+                          "at its place more probable than each finding, no channel with a response of its own",
+                     reference="what was hidden")
+    outcome = examine(frame, record(11, spring=spring, storey=storey - 1))
+    part = f"spring to ground: (0.0, 0.0, {HEIGHT * storey:.1f}) m, along 0 deg"
+    (note,) = [n for n in outcome.diagnosis.notes if "an elementary part" in n]
+    row.count(outcome.diagnosis.verdict == "unexplained" and f"an elementary part, {part}" in note
+              and outcome.own_response is None and "measurement" in {f.kind for f in outcome.proposed}, 1, 1, case=note)
+
+
+def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
+    """A strong spring is two storeys' stiffness to the catalogue. In place of both the part explains what it does in
+    place of either, and is more probable for the row that it spares."""
+    row = validation(what="a spring to ground in place of two findings over that in place of one: ln evidence; ln prior "
+                          "over that of the row which it spares", reference="none; zero")
+    offered = {}
+
+    def in_place(parts, explored, numbers):
+        offered[numbers] = in_place_of(parts, explored, numbers)
+        own = explored.hypotheses[0]
+        offered["prior"] = [log_prior(explored.problem, [k]) for k in own.candidates]
+        return offered[numbers]
+
+    monkeypatch.setattr(diagnose, "in_place_of", in_place)
+    examine(frame, record(11, spring=3e5, storey=4))
+    (effect, alone, prior), (other, both, more) = (offered[numbers][0] for numbers in ((0,), (0, 1)))
+    where = effect.location
+    row.equal((effect.cause, where), (PART_CAUSES[0], "(0.0, 0.0, 15.0) m, along 0 deg"), "part")
+    row.equal((other.cause, other.location), (effect.cause, where), "part in place of both")
+    row.least([both - alone], -1, "evidence")
+    # odds of one part among its kind differ with what the others explain
+    row.error(more - prior + offered["prior"][1], 1, "prior")
+
+
 def test_a_mass_on_springs_is_more_probable_than_the_row_that_comes_nearest(frame, validation):
     row = validation(what="masses of 25 to 60 kg on a spring of their own at a storey, at 1.15 to 2.2 times the first "
                           "frequency, from block 20 on: verdict, the most probable part beside the row that comes "
@@ -241,9 +281,9 @@ def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, s
     _, data, alone = stepped
     offered = []
 
-    def all_compared(parts, explored, number):
+    def all_compared(parts, explored, numbers):
         monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
-        offered.extend(in_place_of(parts, explored, number))
+        offered.extend(in_place_of(parts, explored, numbers))
         return offered
 
     monkeypatch.setattr(diagnose, "in_place_of", all_compared)
@@ -259,15 +299,15 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
     the kind is at least as probable as that one alone."""
     asked, answers = [], []
 
-    def compared(explored, rest, number, part, size):
+    def compared(explored, rest, numbers, part, size):
         first = not any(part[0].cause == one[0].cause for one in asked)
         second = sum(part[0].cause == one[0].cause for one in asked) == 1
         asked.append(part)
         return (-2.0 if first else 3.0 if second else 1.0), float(np.log(part[0].odds))
 
-    def in_place(parts, explored, number):
+    def in_place(parts, explored, numbers):
         monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
-        answers.extend(in_place_of(parts, explored, number))
+        answers.extend(in_place_of(parts, explored, numbers))
         return answers
 
     monkeypatch.setattr(elementary_parts, "_compared", compared)
