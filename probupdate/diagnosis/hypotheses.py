@@ -26,6 +26,7 @@ from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidat
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.proposals import (
+    SHARE_STEP,
     Tried,
     sharpened,
     sharpened_again,
@@ -50,6 +51,8 @@ SHARE, LEAST_LEFT = 0.25, 1e-3
 ALIKE = 0.7
 # hypotheses from which moves are made, at most
 MOST_LOOKED = 10
+# how often the times of steps are found anew with what they make of the fit
+MOST_SHARPENED = 3
 # blocks by which two steps may lie apart and be one
 SAME_TIME = 2
 # ln evidence within which two hypotheses are compared about the same parameters
@@ -490,12 +493,13 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     times of its steps found anew; where the model then has no modes, as it was, marked as not settled."""
     try:
         fitted = fitted_without_candidates(problem, here.fitted.theta, here.fitted.included)
-        included = sharpened_again(problem, fitted)
-        same = all(
-            np.array_equal(a.time_profile.value, b.time_profile.value) for a,
-                   b in zip(included, fitted.included, strict=True)
-        )
-        fitted = fitted if same else fitted_without_candidates(problem, fitted.theta, included)
+        for _ in range(MOST_SHARPENED):
+            included = sharpened_again(problem, fitted)
+            if all(np.abs(a.time_profile.value - b.time_profile.value).max() < 2 * SHARE_STEP
+                   for a, b in zip(included, fitted.included, strict=True)):
+                break
+            # what theory does not know of an effect follows the time it had
+            fitted = fitted_without_candidates(problem, fitted.theta, included)
     except ConvergenceError:
         fitted = replace(here.with_design(problem).fitted, last_step=np.inf)
     return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()

@@ -238,8 +238,8 @@ def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, sto
 def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
     """A strong spring is two storeys' stiffness to the catalogue. In place of both the part explains what it does in
     place of either, and is more probable for the row that it spares."""
-    row = validation(what="a spring to ground in place of two findings over that in place of one: ln evidence; ln prior "
-                          "over that of the row which it spares", reference="none; zero")
+    row = validation(what="a spring to ground in place of two findings over that in place of one: ln evidence; ln "
+                          "prior over that of the row which it spares", reference="none; zero")
     offered = {}
 
     def in_place(parts, explored, numbers):
