@@ -84,6 +84,26 @@ def test_a_fault_that_is_alike_in_every_mode_keeps_its_name(frame, fault, cause)
         own_response_content(outcome)
 
 
+@pytest.mark.parametrize("share", [0.33, pytest.param(0.07, marks=pytest.mark.long),
+                                   pytest.param(0.7, marks=pytest.mark.long)])
+def test_a_clock_that_is_late_from_within_a_block_has_nothing_beside_it(frame, record, share, validation):  # noqa: F811
+    """A tenth of that block beside the true share is many standard deviations of so late a clock: a filter or a second
+    step would stand beside it."""
+    row = validation(what="a storey's clock 15 ms late from within a block on: name and channels, nothing beside it; "
+                          "share of that block, size in its standard deviations", reference="what was hidden")
+    late, sets = 15.0, []
+    for b, one in enumerate(record(4, n_mode=6).sets):
+        shape = np.array(one.shape)
+        shape[6:8] *= np.exp(-2e-3j * np.pi * one.frequency_hz * late * (share if b == 19 else float(b > 19)))
+        sets.append(replace(one, shape=shape))
+    outcome = examine(frame, ModalData(channels=CHANNELS, sets=tuple(sets)))
+    row.equal([(f.cause, f.location) for f in outcome.diagnosis.findings], [("clock offset", "x4 and y4")], "name",
+              case=share)
+    (n,), (found,) = outcome.fitted.included, outcome.diagnosis.findings
+    row.error(n.time_profile.value[19] - share, 0.03, "share", case=share)
+    row.error((abs(found.size) - late) / found.size_std, 3, "size", case=share)
+
+
 def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_does(frame, monkeypatch):  # noqa: F811
     def asked(*_, **__):
         raise AssertionError("the structure has nothing to do with it")
