@@ -220,6 +220,7 @@ def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, 
     row.count(found.verdict == "unexplained" and f"an elementary part, {part}" in note, 1, 1, case=note)
 
 
+@pytest.mark.numbers
 @pytest.mark.parametrize(("spring", "storey"), [(6e4, 2), pytest.param(1e5, 3, marks=pytest.mark.long),
                                                 pytest.param(2e5, 4, marks=pytest.mark.long)])
 def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, storey, validation):
@@ -235,6 +236,7 @@ def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, sto
               and outcome.own_response is None and "measurement" in {f.kind for f in outcome.proposed}, 1, 1, case=note)
 
 
+@pytest.mark.numbers
 def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
     """A strong spring is two storeys' stiffness to the catalogue. In place of both the part explains what it does in
     place of either, and is more probable for the row that it spares."""
