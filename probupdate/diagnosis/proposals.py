@@ -267,11 +267,12 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
 
         def left(time_profile: TimeProfile, n=n, i=i) -> float:
             tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
-            there = residuals_at(problem, fitted.theta, tried, answers)
-            return fitted.design.misfit(kept(there, noise), held)
+            residuals = residuals_at(problem, fitted.theta, tried, answers)
+            return fitted.design.misfit(kept(residuals, noise), held)
 
         # where two leave the same the one that is there
-        best = min([n.time_profile, *_between_neighbours(problem, n.time_profile)], key=left)
+        there = step_profile(len(problem.blocks), n.time_profile.at)
+        best = min([there, *_between_neighbours(problem, n.time_profile)], key=left)
         # what has one size only has no share of it
         within = best if n.effect.discrete else _within_a_block(best, left)
         included[i] = replace(n, time_profile=within if left(within) < left(best) - WITHIN else best)
