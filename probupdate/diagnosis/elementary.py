@@ -304,6 +304,11 @@ def taken_together(included: Sequence[IncludedEffect]) -> list[tuple[int, ...]]:
     return [chosen for count in range(1, len(each) + 1) for chosen in combinations(each, count) if at_once(chosen)]
 
 
+def _strongest(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:
+    """Of the effects of these numbers the one of the largest score: what stands in their place takes its time."""
+    return max(numbers, key=lambda k: abs(hypothesis.z[k]))
+
+
 def in_place_of(
     parts: Sequence[Part], explored: Explored, numbers: tuple[int, ...]
 ) -> list[tuple[Effect, float, float]]:
@@ -315,7 +320,7 @@ def in_place_of(
     problem, best = explored.problem, explored.hypotheses[0]
     if not parts:
         return []
-    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    chief = _strongest(best, numbers)
     n, rest, lost = best.fitted.included[chief], best.fitted, 0.0
     for k in sorted(numbers, reverse=True):
         rest, more = without(problem, rest, k)
@@ -357,7 +362,7 @@ def _compared(
     """ln evidence and ln prior of the most probable hypothesis with a part in place of these effects (`rest` is the fit
     without them), relative to it; None where the model has no modes there."""
     best = explored.hypotheses[0]
-    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    chief = _strongest(best, numbers)
     profile = best.fitted.included[chief].time_profile
     problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
     _, base = with_parts(explored.problem, rest, [part], (profile,))
@@ -428,7 +433,7 @@ def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple
     """None where the model has no modes there."""
     best, first = explored.hypotheses[0], len(explored.problem.effects)
     effects = _factors_of_modes(explored.problem, rows)
-    chief = max(numbers, key=lambda k: abs(best.z[k]))
+    chief = _strongest(best, numbers)
     profile, profiles = best.fitted.included[chief].time_profile, explored.problem.time_profiles
     number = next((c for c, one in enumerate(profiles) if one is profile), len(profiles))
     which = [(first + k, number) for k in range(len(effects))]
