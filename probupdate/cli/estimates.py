@@ -15,7 +15,6 @@ from probupdate.cli.options import (
     seeded,
     weights_option,
 )
-from probupdate.cli.process import one_thread
 from probupdate.cli.terminal import answer
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
@@ -31,7 +30,6 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
-    one_thread()
     import probupdate
     from probupdate.runtime.executors import executor
     from probupdate.updating.settings import UpdateSettings
@@ -54,7 +52,6 @@ def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
-    one_thread()
     import probupdate
     from probupdate.runtime.executors import executor
     from probupdate.updating.settings import SamplerSettings

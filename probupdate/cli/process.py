@@ -1,9 +1,8 @@
-"""The process of a command: signals that end it, threads of its linear algebra."""
+"""The process of a command: signals that end it."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -54,9 +53,3 @@ def ended_by_signals() -> Iterator[None]:
         sys.unraisablehook = said_before
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def one_thread() -> None:
-    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, whatever is left after
-    an interruption. Read when numpy is first imported."""
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")

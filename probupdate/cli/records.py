@@ -6,7 +6,6 @@ import argparse
 import os
 
 from probupdate.cli.options import AddCommand, on_model, on_workers, positive
-from probupdate.cli.process import one_thread
 from probupdate.cli.terminal import answer, say
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
@@ -44,7 +43,6 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
-    one_thread()
     import probupdate
     from probupdate.identification.settings import IdentificationSettings
     from probupdate.runtime.executors import executor

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from probupdate.cli.options import MODEL_HELP, AddCommand, on_workers, positive, seeded
-from probupdate.cli.process import one_thread
 from probupdate.cli.terminal import answer
 from probupdate.errors import ProbupdateError
 from probupdate.runtime.progress import Progress
@@ -32,7 +31,6 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def run_farm(a: argparse.Namespace, progress: Progress) -> None:
-    one_thread()
     import probupdate
     from probupdate.runtime.executors import executor
 

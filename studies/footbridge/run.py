@@ -41,7 +41,7 @@ def main() -> int:
         sys.stdout.write(f"$ probupdate {' '.join(command)}\n")
         sys.stdout.flush()
         begun = time.monotonic()
-        subprocess.run([sys.executable, "-m", "probupdate.cli", *command], check=True)
+        subprocess.run([sys.executable, "-m", "probupdate", *command], check=True)
         seconds[command[0]] = time.monotonic() - begun
     sys.stdout.write("\n".join(f"{step:<8} {s:6.1f} s" for step, s in seconds.items()) + "\n")
     sys.stdout.write(f"{'total':<8} {sum(seconds.values()):6.1f} s\n")

@@ -18,7 +18,7 @@ import sys
 import time
 from pathlib import Path
 
-COMMAND = [sys.executable, "-m", "probupdate.cli"]
+COMMAND = [sys.executable, "-m", "probupdate"]
 SAMPLE_S = 0.25
 
 
