@@ -7,5 +7,5 @@
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "between_setups", "blocks", "checking", "converting", "findings", "heading", "plausible", "quantity", "reading",
-    "rotor_lines", "samples", "scada", "sensor_findings", "universal", "usable",
+    "rigid_bodies", "rotor_lines", "samples", "scada", "sensor_findings", "universal", "usable",
 ]

@@ -23,9 +23,10 @@ from probupdate.campaign.findings import (
 )
 from probupdate.campaign.gain_steps import FEWEST_PIECES, lines_kept, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
-from probupdate.campaign.mounting import levelled, lowest_motion_hz, suspicions
+from probupdate.campaign.mounting import lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
@@ -155,12 +156,12 @@ def compare_block(
     spectra = cross_spectra(block.data[:, usable], rate, 0.4 * rate)
     if spectra is None:
         return None
-    sensors = tuple(s for s, ok in zip(campaign.sensors, usable, strict=True) if ok)
+    sensors = levelled([s for s, ok in zip(campaign.sensors, usable, strict=True) if ok])
     spectra = in_acceleration(spectra, sensors)
     late = delays(spectra, sensors, _rotor_bands(conditions))
     delay, std = np.full(n, np.nan), np.full(n, np.nan)
     delay[usable], std[usable] = late.delay_s, late.std_s
-    lowest = lowest_motion_hz(spectra, levelled(sensors), list(range(len(sensors))))
+    lowest = lowest_motion_hz(spectra, sensors, list(range(len(sensors))))
     kept = ()
     if pieces == 1:
         kept = (whole_piece(block.id, spectra, usable, lines_kept(n, n_compared)),)

@@ -14,7 +14,7 @@ from probupdate.campaign.gain_steps import Piece, gain_steps, parts_of_campaign
 from probupdate.campaign.heading import Sway, heading_findings, heading_offset
 from probupdate.campaign.mounting import Suspicion
 from probupdate.campaign.reading import Campaign
-from probupdate.campaign.rigid_bodies import campaign_gains
+from probupdate.campaign.rigid_bodies import campaign_gains, levelled
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.modal.modes import Sensor
@@ -129,7 +129,7 @@ def _wandering(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> 
 def _beside(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
     """Channels of one level, direction and quantity, by the size of their motion."""
     rms = table.groupby("channel")["rms"].median()
-    found = []
+    found, sensors = [], levelled(sensors)
     for k, sensor in enumerate(sensors):
         like = [s.channel for i, s in enumerate(sensors) if i != k and s.level == sensor.level
                 and s.quantity == sensor.quantity and abs(float(s.direction @ sensor.direction)) > 0.9]

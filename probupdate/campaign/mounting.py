@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from probupdate.campaign.rigid_bodies import rigid_candidates
+from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modal.modes import Sensor
 
@@ -88,15 +88,6 @@ def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]
     for i in alive:
         found.setdefault(sensors[i].level, []).append(i)
     return found
-
-
-def levelled(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
-    """The same with levels named by the sensors' heights: those without a gap between them are one."""
-    of = {}
-    for members in rigid_candidates(sensors, axes=(2,), alone=True):
-        height = float(np.mean([sensors[i].position_m[2] for i in members]))
-        of |= dict.fromkeys(members, f"{height:.6g} m")
-    return tuple(replace(s, level=of[i]) for i, s in enumerate(sensors))
 
 
 def is_upright(sensors: tuple[Sensor, ...]) -> bool:

@@ -8,7 +8,7 @@ rigid."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,16 @@ def rigid_candidates(
             if len(part) > 1 or alone:
                 found[tuple(sorted(int(i) for i in part))] = None
     return sorted(found, key=len, reverse=True)
+
+
+def levelled(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+    """The same with levels named by the sensors' heights: those without a gap between them are one. The
+    names that a campaign gives them group channels in reports, and may stand for a whole tower."""
+    of: dict[int, str] = {}
+    for members in rigid_candidates(sensors, axes=(2,), alone=True) if sensors else ():
+        height = float(np.mean([sensors[i].position_m[2] for i in members]))
+        of |= dict.fromkeys(members, f"{height:.6g} m")
+    return tuple(replace(s, level=of[i]) for i, s in enumerate(sensors))
 
 
 def same_place(sensors: Sequence[Sensor], members: Sequence[int]) -> list[tuple[int, ...]]:

@@ -32,8 +32,9 @@ from probupdate.runtime.arrays import frozen_array
 
 # length of slow errors over that of the record; parts whose means show their size, blocks in each
 SLOW_LENGTH, N_PART, FEWEST_IN_PART = 1 / 6, 12, 3
-# a value this many standard deviations from those around it is no change but a block gone wrong
-OUTLIER, AROUND = 6.0, 2
+# a value this many standard deviations from those before and those after it, so many each, is no change but a block
+# gone wrong
+OUTLIER, AROUND = 6.0, 3
 # a time profile that offset and turning explain to more than this is not distinguishable from them
 LEFT = 0.05
 # blocks asked for beside what is fitted
@@ -191,18 +192,22 @@ def score(contrasts: Contrasts, series: np.ndarray, pools: Sequence[Sequence[int
 
 
 def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(n_series, n_block) bool: blocks that stand apart from the blocks around them on both sides."""
+    """(n_series, n_block) bool: blocks that stand apart from those before them and from those after them, in standard
+    deviations by differences of successive blocks: what of noise alone were called so would be missing from its
+    scatter."""
     result = np.zeros(series.shape, bool)
     for k, (s, w) in enumerate(zip(series, weight, strict=True)):
         rows = np.flatnonzero(w > 0)
         if len(rows) < 2 * AROUND + 4:
             continue
-        value = s[rows]
+        value, root = s[rows], np.sqrt(w[rows])
+        spread = np.median(np.abs(np.diff(value)) / np.hypot(1 / root[1:], 1 / root[:-1])) / 0.6745
+        # of three each one may have gone wrong too
         padded = np.concatenate([value[AROUND:0:-1], value, value[-2 : -2 - AROUND : -1]])
-        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
-        residual = (value - np.median(windows, axis=1)) * np.sqrt(w[rows])
-        spread = np.median(np.abs(residual)) / 0.6745
-        result[k, rows] = np.abs(residual) > OUTLIER * max(spread, 1e-300)
+        middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+        before, after = middle[: len(value)], middle[AROUND + 1 :]
+        apart = np.minimum(np.abs(value - before), np.abs(value - after)) * root
+        result[k, rows] = apart > OUTLIER * max(spread, 1e-300)
     return result
 
 

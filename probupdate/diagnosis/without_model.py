@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from scipy.special import logsumexp
 
+from probupdate.campaign.rigid_bodies import levelled
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.diagnose import POWER, SURE, verdict_of
 from probupdate.diagnosis.empirical_reference import look, mended
@@ -422,6 +423,8 @@ def diagnose_without_model(
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
                  if e.observe is not None and not e.discrete and set(e.time_profiles) != {"constant"})
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
+    # what moves as one body is a matter of places, whatever these are called
+    placed = levelled(placed)
     columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
     time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
     if not time_profiles:

@@ -13,6 +13,7 @@ import pytest
 from probupdate.cli import main
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.modal.modes import read_modes, write_modes
 from probupdate.structure.load import load_model
 
@@ -248,3 +249,19 @@ def test_a_record_of_opensees_by_the_command_line(study, described, model, tmp_p
     if case.effects:
         (finding,) = found["findings"]
         row.error((finding["size"] - case.effects[0].size) / finding["size_std"], 3, "size")
+
+
+def test_without_a_model_the_jacket_s_tide_at_most_is_named(study, described, model, validation):
+    """Its tower's three heights are one level by name, its legs' levels are not rigid; a step of the structure has its
+    block and no name."""
+    row = validation(what="OC4 jacket of OpenSees without a model, two records with tide, temperature and wind alone: "
+                          "silent, or the tide", reference="none")
+    sensors, cases = prepare(model).sensors, study.cases
+    found = [diagnose_without_model(cases.record(described, cases.make_case("null", k)), sensors) for k in range(2)]
+    row.count(sum({f.time_profile for f in one.findings} <= {"water_level_m"} and one.verdict in ("none", "named")
+                  for one in found), 2, 2, case=str([one.verdict for one in found]))
+    lowered = cases.make_case("single", 7)
+    (effect,) = lowered.effects
+    assert (effect.kind, effect.time_profile) == ("axial", "step")
+    one = diagnose_without_model(cases.record(described, lowered), sensors)
+    assert one.verdict == "unexplained" and not any(f.kind == "measurement" for f in one.findings)

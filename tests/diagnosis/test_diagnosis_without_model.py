@@ -12,7 +12,7 @@ import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import main
 from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
-from probupdate.diagnosis.empirical_search import make_contrasts, score
+from probupdate.diagnosis.empirical_search import make_contrasts, outliers, score
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
@@ -48,6 +48,30 @@ def test_nothing_hidden_in_the_turbine_nothing_named(seed, validation):
     row = validation(what="without a model, a turbine with nothing hidden: silent", reference="none")
     found = diagnose_without_model(*turbine(seed))
     row.count(found.verdict == "none" and not found.findings, 1, 1, case=found.verdict)
+
+
+def test_a_level_is_where_sensors_are_whatever_its_name():
+    """A campaign calls all heights of its tower one level, which is no rigid body."""
+    data, sensors = turbine(21)
+    heights = {s.position_m[2] for s in sensors if s.channel[0] == "T" and s.channel[1].isdigit()}
+    assert len(heights) == 3
+    together = tuple(replace(s, level="tower" if s.position_m[2] in heights else s.level) for s in sensors)
+    found = diagnose_without_model(data, together)
+    assert found.verdict == "none" and not found.findings
+
+
+def test_a_block_gone_wrong_stands_apart_and_noise_does_not(validation):
+    row = validation(what="without a model, 4000 series of 24 and 48 blocks of noise: share of blocks that stand apart",
+                     reference="none", why="6 standard deviations that 24 blocks state to a fifth")
+    rng = np.random.default_rng(5)
+    of_noise = [rng.standard_normal((4000, n)) * rng.uniform(0.5, 2, (4000, 1)) for n in (24, 48)]
+    for series in of_noise:
+        row.error(outliers(series, np.ones_like(series)).mean(), below=3e-4, of=f"{series.shape[1]} blocks")
+    stepped = of_noise[1] + 100.0 * (np.arange(48) >= 20)
+    assert outliers(stepped, np.ones_like(stepped)).mean() < 3e-4
+    wrong = of_noise[1].copy()
+    wrong[:, [0, 12, 13, 30]] += 100.0
+    assert outliers(wrong, np.ones_like(wrong))[:, [0, 12, 13, 30]].all()
 
 
 def test_frequencies_that_follow_the_tide_are_the_surroundings(record, validation):
