@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.empirical_reference import (
@@ -32,7 +33,7 @@ from probupdate.runtime.arrays import frozen_array
 
 # length of slow errors over that of the record; parts whose means show their size, blocks in each
 SLOW_LENGTH, N_PART, FEWEST_IN_PART = 1 / 6, 12, 3
-# a value this many standard deviations from those before and those after it, so many each, is no change but a block
+# a value this many standard deviations beyond those before and those after it, so many each, is no change but a block
 # gone wrong
 OUTLIER, AROUND = 6.0, 3
 # a time profile that offset and turning explain to more than this is not distinguishable from them
@@ -192,9 +193,8 @@ def score(contrasts: Contrasts, series: np.ndarray, pools: Sequence[Sequence[int
 
 
 def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(n_series, n_block) bool: blocks that stand apart from those before them and from those after them, in standard
-    deviations by differences of successive blocks: what of noise alone were called so would be missing from its
-    scatter."""
+    """(n_series, n_block) bool: blocks that lie beyond those before them and those after them, in standard deviations
+    by differences of successive blocks: what of noise alone were called so would be missing from its scatter."""
     result = np.zeros(series.shape, bool)
     for k, (s, w) in enumerate(zip(series, weight, strict=True)):
         rows = np.flatnonzero(w > 0)
@@ -206,9 +206,54 @@ def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
         padded = np.concatenate([value[AROUND:0:-1], value, value[-2 : -2 - AROUND : -1]])
         middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
         before, after = middle[: len(value)], middle[AROUND + 1 :]
-        apart = np.minimum(np.abs(value - before), np.abs(value - after)) * root
+        # between them it is on the way from one to the other
+        apart = np.maximum(value - np.maximum(before, after), np.minimum(before, after) - value) * root
         result[k, rows] = apart > OUTLIER * max(spread, 1e-300)
     return result
+
+
+# what a change of the structure may do, each as probable before: standard deviations of ln f, of shapes as shares of
+# their largest component; where shapes stay, none
+SPREAD_LOG, SPREAD_SHAPE = (3e-4, 1e-3, 3e-3, 1e-2), (0.0, 1e-3, 3e-3, 1e-2, 3e-2)
+
+
+def log_change_of_structure(
+    rest: Sequence[np.ndarray], noise: Noise, nuisance: np.ndarray, time_profiles: Sequence[TimeProfile],
+    sizes: Sequence[int],
+) -> float:
+    """ln Bayes factor of a change of the structure along one of the time profiles over none: every number of the modes
+    moves by itself, by a normal amount, of residuals `rest` per group (n_block, n_response). Times of a step share one
+    prior. sizes: modes of each group."""
+    h = np.array([c.value for c in time_profiles])
+    of_log, of_shape = np.zeros((len(SPREAD_LOG), len(h))), np.zeros((len(SPREAD_SHAPE), len(h)))
+    for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
+        root = np.sqrt(weight)
+        scaled = (root * h).T
+        own = scaled - (root[:, None] * nuisance) @ np.linalg.lstsq(root[:, None] * nuisance, scaled, rcond=None)[0]
+        known = np.sum(own**2, axis=0)
+        usable = known > LEFT * np.maximum(np.sum(scaled**2, axis=0), 1e-300)
+        amount = own.T @ (root[:, None] * y) / np.where(usable, known, 1.0)[:, None]
+        n_log = 1 if k == 1 else 3
+        for part, spreads, total in ((slice(0, n_log), SPREAD_LOG, of_log),
+                                     (slice(n_log, None), SPREAD_SHAPE, of_shape)):
+            value, turn = np.linalg.eigh(covariance[part, part])
+            along = amount[:, part] @ turn
+            variance = np.maximum(value, 1e-300) / np.where(usable, known, 1.0)[:, None]
+            for row, spread in zip(total, spreads, strict=True):
+                ratio = spread**2 / variance
+                gain = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=1)
+                row += np.where(usable, gain, 0.0)
+    each = logsumexp(of_log, axis=0) - np.log(len(SPREAD_LOG)) + logsumexp(of_shape, axis=0) - np.log(
+        len(SPREAD_SHAPE))
+    n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
+    prior = np.array([1 / n_step if c.kind == "step" else 1.0 for c in time_profiles])
+    return float(logsumexp(each, b=prior / prior.sum()))
+
+
+def log_density(rest: Sequence[np.ndarray], noise: Noise) -> float:
+    """ln density of residuals per group (n_block, n_response), but for a constant of the noise."""
+    return -0.5 * sum(float(np.sum((y @ P) * y, axis=1) @ w)
+                      for y, P, w in zip(rest, noise.precision, noise.weight, strict=True))
 
 
 def draw_slow(rng: np.random.Generator, hours: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

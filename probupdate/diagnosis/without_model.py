@@ -7,7 +7,7 @@ operational conditions explains is *unexplained*, with the modes that moved, by 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -15,8 +15,8 @@ from scipy.special import logsumexp
 
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.diagnosis.diagnose import POWER, SURE, verdict_of
-from probupdate.diagnosis.empirical_reference import look, mended
+from probupdate.diagnosis.diagnose import CHANCE, POWER, SURE, verdict_of
+from probupdate.diagnosis.empirical_reference import look, mended, own_noise, residuals
 from probupdate.diagnosis.empirical_search import (
     ALL,
     FALSE_ALARM,
@@ -26,6 +26,8 @@ from probupdate.diagnosis.empirical_search import (
     Found,
     Scores,
     allowed_profiles,
+    log_change_of_structure,
+    log_density,
     make_contrasts,
     score,
     search,
@@ -45,6 +47,8 @@ from probupdate.runtime.progress import Progress, silent
 NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
+# what competes with effects of sensors
+STRUCTURE = "unexplained change of frequencies and shapes"
 # effects that explain nearly as much (share of the best one's) are tried, at most so many
 ALIKE, MOST_TRIED = 0.8, 3
 # column -> (cause, location, check) in the catalogue's words
@@ -289,6 +293,50 @@ def _sensor(
     return None
 
 
+def _beside_the_structure(
+    blocks: Blocks, of_sensors: tuple[list[Change], Blocks], catalogue: Sequence[Effect], sensors: Sequence[Sensor],
+    followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray,
+) -> tuple[list[Change], Blocks] | None:
+    """The same with what the structure and chance leave of their probability: three small effects of sensors mend much
+    of what a change of the structure does. None where that change is the more probable."""
+    changes, now = of_sensors
+    empirical = look(now, sensors)
+    rest = residuals(empirical, known)
+    noise = own_noise(now, empirical, rest, followed.stated)
+    before = residuals(look(blocks, sensors), known)
+    nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
+    structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
+    of_name = {(e.cause, e.location): e for e in catalogue if "step" in e.time_profiles}
+    total = sum(e.prior_odds("step") for e in of_name.values())
+    findings = [c.finding for c in changes if c.finding is not None]
+    own = log_density(rest, noise) - log_density(before, noise)
+    own -= np.log(max(sum(c.kind == "step" for c in time_profiles), 1))
+    for f in findings:
+        effect = of_name[f.cause, f.location]
+        own += np.log(effect.prior_odds("step") / total)
+        if not effect.discrete:
+            # the posterior's width times the Cauchy density of the size's prior
+            ratio = f.size / effect.prior_scale
+            own += np.log(f.size_std * np.sqrt(2 / np.pi) / effect.prior_scale) - np.log1p(ratio**2)
+            own += np.log(2 / len(effect.signs))
+    # sensors and the structure are as probable before as each other, no change as both
+    each = np.array([own, structure, np.log(2)])
+    share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
+    if share < of_structure:
+        return None
+    others = [Alternative(cause=cause, location=place, posterior_probability=probability) for cause, place, probability
+              in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
+    return [c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
+            for c in changes], now
+
+
+def _less_probable(finding: Finding, share: float, others: Sequence[Alternative]) -> Finding:
+    """With alternatives to all that it was compared with, which leave it so large a share."""
+    known = [replace(a, posterior_probability=share * a.posterior_probability) for a in finding.alternatives]
+    return replace(finding, posterior_probability=share * finding.posterior_probability,
+                   alternatives=(*known, *others))
+
+
 def _step_of_sensors(
     blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
 ) -> TimeProfile | None:
@@ -487,6 +535,9 @@ def _taken_out(
         if not np.max(found.over) > 1:
             break
         of_sensors = _sensor(blocks, followed, found, time_profiles, known, placed, whole)
+        if of_sensors is not None:
+            of_sensors = _beside_the_structure(blocks, of_sensors, (*rows, *whole), placed, followed, time_profiles,
+                                               known)
         if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
