@@ -212,20 +212,20 @@ def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return result
 
 
-# what a change of the structure may do, each as probable before: standard deviations of ln f, of shapes as shares of
-# their largest component; where shapes stay, none
-SPREAD_LOG, SPREAD_SHAPE = (3e-4, 1e-3, 3e-3, 1e-2), (0.0, 1e-3, 3e-3, 1e-2, 3e-2)
+# what a change of the structure may do to a mode or pair, each as probable before: standard deviations of ln f, of real
+# parts of shapes as shares of their largest component; phases stay
+SPREAD_LOG, SPREAD_SHAPE = (0.0, 3e-4, 1e-3, 3e-3, 1e-2), (0.0, 1e-3, 3e-3, 1e-2, 3e-2)
 
 
 def log_change_of_structure(
     rest: Sequence[np.ndarray], noise: Noise, nuisance: np.ndarray, time_profiles: Sequence[TimeProfile],
     sizes: Sequence[int],
 ) -> float:
-    """ln Bayes factor of a change of the structure along one of the time profiles over none: every number of the modes
-    moves by itself, by a normal amount, of residuals `rest` per group (n_block, n_response). Times of a step share one
-    prior. sizes: modes of each group."""
+    """ln Bayes factor of a change of the structure along one of the time profiles over none: frequencies and real parts
+    of shapes move each by itself, by normal amounts, of residuals `rest` per group (n_block, n_response). Times of a
+    step share one prior. sizes: modes of each group."""
     h = np.array([c.value for c in time_profiles])
-    of_log, of_shape = np.zeros((len(SPREAD_LOG), len(h))), np.zeros((len(SPREAD_SHAPE), len(h)))
+    total = np.zeros(len(h))
     for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
         root = np.sqrt(weight)
         scaled = (root * h).T
@@ -234,20 +234,17 @@ def log_change_of_structure(
         usable = known > LEFT * np.maximum(np.sum(scaled**2, axis=0), 1e-300)
         amount = own.T @ (root[:, None] * y) / np.where(usable, known, 1.0)[:, None]
         n_log = 1 if k == 1 else 3
-        for part, spreads, total in ((slice(0, n_log), SPREAD_LOG, of_log),
-                                     (slice(n_log, None), SPREAD_SHAPE, of_shape)):
+        n_real = (y.shape[1] - n_log) // 2
+        for part, spreads in ((slice(0, n_log), SPREAD_LOG), (slice(n_log, n_log + n_real), SPREAD_SHAPE)):
             value, turn = np.linalg.eigh(covariance[part, part])
             along = amount[:, part] @ turn
             variance = np.maximum(value, 1e-300) / np.where(usable, known, 1.0)[:, None]
-            for row, spread in zip(total, spreads, strict=True):
-                ratio = spread**2 / variance
-                gain = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=1)
-                row += np.where(usable, gain, 0.0)
-    each = logsumexp(of_log, axis=0) - np.log(len(SPREAD_LOG)) + logsumexp(of_shape, axis=0) - np.log(
-        len(SPREAD_SHAPE))
+            ratio = np.array(spreads)[:, None, None] ** 2 / variance
+            each = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=2)
+            total += np.where(usable, logsumexp(each, axis=0) - np.log(len(spreads)), 0.0)
     n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
     prior = np.array([1 / n_step if c.kind == "step" else 1.0 for c in time_profiles])
-    return float(logsumexp(each, b=prior / prior.sum()))
+    return float(logsumexp(total, b=prior / prior.sum()))
 
 
 def log_density(rest: Sequence[np.ndarray], noise: Noise) -> float:

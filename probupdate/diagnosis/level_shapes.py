@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
+from scipy.special import logsumexp
 
 from probupdate.diagnosis.diagnose import POWER
 from probupdate.diagnosis.mode_numbers import Reference
@@ -28,12 +30,15 @@ ASYMMETRY = 0.05
 SPLAY = 0.05
 _SHEARS = np.array([[[0.0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]])
 N_DRAW, ROUNDS, MOST = 4000, 6, 3
+# by what share of what a level moves its channels may move by themselves where the structure is odd, as probable before
+SPREADS = (0.02, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mended:
     """An effect of sensors that explains what is beyond the normal: size with standard deviation, z, by how much the
-    fit betters (half a chi-square), what is left (largest z over the threshold)."""
+    fit betters (half a chi-square), what is left (largest z over the threshold), ln posterior over that of no
+    effect."""
 
     effect: Effect
     size: float
@@ -41,15 +46,18 @@ class Mended:
     z: float
     gain: float
     left: float
+    log_posterior: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LevelAnswer:
-    """found: per effect taken in, its competing hypotheses, best first; `detectable_sizes` per effect (size, share of
-    its signature left, z); threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where
-    nothing does."""
+    """found: per effect taken in, its competing hypotheses, best first; `structure` for each of these the ln posterior
+    of a structure that is neither symmetric nor rigid; `detectable_sizes` per effect (size, share of its signature
+    left, z); threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where nothing
+    does."""
 
     found: tuple[tuple[Mended, ...], ...]
+    structure: tuple[float, ...]
     detectable_sizes: dict[int, tuple[float, float, float]]
     threshold: float
     p_value: float
@@ -211,8 +219,7 @@ class _Test:
 
 
 def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
-    y = _numbers(s.shape)
-    discrepancy_std = np.concatenate([np.repeat([DISCREPANCY_SHAPE, DISCREPANCY_PHASE], x.size) for x in s.shape])
+    y, discrepancy_std = _numbers(s.shape), _discrepancy_std(s)
     U, std = _unknowns(s, tolerated)
     scaled = U * std / discrepancy_std[:, None]
     white = y / discrepancy_std
@@ -225,6 +232,36 @@ def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
     size = np.sqrt(np.maximum(v, 1e-300))
     return _Test(chi2=float(white @ solve(white)), u=VF.T @ white, v=v, raw=np.sum(F**2, axis=0),
                  score_correlation=np.clip(information / np.outer(size, size), -1, 1))
+
+
+def _discrepancy_std(s: Shapes, rows: Sequence[int] = (), spread: float = 0.0) -> np.ndarray:
+    """Of `_numbers`; where the channels `rows` move by themselves, by a share `spread` of the most that one of them
+    moves."""
+    result = []
+    for shape in s.shape:
+        real = np.full(shape.T.shape, DISCREPANCY_SHAPE)
+        if len(rows):
+            moved = np.max(np.abs(shape[list(rows)]), axis=0)
+            real[:, list(rows)] = np.hypot(DISCREPANCY_SHAPE, spread * moved)[:, None]
+        result += [real.ravel(), np.full(shape.size, DISCREPANCY_PHASE)]
+    return np.concatenate(result)
+
+
+def _log_odd_structure(s: Shapes, tolerated) -> float:
+    """ln Bayes factor of a structure that is less symmetric and less rigid than is normal, everywhere or at one level,
+    over one that is not: legs without their brace move by themselves."""
+    y, (U, std) = _numbers(s.shape), _unknowns(s, tolerated)
+
+    def log_density(discrepancy_std: np.ndarray) -> float:
+        scaled, white = U * std / discrepancy_std[:, None], y / discrepancy_std
+        inner = np.linalg.cholesky(np.eye(len(std)) + scaled.T @ scaled)
+        known = linalg.solve_triangular(inner, scaled.T @ white, lower=True)
+        return float(-0.5 * (white @ white - known @ known) - np.sum(np.log(np.diag(inner)))
+                     - np.sum(np.log(discrepancy_std)))
+
+    placed = [[k for k, _ in level] for level in _levels(s.sensors)]
+    each = [log_density(_discrepancy_std(s, rows, spread)) for rows in [sum(placed, []), *placed] for spread in SPREADS]
+    return float(logsumexp(each) - np.log(len(each)) - log_density(_discrepancy_std(s)))
 
 
 def _usable(t: _Test) -> np.ndarray:
@@ -270,16 +307,21 @@ def judge_levels(
                   float(z[k])) for k in range(len(effects))}
     p_value = float((1 + np.sum(maxima >= np.max(np.abs(z), initial=0.0))) / (N_DRAW + 1))
     found: list[tuple[Mended, ...]] = []
+    structure: list[float] = []
     now, left = s, float(np.max(np.abs(z), initial=0.0)) / threshold
     while left > 1 and len(found) < MOST:
         competing, best = _competing(now, tolerated, effects, whole, threshold)
-        if not competing or competing[0].left >= left:
+        # sensors and the structure are as probable before as each other, no change as both
+        odd = _log_odd_structure(now, tolerated) - np.log(2)
+        if not competing or competing[0].left >= left or odd > max(m.log_posterior for m in competing):
             break
         found.append(tuple(competing))
+        structure.append(odd)
         now, left = best, competing[0].left
-    return LevelAnswer(found=() if left > 1 else tuple(found), detectable_sizes=detectable_sizes, threshold=threshold,
-                       p_value=p_value,
-                       unexplained=left if left > 1 else 0.0)
+    if left > 1:
+        found, structure = [], []
+    return LevelAnswer(found=tuple(found), structure=tuple(structure), detectable_sizes=detectable_sizes,
+                       threshold=threshold, p_value=p_value, unexplained=left if left > 1 else 0.0)
 
 
 def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Mended], Shapes]:
@@ -290,6 +332,7 @@ def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[
     order = [int(k) for k in np.argsort(-np.abs(z))[:6] if abs(z[k]) > 0.5 * np.max(np.abs(z))]
     near = {effects[k].location for k in np.argsort(-np.abs(z))[:8]}
     tried = []
+    total = 2 * sum(e.prior_odds("constant") for e in (*effects, *whole))
     for effect in [*(effects[k] for k in order), *(e for e in whole if set(e.location.split(" and ")) <= near)]:
         then, size, std, chi2 = _best_size(now, tolerated, effect)
         if not np.isfinite(chi2) or _backward(then):
@@ -297,9 +340,14 @@ def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[
         left = _test(then, tolerated, effects)
         remaining = np.where(_usable(left), np.abs(left.u) / np.sqrt(np.maximum(left.v, 1e-300)), 0.0)
         gain = 0.5 * (t.chi2 - chi2)
+        posterior = gain + np.log(effect.prior_odds("constant") / total)
+        if not effect.discrete:
+            # the posterior's width times the Cauchy density of the size's prior
+            posterior += np.log(std * np.sqrt(2 / np.pi) / effect.prior_scale)
+            posterior += np.log(2 / len(effect.signs)) - np.log1p((size / effect.prior_scale) ** 2)
         tried.append((Mended(effect=effect, size=size, size_std=std, z=float(np.sqrt(max(2 * gain, 0.0))), gain=gain,
-                             left=float(remaining.max()) / threshold), then))
-    tried.sort(key=lambda r: -r[0].gain)
+                             left=float(remaining.max()) / threshold, log_posterior=float(posterior)), then))
+    tried.sort(key=lambda r: -r[0].log_posterior)
     return [r for r, _ in tried], tried[0][1] if tried else now
 
 

@@ -48,7 +48,7 @@ NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
 # what competes with effects of sensors
-STRUCTURE = "unexplained change of frequencies and shapes"
+STRUCTURE, ODD = "unexplained change of frequencies and shapes", "structure less symmetric or less rigid than is normal"
 # effects that explain nearly as much (share of the best one's) are tried, at most so many
 ALIKE, MOST_TRIED = 0.8, 3
 # column -> (cause, location, check) in the catalogue's words
@@ -100,20 +100,33 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time
     return step_profile(n, int(at[best[-1]])) if np.any(taken) else time_profile
 
 
-def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
-    """By how much the blocks' modes differ from their own mean ones in all (sum of squares)."""
-    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).differences)
+def _apart(blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor]) -> float:
+    """By how much the blocks' modes differ from their own mean ones in all: half a chi-square, of which a block that is
+    far off counts the logarithm, as a reversed channel at one block outweighs all others."""
+    total = 0.0
+    for y, P, w in zip(residuals(look(blocks, sensors), known), followed.noise.precision, followed.noise.weight,
+                       strict=True):
+        total += 0.5 * y.shape[1] * float(np.sum(np.log1p(np.sum((y @ P) * y, axis=1) * w / y.shape[1])))
+    return total
 
 
-def _left_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> float:
-    """What an effect that is there or not leaves of all residuals when it is taken out from one block on."""
-    return _apart(mended(blocks, effect, effect.discrete[0] * step_profile(len(blocks), at).value), sensors)
+def _left_from(
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], effect: Effect, size: float,
+    at: int,
+) -> float:
+    """What an effect of this size leaves of all residuals when it is taken out from one block on."""
+    then = mended(blocks, effect, size * step_profile(len(blocks), at).value)
+    return _apart(then, followed, known, sensors)
 
 
-def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> int:
-    """The block from which it leaves least, by halved steps from one of a coarse grid."""
+def _sharper(
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], effect: Effect, size: float,
+    at: int,
+) -> int:
+    """The block from which it leaves least, by halved steps from one of a coarse grid: beside a strong effect blocks
+    that look elsewhere stand apart, and the series alone does not show on which side of the step they are."""
     n = len(blocks)
-    left = cache(lambda k: _left_from(blocks, sensors, effect, k))
+    left = cache(lambda k: _left_from(blocks, followed, known, sensors, effect, size, k))
     step = -(-(n - 2 * EDGE) // N_STEP)
     while True:
         at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
@@ -259,9 +272,11 @@ def _sensor(
     known: np.ndarray,
     sensors: Sequence[Sensor],
     whole: Sequence[Effect],
+    *,
+    whole_alone: bool,
 ) -> tuple[list[Change], Blocks] | None:
     """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
-    effects that are there or not."""
+    effects that are there or not, the only ones asked first if `whole_alone`."""
     time_profile = _step_of_sensors(blocks, followed, found, time_profiles, known)
     if time_profile is None:
         return None
@@ -277,19 +292,48 @@ def _sensor(
                 seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
                              time_profile=time_profile.value)
                 fit, scores = _explained(seen, known, time_profile, found)
-        tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
-        if not tried:
-            return None
-        row, best = tried[0]
-        probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
-        if best.left > 1:
+        tried = []
+        if number or not whole_alone:
+            tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
+        if tried and not number:
+            first = tried[0][1]
+            at = _sharper(now, followed, known, sensors, first.effect, first.size, time_profile.at)
+            if at != time_profile.at:
+                time_profile = step_profile(len(blocks), at)
+                seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
+                             time_profile=time_profile.value)
+                fit, scores = _explained(seen, known, time_profile, found)
+                tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
+        row, best = tried[0] if tried else (int(np.argmax(fit)), None)
+        probability = {row: 1.0}
+        if best is not None:
+            probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
+        if best is None or best.left > 1:
             other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, seen, fit, once=not number)
-            if other is not None and other.left < best.left:
+            if other is not None and (best is None or other.left < best.left):
                 best, time_profile, probability = other, other.time_profile, {row: 1.0}
+        if best is None:
+            return None
         changes.append(_change_of_sensor(blocks, seen, best, row, float(scores.z[row, 0]), probability))
         now = best.blocks
         if best.left <= 1:
             return changes, now
+    return None
+
+
+def _more_probable_than_the_structure(
+    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray,
+    sensors: Sequence[Sensor], rows: Sequence[Effect], whole: Sequence[Effect],
+) -> tuple[list[Change], Blocks] | None:
+    """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; None where these are
+    more probable. A channel reversed half of the time makes series of which a small gain explains enough."""
+    for whole_alone in (False, True):
+        of_sensors = _sensor(blocks, followed, found, time_profiles, known, sensors, whole, whole_alone=whole_alone)
+        if of_sensors is not None:
+            of_sensors = _beside_the_structure(blocks, of_sensors, (*rows, *whole), sensors, followed, time_profiles,
+                                               known)
+        if of_sensors is not None:
+            return of_sensors
     return None
 
 
@@ -365,8 +409,8 @@ def _mended_one_by_one(
             break
         then, size, std = mend(now, seen, known, sensors, row, time_profile)
         of_frequencies, left = left_at(then, followed, known, sensors, time_profile, found)
-        # what is left of frequencies no sensor does
-        if of_frequencies <= 1:
+        # what is left of frequencies no sensor does, and what ends at a bound is something else
+        if of_frequencies <= 1 and np.isfinite(std):
             tried.append((row,
                           _Mended(effect=seen.effects[row - seen.n_frequency], time_profile=time_profile, size=size,
                                        size_std=std, left=left, blocks=then)))
@@ -437,13 +481,16 @@ def _as_a_whole(
         names = effect.location.split(" and ")
         # pairs are many: those of channels whose gains explain much
         if len(names) == 1 or all(name in strong for name in names):
-            tried += [(_left_from(now, sensors, effect, at), at, effect) for at in grid]
+            tried += [(_left_from(now, followed, known, sensors, effect, effect.discrete[0], at), at, effect)
+                      for at in grid]
     if not tried:
         return None
     least, at, effect = min(tried, key=lambda t: t[:2])
-    if least >= _apart(now, sensors):
+    if least >= _apart(now, followed, known, sensors):
         return None
-    own = step_profile(n, _sharper(now, sensors, effect, at)) if once else time_profile
+    own = time_profile
+    if once:
+        own = step_profile(n, _sharper(now, followed, known, sensors, effect, effect.discrete[0], at))
     then = mended(now, effect, effect.discrete[0] * own.value)
     left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
     return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
@@ -534,10 +581,8 @@ def _taken_out(
     for number in range(1, MOST_CHANGES + 1):
         if not np.max(found.over) > 1:
             break
-        of_sensors = _sensor(blocks, followed, found, time_profiles, known, placed, whole)
-        if of_sensors is not None:
-            of_sensors = _beside_the_structure(blocks, of_sensors, (*rows, *whole), placed, followed, time_profiles,
-                                               known)
+        of_sensors = _more_probable_than_the_structure(blocks, followed, found, time_profiles, known, placed, rows,
+                                                       whole)
         if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
@@ -571,18 +616,20 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
     answer = judge_levels(mean_shapes(look(blocks, placed).mean, blocks.channels, placed), able, whole,
                           false_alarm=false_alarm, seed=seed)
     findings = []
-    for competing in answer.found:
+    for competing, structure in zip(answer.found, answer.structure, strict=True):
         best = competing[0]
-        gain = np.array([r.gain - best.gain for r in competing])
-        probability = np.exp(gain - logsumexp(gain))
-        others = [(r, float(p)) for r, p in zip(competing[1:], probability[1:], strict=True) if p > 1e-3]
+        each = np.array([*(r.log_posterior for r in competing), structure, 0.0])
+        probability = np.exp(each - logsumexp(each))
+        others = [(r, float(p)) for r, p in zip(competing[1:], probability[1:-2], strict=True) if p > 1e-3]
+        beyond = [Alternative(cause=cause, location=place, posterior_probability=float(p)) for cause, place, p in
+                  zip((ODD, CHANCE), ("structure", ""), probability[-2:], strict=True) if p > 1e-3]
         names = " or ".join([best.effect.name, *(r.effect.name for r, _ in others[:3])])
         findings.append(Finding(
             kind=best.effect.kind, cause=best.effect.cause, location=best.effect.location, size=best.size,
             size_std=best.size_std, unit=best.effect.unit, time_profile="constant", time_profile_start="", z=best.z,
             posterior_probability=float(probability[0]),
-            alternatives=tuple(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
-                               for r, p in others),
+            alternatives=(*(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
+                            for r, p in others), *beyond),
             check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))
     detectable_sizes = []
     for k, (size, left, z) in answer.detectable_sizes.items():

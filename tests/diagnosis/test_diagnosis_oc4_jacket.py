@@ -265,3 +265,15 @@ def test_without_a_model_the_jacket_s_tide_at_most_is_named(study, described, mo
     assert (effect.kind, effect.time_profile) == ("axial", "step")
     one = diagnose_without_model(cases.record(described, lowered), sensors)
     assert one.verdict == "unexplained" and not any(f.kind == "measurement" for f in one.findings)
+
+
+def test_without_a_model_what_the_structure_does_is_no_sensor_s(study, described, model):
+    """A bay without most of a brace (a gain of -15 % at 0.993 where only sensors competed), growth along a ramp (two
+    gains and a step of the sampling rate at 1.00)."""
+    sensors, cases = prepare(model).sensors, study.cases
+    for number, kind in ((414, "brace"), (447, "growth")):
+        case = cases.make_case("single", number)
+        assert case.effects[0].kind == kind
+        found = diagnose_without_model(cases.record(described, case), sensors)
+        assert found.verdict != "named", found.findings
+        assert not [f for f in found.findings if f.kind == "measurement" and f.posterior_probability > 0.5]

@@ -12,7 +12,15 @@ import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import main
 from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
-from probupdate.diagnosis.empirical_search import make_contrasts, outliers, score
+from probupdate.diagnosis.empirical_search import (
+    SPREAD_LOG,
+    SPREAD_SHAPE,
+    log_change_of_structure,
+    make_contrasts,
+    outliers,
+    score,
+)
+from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
@@ -216,6 +224,34 @@ def test_scores_are_those_of_plain_generalised_least_squares(validation):
     # noise by differences is right on average; slow errors taken for noise make scores smaller, never larger
     row.error(found.noise.mean() - 1, 0.05, "noise")
     row.between(found.z.std(), 0.85, 1.1, "z")
+
+
+def test_evidence_of_a_change_is_that_of_dense_normal_densities(validation):
+    """Offset with a flat prior, changes of ln f and real parts with their own; blocks of other weight, one missing."""
+    row = validation(what="without a model, ln Bayes factor of a change of the structure along a step, one mode at "
+                          "two channels", reference="dense normal densities, the offset's prior 1e3 of the noise's",
+                     why="a flat offset")
+    rng, n = np.random.default_rng(3), 12
+    covariance = np.diag([2e-3, 4e-3, 3e-3, 5e-3, 5e-3]) ** 2
+    covariance[1, 2] = covariance[2, 1] = 0.4 * 4e-3 * 3e-3
+    weight = np.where(np.arange(n) == 4, 0.0, rng.uniform(0.5, 2, n))
+    step = step_profile(n, 7)
+    y = rng.standard_normal((n, 5)) @ np.linalg.cholesky(covariance).T + step.value[:, None] * [0.004, 0.0, 0.01, 0, 0]
+    noise = Noise(covariance=(covariance,), precision=(np.linalg.inv(covariance),), weight=(weight,))
+    found = log_change_of_structure((y,), noise, np.ones((n, 1)), [step], [1])
+    seen = weight > 0
+
+    def density(spread_log, spread_shape):
+        spread = np.diag([spread_log, spread_shape, spread_shape, 0.0, 0.0]) ** 2
+        one, h = np.ones(seen.sum()), step.value[seen]
+        total = np.kron(np.diag(1 / weight[seen]), covariance) + np.kron(np.outer(one, one), 1e6 * covariance)
+        total = total + np.kron(np.outer(h, h), spread)
+        values = y[seen].ravel()
+        return -0.5 * (values @ np.linalg.solve(total, values) + np.linalg.slogdet(total)[1])
+
+    nothing = density(0, 0)
+    each = [density(a, b) - nothing for a in SPREAD_LOG for b in SPREAD_SHAPE]
+    row.error(found - (np.logaddexp.reduce(each) - np.log(len(each))), below=1e-3)
 
 
 def test_a_slow_error_is_no_step(validation):
