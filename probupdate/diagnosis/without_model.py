@@ -6,7 +6,7 @@ operational conditions explains is *unexplained*, with the modes that moved, by 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -100,33 +100,20 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time
     return step_profile(n, int(at[best[-1]])) if np.any(taken) else time_profile
 
 
-def _apart(blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor]) -> float:
-    """By how much the blocks' modes differ from their own mean ones in all: half a chi-square, of which a block that is
-    far off counts the logarithm, as a reversed channel at one block outweighs all others."""
-    total = 0.0
-    for y, P, w in zip(residuals(look(blocks, sensors), known), followed.noise.precision, followed.noise.weight,
-                       strict=True):
-        total += 0.5 * y.shape[1] * float(np.sum(np.log1p(np.sum((y @ P) * y, axis=1) * w / y.shape[1])))
-    return total
+def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
+    """By how much the blocks' modes differ from their own mean ones in all (sum of squares): in standard deviations one
+    block at which a channel is reversed would outweigh all others."""
+    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).differences)
 
 
-def _left_from(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], effect: Effect, size: float,
-    at: int,
-) -> float:
-    """What an effect of this size leaves of all residuals when it is taken out from one block on."""
-    then = mended(blocks, effect, size * step_profile(len(blocks), at).value)
-    return _apart(then, followed, known, sensors)
+def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
+    """The blocks with an effect of this size taken out from one block on."""
+    return mended(blocks, effect, size * step_profile(len(blocks), at).value)
 
 
-def _sharper(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], effect: Effect, size: float,
-    at: int,
-) -> int:
-    """The block from which it leaves least, by halved steps from one of a coarse grid: beside a strong effect blocks
-    that look elsewhere stand apart, and the series alone does not show on which side of the step they are."""
-    n = len(blocks)
-    left = cache(lambda k: _left_from(blocks, followed, known, sensors, effect, size, k))
+def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
+    """Of n blocks the one from which `left` is least, by halved steps from one of a coarse grid."""
+    left = cache(left)
     step = -(-(n - 2 * EDGE) // N_STEP)
     while True:
         at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
@@ -137,6 +124,22 @@ def _sharper(
     while (best := min((k for k in (at, at - 1, at + 1) if EDGE <= k <= n - EDGE), key=left)) != at:
         at = best
     return at
+
+
+def _sharper_profile(
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], mended_by: _Mended
+) -> TimeProfile:
+    """The step from which an effect of its size leaves least of all residuals, in standard deviations, a block far off
+    counting the logarithm: beside a strong effect blocks that look elsewhere stand apart, and the series alone does not
+    show on which side of the step they are."""
+    noise = followed.noise
+
+    def left(at: int) -> float:
+        rest = residuals(look(_from_block(blocks, mended_by.effect, mended_by.size, at), sensors), known)
+        return sum(y.shape[1] * float(np.sum(np.log1p(np.sum((y @ P) * y, axis=1) * w / y.shape[1])))
+                   for y, P, w in zip(rest, noise.precision, noise.weight, strict=True))
+
+    return step_profile(len(blocks), _sharper(len(blocks), mended_by.time_profile.at, left))
 
 
 def mend(
@@ -296,10 +299,9 @@ def _sensor(
         if number or not whole_alone:
             tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
         if tried and not number:
-            first = tried[0][1]
-            at = _sharper(now, followed, known, sensors, first.effect, first.size, time_profile.at)
-            if at != time_profile.at:
-                time_profile = step_profile(len(blocks), at)
+            sharper = _sharper_profile(now, followed, known, sensors, tried[0][1])
+            if sharper.at != time_profile.at:
+                time_profile = sharper
                 seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
                              time_profile=time_profile.value)
                 fit, scores = _explained(seen, known, time_profile, found)
@@ -481,16 +483,16 @@ def _as_a_whole(
         names = effect.location.split(" and ")
         # pairs are many: those of channels whose gains explain much
         if len(names) == 1 or all(name in strong for name in names):
-            tried += [(_left_from(now, followed, known, sensors, effect, effect.discrete[0], at), at, effect)
-                      for at in grid]
+            tried += [(_apart(_from_block(now, effect, effect.discrete[0], at), sensors), at, effect) for at in grid]
     if not tried:
         return None
     least, at, effect = min(tried, key=lambda t: t[:2])
-    if least >= _apart(now, followed, known, sensors):
+    if least >= _apart(now, sensors):
         return None
     own = time_profile
     if once:
-        own = step_profile(n, _sharper(now, followed, known, sensors, effect, effect.discrete[0], at))
+        own = step_profile(n, _sharper(n, at, lambda k: _apart(_from_block(now, effect, effect.discrete[0], k),
+                                                               sensors)))
     then = mended(now, effect, effect.discrete[0] * own.value)
     left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
     return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
