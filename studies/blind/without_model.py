@@ -1,6 +1,6 @@
 """The diagnosis without a model on hidden effects: false alarms, what is found and named, by kind.
 
-python studies/blind/without_model.py OUT.jsonl [--most N]      goes on where it stopped
+python studies/blind/without_model.py OUT.jsonl [--first K] [--most N]      goes on where it stopped
 python studies/blind/without_model.py OUT.jsonl --table
 """
 
@@ -87,11 +87,11 @@ KINDS = {"gain step": _gain_step, "gain constant, TP": _gain_constant, "clock": 
          "structure step": _structure}
 
 
-def cases():
-    for number in range(N_NULL):
+def cases(first: int):
+    for number in range(first, first + N_NULL):
         yield f"null-{number:02d}", 5000 + number, None, "none", None
     for k, (name, draw) in enumerate(KINDS.items()):
-        for number in range(N_EACH):
+        for number in range(first, first + N_EACH):
             rng = np.random.default_rng([k, number])
             yield f"{name}-{number:02d}", int(rng.integers(2**31)), *draw(rng)
 
@@ -151,13 +151,14 @@ def table(path: Path) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of each kind")
     parser.add_argument("--most", type=int, default=10**6, help="cases to run now")
     parser.add_argument("--table", action="store_true")
     a = parser.parse_args()
     if not a.table:
         done = {json.loads(x)["id"] for x in a.out.read_text().splitlines()} if a.out.is_file() else set()
         with a.out.open("a") as file:
-            for case in [c for c in cases() if c[0] not in done][: a.most]:
+            for case in [c for c in cases(a.first) if c[0] not in done][: a.most]:
                 file.write(json.dumps(run(*case)) + "\n")
                 file.flush()
     print(table(a.out))
