@@ -1,5 +1,5 @@
 """The program's start: a signal is answered in one line while everything else is still being loaded, and not at all
-once the work is done. `python -m probupdate` and the command `probupdate` begin here, before anything imports numpy."""
+once the work is done. `python -m probupdate` and the command `probupdate` begin here."""
 
 import os
 import signal
@@ -13,7 +13,6 @@ INTERRUPTED = 130
 def main() -> int:
     """The exit code of the command line."""
     ready()
-    one_thread()
     from probupdate.cli import main as command_line
 
     code = command_line()
@@ -29,12 +28,6 @@ def ready() -> None:
         # a run in the background is started with Ctrl-C ignored
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
-
-
-def one_thread() -> None:
-    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, and no threads that
-    wait for one another where several processes run. Read when numpy is first imported."""
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

@@ -1,8 +1,9 @@
-"""The process of a command: signals that end it."""
+"""The process of a command: signals that end it, threads of its linear algebra."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -53,3 +54,9 @@ def ended_by_signals() -> Iterator[None]:
         sys.unraisablehook = said_before
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def one_thread() -> None:
+    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, and no threads that
+    wait for one another where several processes run. Read when numpy is first imported."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")

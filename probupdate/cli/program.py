@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from probupdate.cli.parser import build_parser, parsed
-from probupdate.cli.process import ended_by_signals
+from probupdate.cli.process import ended_by_signals, one_thread
 from probupdate.cli.terminal import complain, terminal_progress
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.io.outputs import refuse_overwriting
@@ -90,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     program = "probupdate"
     try:
         with ended_by_signals():
+            one_thread()
             a = parsed(arguments)
             program = f"probupdate {a.verb}"
             # an announcement of another package's next release, once a day and machine; it says nothing of this run

@@ -13,6 +13,7 @@ import errno
 import functools
 import itertools
 import json
+import math
 import os
 import re
 import secrets
@@ -24,11 +25,13 @@ import tomllib
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, BinaryIO
-
-import numpy as np
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from probupdate.errors import InputError, ProbupdateError, parsing
+
+if TYPE_CHECKING:
+    # a command is ready before numpy is loaded, which reads once how many threads it may have
+    import numpy as np
 
 DEEPEST = 64
 LARGEST_TEXT = 512 * 2**20
@@ -126,6 +129,8 @@ def _indented(value: object, depth: int) -> str:
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     """An .npz file of arrays."""
+    import numpy as np
+
     with whole(path) as part, part.open("wb") as stream:
         np.savez(stream, **arrays)
     return Path(path)
@@ -381,6 +386,8 @@ def archive_arrays(path: str | Path, problem: str, remedy: str,
 def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> Iterator[Any]:
     """An .npz file, each array read as it is asked for: no objects, none larger than its member, together at most
     `largest` bytes. What is wrong inside the block is wrong with the file."""
+    import numpy as np
+
     path = input_file(path, remedy)
     # opened here: numpy leaves the file open where it turns out to be no archive
     with parsing(str(path), problem, remedy), path.open("rb") as stream:
@@ -395,6 +402,8 @@ def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGE
 
 def _refuse_bomb(path: Path, stream: IO[bytes], remedy: str, largest: int) -> None:
     """The sizes that heads declare, before anything of that size is asked for."""
+    import numpy as np
+
     with zipfile.ZipFile(stream) as zipped:
         members = zipped.infolist()
         names = [m.filename for m in members]
@@ -452,7 +461,7 @@ def _integer(text: str) -> int:
 
 def _float(text: str) -> float:
     value = float(text)
-    if np.isinf(value) and "inf" not in text:
+    if math.isinf(value) and "inf" not in text:
         raise ValueError(f"number {text[:24]} overflows")
     return value
 

@@ -74,7 +74,8 @@ def test_a_signal_while_the_program_is_being_loaded_is_one_line(number):
     assert ended.returncode == 130 and ended.stderr == "probupdate: interrupted before anything was done\n"
 
 
-def test_linear_algebra_has_one_thread_in_the_program_itself():
+@pytest.mark.parametrize("begun", ["from probupdate.__main__ import main", "from probupdate.cli.program import main"])
+def test_linear_algebra_has_one_thread_in_the_program_itself(begun):
     """They read the environment once, when numpy is first imported."""
     code = ("import sys, os, importlib.abc\nsaid = []\n"
             "class Finder(importlib.abc.MetaPathFinder):\n"
@@ -82,7 +83,7 @@ def test_linear_algebra_has_one_thread_in_the_program_itself():
             "        if name == 'numpy': said.append([os.environ.get(n) for n in NAMES])\n"
             "NAMES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')\n"
             "sys.meta_path.insert(0, Finder())\n"
-            "from probupdate.__main__ import main\nmain()\nassert said == [['1'] * 3], said")
+            f"{begun}\nmain()\nassert said == [['1'] * 3], said")
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     ended = subprocess.run([sys.executable, "-c", code, "modes", "design"], capture_output=True, text=True,
                            env=environment)
