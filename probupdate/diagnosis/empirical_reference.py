@@ -21,7 +21,7 @@ from probupdate.runtime.arrays import frozen_array
 # nacelle angles are counted to sectors of this width where a sensor effect's signature is needed
 SECTOR_DEG = 15.0
 # harmonics of the nacelle's angle are kept where they move by this share of the strongest; blocks asked for each
-TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 6
+TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 3
 # cosine from which two levels are said to move alike
 AGREEING = 0.97
 

@@ -313,7 +313,11 @@ def judge_levels(
         competing, best = _competing(now, tolerated, effects, whole, threshold)
         # sensors and the structure are as probable before as each other, no change as both
         odd = _log_odd_structure(now, tolerated) - np.log(2)
-        if not competing or competing[0].left >= left or odd > max(m.log_posterior for m in competing):
+        if not competing or competing[0].left >= left:
+            break
+        if max(odd, 0.0) > max(m.log_posterior for m in competing):
+            # beyond the threshold, but so are the most of so many by chance
+            left = left if odd > 0 else 0.0
             break
         found.append(tuple(competing))
         structure.append(odd)

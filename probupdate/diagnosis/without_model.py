@@ -327,8 +327,9 @@ def _more_probable_than_the_structure(
     blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray,
     sensors: Sequence[Sensor], rows: Sequence[Effect], whole: Sequence[Effect],
 ) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; None where these are
-    more probable. A channel reversed half of the time makes series of which a small gain explains enough."""
+    """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; none where chance is
+    more probable, None where the structure is. A channel reversed half of the time makes series of which a small gain
+    explains enough."""
     for whole_alone in (False, True):
         of_sensors = _sensor(blocks, followed, found, time_profiles, known, sensors, whole, whole_alone=whole_alone)
         if of_sensors is not None:
@@ -344,7 +345,7 @@ def _beside_the_structure(
     followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray,
 ) -> tuple[list[Change], Blocks] | None:
     """The same with what the structure and chance leave of their probability: three small effects of sensors mend much
-    of what a change of the structure does. None where that change is the more probable."""
+    of what a change of the structure does. None where that change is the more probable, nothing where chance is."""
     changes, now = of_sensors
     empirical = look(now, sensors)
     rest = residuals(empirical, known)
@@ -368,8 +369,8 @@ def _beside_the_structure(
     # sensors and the structure are as probable before as each other, no change as both
     each = np.array([own, structure, np.log(2)])
     share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
-    if share < of_structure:
-        return None
+    if share < max(of_structure, chance):
+        return None if of_structure > chance else ([], blocks)
     others = [Alternative(cause=cause, location=place, posterior_probability=probability) for cause, place, probability
               in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
     return [c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
@@ -585,11 +586,16 @@ def _taken_out(
             break
         of_sensors = _more_probable_than_the_structure(blocks, followed, found, time_profiles, known, placed, rows,
                                                        whole)
-        if of_sensors is not None:
+        of_frequencies = np.max(found.over[followed.classes[0]]) > 1
+        if of_sensors is not None and not of_sensors[0] and not of_frequencies:
+            # nothing more but what chance would make as well
+            progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
+            return changes, blocks, *first, False
+        if of_sensors is not None and of_sensors[0]:
             changes += of_sensors[0]
             blocks = of_sensors[1]
         else:
-            if np.max(found.over[followed.classes[0]]) > 1:
+            if of_frequencies:
                 change = _condition(followed, found, time_profiles)
             else:
                 _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
