@@ -13,11 +13,13 @@ from scipy import signal
 import probupdate
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.checking import check
+from probupdate.campaign.findings import channel_findings
 from probupdate.campaign.gain_steps import gain_steps, parts_of_block
 from probupdate.campaign.heading import Sway, block_sway, heading_findings, heading_offset
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, natural_groups, rigid_candidates, wrong_gains
 from probupdate.campaign.rotor_lines import line_scores, rotor_lines_against_scada
+from probupdate.campaign.samples import channel_table
 from probupdate.modal.modes import Sensor
 from probupdate.virtual.simulation import simulate
 
@@ -173,6 +175,22 @@ def test_parts_come_from_positions():
     deck = [Sensor(channel=str(k), level="", position_m=[10.0 * (k // 2), 3.0 * (k % 2), 0], direction=[0, 0, 1])
             for k in range(8)]
     assert rigid_candidates(deck) == [tuple(range(8)), (0, 1), (2, 3), (4, 5), (6, 7)]
+
+
+def test_channels_are_compared_with_those_at_their_height():
+    """A tower's six heights under one name move from 1 to 50; at one height a channel that moves ten times as much as
+    the two beside it is suspect, whatever their levels are called."""
+    tower = [Sensor(channel=f"T{k}", level="tower", position_m=[0, 0, 15.0 * k], direction=[1, 0, 0]) for k in range(6)]
+    deck = [Sensor(channel=f"D{k}", level=f"leg {k}", position_m=[10.0 * k, 0, -20.0], direction=[1, 0, 0])
+            for k in range(3)]
+    size = np.array([1, 2, 4, 10, 25, 50, 10, 1, 1.2])
+    data = np.random.default_rng(2).standard_normal((5000, len(size))) * size
+    block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=10.0, data=data,
+                  missing=np.zeros(len(size)), repaired=np.zeros(len(size), int))
+    sensors = [*tower, *deck]
+    table = channel_table(block, tuple(s.channel for s in sensors)).assign(id="one")
+    found = [sentence for sentence in channel_findings(table, sensors) if "beside it" in sentence]
+    assert len(found) == 1 and found[0].startswith("suspect: D0 moves")
 
 
 def test_a_logger_s_common_gain_is_found_on_a_rigid_part_and_nothing_on_one_that_bends(validation):
