@@ -72,8 +72,8 @@ def rigid_candidates(
 
 
 def levelled(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
-    """The same with levels named by the sensors' heights: those without a gap between them are one. The
-    names that a campaign gives them group channels in reports, and may stand for a whole tower."""
+    """The same with levels named by the sensors' heights: those without a gap between them are one. The names that a
+    campaign gives them group channels in reports, and may stand for a whole tower."""
     of: dict[int, str] = {}
     for members in rigid_candidates(sensors, axes=(2,), alone=True) if sensors else ():
         height = float(np.mean([sensors[i].position_m[2] for i in members]))

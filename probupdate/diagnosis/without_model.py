@@ -353,8 +353,8 @@ def _beside_the_structure(
     before = residuals(look(blocks, sensors), known)
     nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
     structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
-    of_name = {(e.cause, e.location): e for e in catalogue if "step" in e.time_profiles}
-    total = sum(e.prior_odds("step") for e in of_name.values())
+    of_name = {(e.cause, e.location): e for e in catalogue}
+    total = sum(e.prior_odds("step") for e in catalogue)
     findings = [c.finding for c in changes if c.finding is not None]
     own = log_density(rest, noise) - log_density(before, noise)
     own -= np.log(max(sum(c.kind == "step" for c in time_profiles), 1))
