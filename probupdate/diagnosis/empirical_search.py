@@ -222,9 +222,9 @@ def log_change_of_structure(
     sizes: Sequence[int],
 ) -> float:
     """ln Bayes factor of a change of the structure along one of the time profiles over none: frequencies and real parts
-    of shapes move each by itself, by normal amounts, of residuals `rest` per group (n_block, n_response). Times of a
-    step share one prior. sizes: modes of each group."""
-    h = np.array([c.value for c in time_profiles])
+    of shapes move each by itself, by normal amounts over the profile's range, of residuals `rest` per group (n_block,
+    n_response). Times of a step share one prior. sizes: modes of each group."""
+    h = np.array([c.value / max(float(np.ptp(c.value)), 1e-300) for c in time_profiles])
     total = np.zeros(len(h))
     for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
         root = np.sqrt(weight)

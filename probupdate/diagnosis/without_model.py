@@ -223,6 +223,16 @@ def _cause(name: str) -> tuple[str, str, str]:
     return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
 
 
+def _by_chance(
+    blocks: Blocks, followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray
+) -> bool:
+    """Whether no change is more probable than any change of frequencies and shapes, at the scatter that all numbers
+    together say a block has: of so many series of a few blocks one scatters little by chance, and its z is large."""
+    nuisance = np.column_stack([np.ones(len(blocks)), followed.empirical.turning, known])
+    return log_change_of_structure(residuals(followed.empirical, known), followed.noise, nuisance, time_profiles,
+                                   [len(g) for g in blocks.groups]) < np.log(2)
+
+
 def _condition(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile]) -> Change:
     """What the frequencies go with."""
     rows = followed.classes[0]
@@ -587,7 +597,7 @@ def _taken_out(
         of_sensors = _more_probable_than_the_structure(blocks, followed, found, time_profiles, known, placed, rows,
                                                        whole)
         of_frequencies = np.max(found.over[followed.classes[0]]) > 1
-        if of_sensors is not None and not of_sensors[0] and not of_frequencies:
+        if (of_sensors is None or not of_sensors[0]) and _by_chance(blocks, followed, time_profiles, known):
             # nothing more but what chance would make as well
             progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
             return changes, blocks, *first, False
