@@ -12,6 +12,7 @@ from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, about, design_w
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.effects.catalogue import Effect
 
 # errors of signatures that are as probable before
 ERROR_SCALES = (0.2, 0.5, 1.0, 2.0)
@@ -82,6 +83,15 @@ def log_size_prior(included: Sequence[IncludedEffect]) -> float:
     on one side only has all of its prior there."""
     free = [n for n in included if not n.effect.discrete]
     return float(sum(n.log_prior_ratio + np.log(2 / len(n.effect.signs)) for n in free))
+
+
+def log_weight_of_size(effect: Effect, size: float, size_std: float) -> float:
+    """ln of what of the size's prior, the Cauchy density of `IncludedEffect`, a posterior of this width holds; zero for
+    an effect of one size."""
+    if effect.discrete:
+        return 0.0
+    density = 2 / (len(effect.signs) * np.pi * effect.prior_scale * (1 + (size / effect.prior_scale) ** 2))
+    return float(np.log(np.sqrt(2 * np.pi) * size_std * density))
 
 
 def marginal_evidence(

@@ -15,6 +15,7 @@ from scipy import linalg
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.diagnose import POWER
+from probupdate.diagnosis.evidence import log_weight_of_size
 from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DISCREPANCY_SHAPE
 from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
@@ -344,11 +345,7 @@ def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[
         left = _test(then, tolerated, effects)
         remaining = np.where(_usable(left), np.abs(left.u) / np.sqrt(np.maximum(left.v, 1e-300)), 0.0)
         gain = 0.5 * (t.chi2 - chi2)
-        posterior = gain + np.log(effect.prior_odds("constant") / total)
-        if not effect.discrete:
-            # the posterior's width times the Cauchy density of the size's prior
-            posterior += np.log(std * np.sqrt(2 / np.pi) / effect.prior_scale)
-            posterior += np.log(2 / len(effect.signs)) - np.log1p((size / effect.prior_scale) ** 2)
+        posterior = gain + np.log(effect.prior_odds("constant") / total) + log_weight_of_size(effect, size, std)
         tried.append((Mended(effect=effect, size=size, size_std=std, z=float(np.sqrt(max(2 * gain, 0.0))), gain=gain,
                              left=float(remaining.max()) / threshold, log_posterior=float(posterior)), then))
     tried.sort(key=lambda r: -r[0].log_posterior)

@@ -6,9 +6,8 @@ operational conditions explains is *unexplained*, with the modes that moved, by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,20 +15,16 @@ from scipy.special import logsumexp
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.diagnose import CHANCE, POWER, SURE, verdict_of
-from probupdate.diagnosis.empirical_reference import look, mended, own_noise, residuals
+from probupdate.diagnosis.empirical_reference import look, residuals
 from probupdate.diagnosis.empirical_search import (
     ALL,
     FALSE_ALARM,
-    LEFT,
     MEAN,
     Followed,
     Found,
     Scores,
     allowed_profiles,
     log_change_of_structure,
-    log_density,
-    make_contrasts,
-    score,
     search,
     watch,
 )
@@ -37,7 +32,8 @@ from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
 from probupdate.diagnosis.search import FALSE_NEXT
-from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, make_time_profiles, step_profile
+from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
+from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
@@ -45,12 +41,10 @@ from probupdate.runtime.progress import Progress, silent
 
 # false alarms of a search that follows a change, over the first one's, as with a model
 NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
-# changes taken out one after the other; effects of sensors at one time
-MOST_CHANGES, MOST_AT_ONCE = 6, 3
-# what competes with effects of sensors
-STRUCTURE, ODD = "unexplained change of frequencies and shapes", "structure less symmetric or less rigid than is normal"
-# effects that explain nearly as much (share of the best one's) are tried, at most so many
-ALIKE, MOST_TRIED = 0.8, 3
+# changes taken out one after the other
+MOST_CHANGES = 6
+# what competes with constant effects of sensors
+ODD = "structure less symmetric or less rigid than is normal"
 # column -> (cause, location, check) in the catalogue's words
 CAUSES = {
     "water_level_m": ("wetted length", "all members", "tide gauge against the second bending"),
@@ -64,117 +58,6 @@ CAUSES = {
 # numbers of the environment that describe the block or the operation, not the environmental and operational conditions
 NOT_CONDITIONS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
                   "yaw_", "n_", "sampling_")
-
-
-# What a change is ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Change:
-    """One thing that changes along the record: its finding (None: no cause is known without a model), the time profile,
-    and the numbers of the frequencies that went with it. What stays within a sensor's tolerance is no finding."""
-
-    finding: Finding | None
-    time_profile: TimeProfile
-    moved: tuple[dict, ...]
-    within_tolerance: bool = False
-
-
-def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time_profile: TimeProfile) -> TimeProfile:
-    """The step's block found among all, by least squares: scores do not serve, as each time profile has a noise of its
-    own, which a step at a wrong place may make small."""
-    if time_profile.kind != "step":
-        return time_profile
-    n = len(blocks)
-    at = np.arange(EDGE, n - EDGE + 1)
-    root = np.sqrt(followed.weight[row])
-    nuisance = root[:, None] * np.column_stack([np.ones(n), followed.empirical.turning, known])
-    both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
-    rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
-    own = np.sum(rest[:, 1:] ** 2, axis=0)
-    # what offset and turning explain nearly is no step that could be found
-    usable = own > LEFT * np.sum((both - root[:, None] * (root @ both / (root @ root)))[:, 1:] ** 2, axis=0)
-    taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
-    # of times between which the series is not measured the last: the first block that shows it
-    best = np.flatnonzero(taken > (1 - 1e-9) * taken.max())
-    return step_profile(n, int(at[best[-1]])) if np.any(taken) else time_profile
-
-
-def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
-    """By how much the blocks' modes differ from their own mean ones in all (sum of squares): in standard deviations one
-    block at which a channel is reversed would outweigh all others."""
-    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).differences)
-
-
-def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
-    """The blocks with an effect of this size taken out from one block on."""
-    return mended(blocks, effect, size * step_profile(len(blocks), at).value)
-
-
-def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
-    """Of n blocks the one from which `left` is least, by halved steps from one of a coarse grid."""
-    left = cache(left)
-    step = -(-(n - 2 * EDGE) // N_STEP)
-    while True:
-        at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
-        if step == 1:
-            break
-        step = -(-step // 2)
-    # the last step once more, as long as it leads on
-    while (best := min((k for k in (at, at - 1, at + 1) if EDGE <= k <= n - EDGE), key=left)) != at:
-        at = best
-    return at
-
-
-def _sharper_profile(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], mended_by: _Mended
-) -> TimeProfile:
-    """The step from which an effect of its size leaves least of all residuals, in standard deviations, a block far off
-    counting the logarithm: beside a strong effect blocks that look elsewhere stand apart, and the series alone does not
-    show on which side of the step they are."""
-    noise = followed.noise
-
-    def left(at: int) -> float:
-        rest = residuals(look(_from_block(blocks, mended_by.effect, mended_by.size, at), sensors), known)
-        return sum(y.shape[1] * float(np.sum(np.log1p(np.sum((y @ P) * y, axis=1) * w / y.shape[1])))
-                   for y, P, w in zip(rest, noise.precision, noise.weight, strict=True))
-
-    return step_profile(len(blocks), _sharper(len(blocks), mended_by.time_profile.at, left))
-
-
-def mend(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int,
-         time_profile: TimeProfile
-) -> tuple[Blocks, float, float]:
-    """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
-    the size is right when nothing of it is left."""
-    effect = followed.effects[row - followed.n_frequency]
-    n = len(blocks)
-    nuisance = np.column_stack([np.ones(n), followed.empirical.turning, known])
-    size, std, now, seen = 0.0, np.inf, blocks, followed
-    for _ in range(6):
-        contrasts = make_contrasts(seen.weight[[row]], nuisance, [time_profile], blocks.hours)
-        left = score(contrasts, seen.series[[row]], [[0]])
-        more, std = float(left.size[0, 0]), float(left.size_std[0, 0])
-        size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
-        now = mended(blocks, effect, size * time_profile.value)
-        if abs(more) < 0.1 * std:
-            break
-        seen, row = watch(now, (effect,), sensors, known, stated=followed.stated), followed.n_frequency
-    return now, size, std
-
-
-def left_at(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-            found: Found
-) -> tuple[float, float]:
-    """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
-    sensors."""
-    seen = watch(blocks, followed.effects, sensors, known, stated=followed.stated)
-    nuisance = np.column_stack([np.ones(len(blocks)), seen.empirical.turning, known])
-    scores = score(make_contrasts(seen.weight, nuisance, [time_profile], blocks.hours), seen.series, seen.pools)
-    over = np.abs(scores.z[:, 0]) / found.threshold
-    return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
 
 
 def moved_frequencies(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
@@ -264,251 +147,6 @@ def _condition(followed: Followed, found: Found, time_profiles: Sequence[TimePro
     return Change(finding=finding, time_profile=time_profile, moved=moved)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Mended:
-    """An effect of sensors taken out along a time profile: its size and standard deviation, the largest score that is
-    left there over its threshold, the blocks without it."""
-
-    effect: Effect
-    time_profile: TimeProfile
-    size: float
-    size_std: float
-    left: float
-    blocks: Blocks
-
-
-def _sensor(
-    blocks: Blocks,
-    followed: Followed,
-    found: Found,
-    time_profiles: Sequence[TimeProfile],
-    known: np.ndarray,
-    sensors: Sequence[Sensor],
-    whole: Sequence[Effect],
-    *,
-    whole_alone: bool,
-) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
-    effects that are there or not, the only ones asked first if `whole_alone`."""
-    time_profile = _step_of_sensors(blocks, followed, found, time_profiles, known)
-    if time_profile is None:
-        return None
-    changes, now = [], blocks
-    for number in range(MOST_AT_ONCE):
-        seen = watch(now, followed.effects, sensors, known, stated=followed.stated, time_profile=time_profile.value)
-        fit, scores = _explained(seen, known, time_profile, found)
-        if not number:
-            # by what was before the step, its time is estimated better
-            finer = _finer(now, seen, known, int(np.argmax(fit)), time_profile)
-            if finer.at != time_profile.at:
-                time_profile = finer
-                seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
-                             time_profile=time_profile.value)
-                fit, scores = _explained(seen, known, time_profile, found)
-        tried = []
-        if number or not whole_alone:
-            tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
-        if tried and not number:
-            sharper = _sharper_profile(now, followed, known, sensors, tried[0][1])
-            if sharper.at != time_profile.at:
-                time_profile = sharper
-                seen = watch(now, followed.effects, sensors, known, stated=followed.stated,
-                             time_profile=time_profile.value)
-                fit, scores = _explained(seen, known, time_profile, found)
-                tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
-        row, best = tried[0] if tried else (int(np.argmax(fit)), None)
-        probability = {row: 1.0}
-        if best is not None:
-            probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
-        if best is None or best.left > 1:
-            other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, seen, fit, once=not number)
-            if other is not None and (best is None or other.left < best.left):
-                best, time_profile, probability = other, other.time_profile, {row: 1.0}
-        if best is None:
-            return None
-        changes.append(_change_of_sensor(blocks, seen, best, row, float(scores.z[row, 0]), probability))
-        now = best.blocks
-        if best.left <= 1:
-            return changes, now
-    return None
-
-
-def _more_probable_than_the_structure(
-    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray,
-    sensors: Sequence[Sensor], rows: Sequence[Effect], whole: Sequence[Effect],
-) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; none where chance is
-    more probable, None where the structure is. A channel reversed half of the time makes series of which a small gain
-    explains enough."""
-    for whole_alone in (False, True):
-        of_sensors = _sensor(blocks, followed, found, time_profiles, known, sensors, whole, whole_alone=whole_alone)
-        if of_sensors is not None:
-            of_sensors = _beside_the_structure(blocks, of_sensors, (*rows, *whole), sensors, followed, time_profiles,
-                                               known)
-        if of_sensors is not None:
-            return of_sensors
-    return None
-
-
-def _beside_the_structure(
-    blocks: Blocks, of_sensors: tuple[list[Change], Blocks], catalogue: Sequence[Effect], sensors: Sequence[Sensor],
-    followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray,
-) -> tuple[list[Change], Blocks] | None:
-    """The same with what the structure and chance leave of their probability: three small effects of sensors mend much
-    of what a change of the structure does. None where that change is the more probable, nothing where chance is."""
-    changes, now = of_sensors
-    empirical = look(now, sensors)
-    rest = residuals(empirical, known)
-    noise = own_noise(now, empirical, rest, followed.stated)
-    before = residuals(look(blocks, sensors), known)
-    nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
-    structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
-    of_name = {(e.cause, e.location): e for e in catalogue}
-    total = sum(e.prior_odds("step") for e in catalogue)
-    findings = [c.finding for c in changes if c.finding is not None]
-    own = log_density(rest, noise) - log_density(before, noise)
-    own -= np.log(max(sum(c.kind == "step" for c in time_profiles), 1))
-    for f in findings:
-        effect = of_name[f.cause, f.location]
-        own += np.log(effect.prior_odds("step") / total)
-        if not effect.discrete:
-            # the posterior's width times the Cauchy density of the size's prior
-            ratio = f.size / effect.prior_scale
-            own += np.log(f.size_std * np.sqrt(2 / np.pi) / effect.prior_scale) - np.log1p(ratio**2)
-            own += np.log(2 / len(effect.signs))
-    # sensors and the structure are as probable before as each other, no change as both
-    each = np.array([own, structure, np.log(2)])
-    share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
-    if share < max(of_structure, chance):
-        return None if of_structure > chance else ([], blocks)
-    others = [Alternative(cause=cause, location=place, posterior_probability=probability) for cause, place, probability
-              in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
-    return [c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
-            for c in changes], now
-
-
-def _less_probable(finding: Finding, share: float, others: Sequence[Alternative]) -> Finding:
-    """With alternatives to all that it was compared with, which leave it so large a share."""
-    known = [replace(a, posterior_probability=share * a.posterior_probability) for a in finding.alternatives]
-    return replace(finding, posterior_probability=share * finding.posterior_probability,
-                   alternatives=(*known, *others))
-
-
-def _step_of_sensors(
-    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
-) -> TimeProfile | None:
-    """The time profile along which effects of sensors are looked for: the step of the largest score, or where that is
-    one of frequencies, of the largest of sensors along it; None where there is none."""
-    row, best = map(int, np.unravel_index(int(np.argmax(found.over)), found.over.shape))
-    if row < followed.n_frequency:
-        rows = followed.classes[1]
-        if not rows or not np.max(found.over[rows][:, best]) > 1:
-            return None
-        row = rows[int(np.argmax(found.over[rows][:, best]))]
-    time_profile = _finer(blocks, followed, known, row, time_profiles[best])
-    return time_profile if time_profile.kind == "step" else None
-
-
-def _mended_one_by_one(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-                       found: Found,
-    seen: Followed, fit: np.ndarray,
-) -> list[tuple[int, _Mended]]:
-    """The effects that explain nearly as much as the best one (`fit`, as `_explained`) with the number of their series,
-    those first that leave least; none of them leaves anything of the frequencies."""
-    tried: list[tuple[int, _Mended]] = []
-    for row in map(int, np.argsort(-fit)[:MOST_TRIED]):
-        if fit[row] <= ALIKE * fit.max() or (tried and tried[0][1].left <= 1):
-            break
-        then, size, std = mend(now, seen, known, sensors, row, time_profile)
-        of_frequencies, left = left_at(then, followed, known, sensors, time_profile, found)
-        # what is left of frequencies no sensor does, and what ends at a bound is something else
-        if of_frequencies <= 1 and np.isfinite(std):
-            tried.append((row,
-                          _Mended(effect=seen.effects[row - seen.n_frequency], time_profile=time_profile, size=size,
-                                       size_std=std, left=left, blocks=then)))
-            tried.sort(key=lambda t: t[1].left)
-    return tried
-
-
-def _probability_of_series(
-    seen: Followed, fit: np.ndarray, scores: Scores, row: int, mended_worse: Sequence[int]
-) -> dict[int, float]:
-    """How probable it is that each series of sensors, but for those that were found to mend less, is what `row` shows,
-    all at the scatter that is usual for sensors."""
-    usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
-    competing = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in mended_worse]
-    gain = (fit[competing] - fit[row]) / usual
-    return {k: float(p) for k, p in zip(competing, np.exp(gain - logsumexp(gain)), strict=True)}
-
-
-def _change_of_sensor(
-    blocks: Blocks, seen: Followed, mended_by: _Mended, row: int, z: float, probability: Mapping[int, float]
-) -> Change:
-    """The change with its finding; `probability` of each series, `row` the one that was taken out."""
-    effect, time_profile = mended_by.effect, mended_by.time_profile
-    others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
-    finding = Finding(
-        kind=effect.kind, cause=effect.cause, location=effect.location, size=mended_by.size,
-        size_std=mended_by.size_std, unit=effect.unit, time_profile=time_profile.name,
-                      time_profile_start=blocks.ids[time_profile.at], z=z,
-        posterior_probability=probability[row],
-        alternatives=tuple(Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k])
-                           for k in others for e in [seen.effects[k - seen.n_frequency]]),
-        check=effect.check)
-    return Change(finding=finding, time_profile=time_profile, moved=(),
-                  within_tolerance=abs(mended_by.size) <= effect.tolerance)
-
-
-def _explained(seen: Followed, known: np.ndarray, time_profile: TimeProfile, found: Found) -> tuple[np.ndarray, Scores]:
-    """(n_series,) by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
-    was estimated for a block: that of the series itself counts what other effects do to it. Zero for those whose own
-    score is not beyond chance where others' are."""
-    nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.empirical.turning, known])
-    contrasts = make_contrasts(seen.weight, nuisance, [time_profile], seen.blocks.hours)
-    scores = score(contrasts, seen.series, seen.pools)
-    can = allowed_profiles(seen, [time_profile])[:, 0] & contrasts.usable[:, 0]
-    can[: seen.n_frequency] = False
-    for k in np.flatnonzero(can):
-        effect = seen.effects[k - seen.n_frequency]
-        can[k] = effect.lower < 0 if scores.size[k, 0] < 0 else effect.upper > 0
-    strong = can & (np.abs(scores.z[:, 0]) > found.threshold)
-    can = strong if strong.any() else can
-    variance = np.where(can, contrasts.white_var[:, 0], 1.0)
-    return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
-
-
-def _as_a_whole(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-                found: Found,
-    whole: Sequence[Effect], seen: Followed, fit: np.ndarray, *, once: bool,
-) -> _Mended | None:
-    """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
-    where nothing else was taken out along it (`once`)."""
-    strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
-              if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
-    n, tried = len(now), []
-    # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
-    grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}
-    for effect in whole:
-        names = effect.location.split(" and ")
-        # pairs are many: those of channels whose gains explain much
-        if len(names) == 1 or all(name in strong for name in names):
-            tried += [(_apart(_from_block(now, effect, effect.discrete[0], at), sensors), at, effect) for at in grid]
-    if not tried:
-        return None
-    least, at, effect = min(tried, key=lambda t: t[:2])
-    if least >= _apart(now, sensors):
-        return None
-    own = time_profile
-    if once:
-        own = step_profile(n, _sharper(n, at, lambda k: _apart(_from_block(now, effect, effect.discrete[0], k),
-                                                               sensors)))
-    then = mended(now, effect, effect.discrete[0] * own.value)
-    left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
-    return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
-
-
 def condition_columns(blocks: Blocks) -> tuple[str, ...]:
     """Columns of the environment that may move frequencies: the known ones, and a user's own."""
     names = dict.fromkeys(k for e in blocks.environment for k, v in e.items()
@@ -594,8 +232,7 @@ def _taken_out(
     for number in range(1, MOST_CHANGES + 1):
         if not np.max(found.over) > 1:
             break
-        of_sensors = _more_probable_than_the_structure(blocks, followed, found, time_profiles, known, placed, rows,
-                                                       whole)
+        of_sensors = changes_of_sensors(blocks, followed, found, time_profiles, known, placed, rows, whole)
         of_frequencies = np.max(found.over[followed.classes[0]]) > 1
         if (of_sensors is None or not of_sensors[0]) and _by_chance(blocks, followed, time_profiles, known):
             # nothing more but what chance would make as well
