@@ -37,6 +37,9 @@ MOST_ANGLES = 8
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
 # their length, nine of ten less than 13 % (studies/blind/signatures.py)
 MODEL_ERROR_SCALE = 0.1
+# of what an effect does along a column, what it may do along a parabola at the column's end, and along another column
+# that it may follow: a root, an exponential and a square of the column have 0.25 to 0.5
+DRIVER_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,7 +83,7 @@ def design_without_candidates(
 ) -> Design:
     """`design_at` for all but scores: of the catalogue it has the tolerances and the effects that are included. With
     the design of a point nearby (`before`), only the signatures of the updated parameters are computed anew."""
-    scattering = (j for j, _, _ in _members_scatter(problem, included))
+    scattering = (j for j, _, _ in _scatter(problem, included))
     needed = sorted({_number(problem, n) for n in included}.union(scattering))
     return _design(problem, theta, included, noise, needed, before)
 
@@ -98,7 +101,7 @@ def _design(
     nuisance, effect = _nuisance_and_effects(problem, theta, exact, bins, catalogue, known)
     prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
     column = {j: k for k, j in enumerate(catalogue)}
-    scatter = [(column[j], profile, std) for j, profile, std in _members_scatter(problem, included)]
+    scatter = [(column[j], profile, std) for j, profile, std in _scatter(problem, included)]
     # whole arrays of their own: products of parts of larger ones differ in the last digit from those of copies, which
     # other processes have
     nuisance, effect = (tuple(map(np.ascontiguousarray, parts)) for parts in (nuisance, effect))
@@ -160,6 +163,39 @@ def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Desi
     prints = _signatures_of_bins(problem, fitted.theta, exact, bins, more, names)
     effect = tuple(np.concatenate(both, axis=2) for both in zip(fitted.design.effect, prints, strict=True))
     return replace(fitted.design, effect=effect, time_profiles=problem.time_profiles, which=problem.which)
+
+
+def _scatter(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
+) -> tuple[tuple[int, TimeProfile, float], ...]:
+    """What is like included effects and no effect of its own, as (number of its row, time profile, standard
+    deviation)."""
+    return (*_members_scatter(problem, included), *_drivers_scatter(problem, included))
+
+
+def _drivers_scatter(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
+) -> tuple[tuple[int, TimeProfile, float], ...]:
+    """What an effect along a ramp or a column does besides: the column stands for what drives the effect, whose law is
+    not known to be a straight line (a parabola's share), and which another column that the effect may follow shows in
+    part: soil softens with its own strains, of which the vibration's amplitude and the waves' height are two
+    accounts."""
+    result = []
+    for n in included:
+        if n.exact:
+            continue
+        v = n.time_profile.value - np.mean(n.time_profile.value)
+        own, reach = float(np.std(v)), float(np.max(np.abs(v)))
+        if own == 0.0:
+            continue
+        others = [c.value * own / np.std(c.value) for c in problem.time_profiles if c.kind == "covariate"
+                  and c.name in n.effect.time_profiles and c.name != n.time_profile.name and np.ptp(c.value) > 0]
+        straight = np.linalg.qr(np.column_stack([np.ones(len(v)), v]))[0]
+        for course in (v**2 / reach, *others):
+            bent = course - straight @ (straight.T @ course)
+            result.append((_number(problem, n), replace(n.time_profile, value=frozen_array(bent)),
+                           DRIVER_SHARE * abs(n.size)))
+    return tuple(result)
 
 
 def _members_scatter(
