@@ -170,32 +170,27 @@ def _scatter(
 ) -> tuple[tuple[int, TimeProfile, float], ...]:
     """What is like included effects and no effect of its own, as (number of its row, time profile, standard
     deviation)."""
-    return (*_members_scatter(problem, included), *_drivers_scatter(problem, included))
+    return (
+        *_members_scatter(problem, included),
+        *((_number(problem, n), course, DRIVER_SHARE * abs(n.size))
+          for n in included for course in driver_courses(problem, n)),
+    )
 
 
-def _drivers_scatter(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
-) -> tuple[tuple[int, TimeProfile, float], ...]:
-    """What an effect along a ramp or a column does besides: the column stands for what drives the effect, whose law is
-    not known to be a straight line (a parabola's share), and which another column that the effect may follow shows in
-    part: soil softens with its own strains, of which the vibration's amplitude and the waves' height are two
-    accounts."""
-    result = []
-    for n in included:
-        if n.exact:
-            continue
-        v = n.time_profile.value - np.mean(n.time_profile.value)
-        own, reach = float(np.std(v)), float(np.max(np.abs(v)))
-        if own == 0.0:
-            continue
-        others = [c.value * own / np.std(c.value) for c in problem.time_profiles if c.kind == "covariate"
-                  and c.name in n.effect.time_profiles and c.name != n.time_profile.name and np.ptp(c.value) > 0]
-        straight = np.linalg.qr(np.column_stack([np.ones(len(v)), v]))[0]
-        for course in (v**2 / reach, *others):
-            bent = course - straight @ (straight.T @ course)
-            result.append((_number(problem, n), replace(n.time_profile, value=frozen_array(bent)),
-                           DRIVER_SHARE * abs(n.size)))
-    return tuple(result)
+def driver_courses(problem: DiagnosisProblem, included: IncludedEffect) -> tuple[TimeProfile, ...]:
+    """What an effect along a ramp or a column may follow besides, less its own course: the column stands for what drives
+    the effect, whose law is not known to be a straight line (a parabola), and which another column that the effect may
+    follow shows in part: soil softens with its own strains, of which the vibration's amplitude and the waves' height are
+    two accounts."""
+    own = included.time_profile
+    v = own.value - np.mean(own.value)
+    if included.exact or not np.any(v):
+        return ()
+    others = [c.value * np.std(v) / np.std(c.value) for c in problem.time_profiles if c.kind == "covariate"
+              and c.name in included.effect.time_profiles and c.name != own.name and np.ptp(c.value) > 0]
+    straight = np.linalg.qr(np.column_stack([np.ones(len(v)), v]))[0]
+    return tuple(replace(own, value=frozen_array(course - straight @ (straight.T @ course)))
+                 for course in (v**2 / np.max(np.abs(v)), *others))
 
 
 def _members_scatter(

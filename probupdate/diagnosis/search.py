@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit
+from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, driver_courses
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.time_profiles import TimeProfile
 
 # false alarms of the whole first search, and of each one after a finding. With the test of the rest, and what a
 # noise that was itself estimated leaves, a diagnosis stays below 5 %
@@ -174,9 +175,12 @@ def scores_beside(
     their signatures' error, a share of what they do, follows their own time profile and lies along a few directions, of
     which the candidate's may be one. So each candidate's own signature along that profile is one more unknown, of the
     variance that makes v so much less there as `model_error_dispersion` says; what the candidate does at other times
-    counts in full. What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
-    uncertain = [(n.time_profile, 1 - 1 / model_error_dispersion(z)) for n, z in zip(included, z_included, strict=False)
-                 if n.effect.kind != "measurement" and n.time_profile.kind != "constant"]
+    counts in full. What drives an effect along a column is not that column alone, and the error follows it
+    (`driver_courses`). What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
+    uncertain = [(course, 1 - 1 / model_error_dispersion(z * _length(course) / _length(n.time_profile)))
+                 for n, z in zip(included, z_included, strict=False)
+                 if n.effect.kind != "measurement" and n.time_profile.kind != "constant"
+                 for course in (n.time_profile, *driver_courses(problem, n))]
     u, v = design.scores(centred), design.information
     if not uncertain:
         return u, v
@@ -206,6 +210,10 @@ def scores_beside(
             u[numbers] -= crossed @ taken[:, 0]
             v[numbers] -= np.sum(crossed * taken[:, 1:].T, axis=1)
     return u, np.maximum(v, 0.0)
+
+
+def _length(course: TimeProfile) -> float:
+    return float(np.linalg.norm(course.value))
 
 
 def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

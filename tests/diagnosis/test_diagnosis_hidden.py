@@ -74,6 +74,23 @@ def test_a_sensor_at_another_height_is_named_with_its_height(turbine, seed, leve
         row.error((first.size - height_m) / first.size_std, 3.0, "height", case=first)
 
 
+# the virtual turbine's soil softens by an exponential of the amplitude over 0.01 m/s2, which the record's column shows
+# with a scatter of a tenth; the waves' height shows a part of that
+@pytest.mark.parametrize(("seed", "per_unit"), [
+    (1016150850, 0.312),
+    pytest.param(1133849408, 0.0978, marks=pytest.mark.long),
+])
+def test_soil_that_softens_is_one_finding_of_its_size(turbine, seed, per_unit, validation):
+    row = validation(what="soil that softens with amplitude in the virtual turbine, by another law than a straight line "
+                          "of a column that scatters by a tenth: one finding; the slope",
+                     reference="what was hidden", unit="standard deviations", why="one in 370 is farther off")
+    found = found_in(turbine, seed, {"kind": "soil_softening", "per_unit": per_unit})
+    first = found.findings[0]
+    alone = [(f.cause, f.location) for f in found.findings] == [("soil softens with amplitude", "all legs")]
+    row.count(alone, 1, 1, "one finding", case=found.findings)
+    row.error((first.size + per_unit / 0.01) / first.size_std, 3.0, "slope", case=first)
+
+
 WET = {"kind": "wetted_length", "gain": 1.8}
 LATE = {"kind": "clock_offset", "level": "tower top", "offset_s": 0.03}
 GAIN = {"kind": "sensor_gain", "channel": "T90-y", "factor": 0.85, **STEP}
