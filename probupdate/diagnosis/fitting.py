@@ -172,16 +172,16 @@ def _scatter(
     deviation)."""
     return (
         *_members_scatter(problem, included),
-        *((_number(problem, n), course, DRIVER_SHARE * abs(n.size))
-          for n in included for course in driver_courses(problem, n)),
+        *((_number(problem, n), profile, DRIVER_SHARE * abs(n.size))
+          for n in included for profile in driver_profiles(problem, n)),
     )
 
 
-def driver_courses(problem: DiagnosisProblem, included: IncludedEffect) -> tuple[TimeProfile, ...]:
-    """What an effect along a ramp or a column may follow besides, less its own course: the column stands for what drives
-    the effect, whose law is not known to be a straight line (a parabola), and which another column that the effect may
-    follow shows in part: soil softens with its own strains, of which the vibration's amplitude and the waves' height are
-    two accounts."""
+def driver_profiles(problem: DiagnosisProblem, included: IncludedEffect) -> tuple[TimeProfile, ...]:
+    """What an effect along a ramp or a column may follow besides, less its own time profile: the column stands for what
+    drives the effect, whose law is not known to be a straight line (a parabola), and which another column that the
+    effect may follow shows in part: soil softens with its own strains, of which the vibration's amplitude and the
+    waves' height are two accounts."""
     own = included.time_profile
     v = own.value - np.mean(own.value)
     if included.exact or not np.any(v):
@@ -189,8 +189,8 @@ def driver_courses(problem: DiagnosisProblem, included: IncludedEffect) -> tuple
     others = [c.value * np.std(v) / np.std(c.value) for c in problem.time_profiles if c.kind == "covariate"
               and c.name in included.effect.time_profiles and c.name != own.name and np.ptp(c.value) > 0]
     straight = np.linalg.qr(np.column_stack([np.ones(len(v)), v]))[0]
-    return tuple(replace(own, value=frozen_array(course - straight @ (straight.T @ course)))
-                 for course in (v**2 / np.max(np.abs(v)), *others))
+    return tuple(replace(own, value=frozen_array(value - straight @ (straight.T @ value)))
+                 for value in (v**2 / np.max(np.abs(v)), *others))
 
 
 def _members_scatter(

@@ -8,14 +8,13 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.mode_numbers import Reference, n_response, signature
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
-from probupdate.modal.matching import assign
+from probupdate.modal.matching import assign, in_order
 from probupdate.runtime.arrays import frozen_array
 
 # a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a
@@ -61,9 +60,8 @@ class ModalPredictor:
         log = np.log(modes.frequency_hz[:count])
         score, sizes = [], []
         if not len(shape):
-            # frequencies alone: in their order, as the cheapest pairing of two rising rows never crosses
-            away = np.abs(np.array([expected.mean() for expected in self.log_frequency])[:, None] - log)
-            return shape, [(int(i),) for i in np.sort(linear_sum_assignment(away)[1])]
+            measured = np.array([expected.mean() for expected in self.log_frequency])
+            return shape, [(int(i),) for i in in_order(measured, log)]
         seen = _seen(shape)
         for plane, expected in zip(self.planes, self.log_frequency, strict=True):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, driver_courses
+from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, driver_profiles
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -176,11 +176,11 @@ def scores_beside(
     which the candidate's may be one. So each candidate's own signature along that profile is one more unknown, of the
     variance that makes v so much less there as `model_error_dispersion` says; what the candidate does at other times
     counts in full. What drives an effect along a column is not that column alone, and the error follows it
-    (`driver_courses`). What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
-    uncertain = [(course, 1 - 1 / model_error_dispersion(z * _length(course) / _length(n.time_profile)))
+    (`driver_profiles`). What a sensor does to shapes is exact, what is constant has the model's discrepancy anyway."""
+    uncertain = [(profile, 1 - 1 / model_error_dispersion(z * _length(profile) / _length(n.time_profile)))
                  for n, z in zip(included, z_included, strict=False)
                  if n.effect.kind != "measurement" and n.time_profile.kind != "constant"
-                 for course in (n.time_profile, *driver_courses(problem, n))]
+                 for profile in (n.time_profile, *driver_profiles(problem, n))]
     u, v = design.scores(centred), design.information
     if not uncertain:
         return u, v
@@ -212,8 +212,8 @@ def scores_beside(
     return u, np.maximum(v, 0.0)
 
 
-def _length(course: TimeProfile) -> float:
-    return float(np.linalg.norm(course.value))
+def _length(profile: TimeProfile) -> float:
+    return float(np.linalg.norm(profile.value))
 
 
 def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -36,6 +36,8 @@ OWN_MAC = 0.60
 SAME = 0.95
 # frequencies that differ by a common factor beyond this are taken for given in another unit: no model is so wrong
 OTHER_UNIT = 3.0
+# a model's errors in ln f are correlated over so much of it, and differ between equal frequencies as over this much
+ALIKE_OVER, OWN_ERROR = 1.0, 0.01
 # computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
 # place with the next one and is followed; a note is made where draws use the last
 SPARE = 1
@@ -229,17 +231,12 @@ def _alike(
 def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
     """One sensor or none: a shape of one component is like any other, so that modes are paired by frequency, in its
     order."""
-    from scipy import optimize
-
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
         raise InputError(f"set {modal_set.id}",
                          f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")
-    away = np.abs(np.log(computed_hz[None, :] / modal_set.frequency_hz[used][:, None]))
-    # the cheapest pairing of two rising rows of frequencies never crosses
-    _, column = optimize.linear_sum_assignment(away)
-    column = np.sort(column)
+    column = in_order(np.log(modal_set.frequency_hz[used]), np.log(computed_hz))
     criterion = np.full((modal_set.frequency_hz.size, len(computed_hz)), np.nan)
     criterion[used, column] = 1.0
     return Matching(
@@ -392,6 +389,30 @@ def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: st
         f"({reason}): a single one turns within the pair's plane by chance",
         f"identify both, use another set, or leave {present} out too (null)",
     )
+
+
+def in_order(measured: np.ndarray, computed: np.ndarray) -> np.ndarray:
+    """Number of the computed mode of each measured one (n_measured,) where their frequencies alone are known: the most
+    probable pairing of ln f (n_measured,) with ln f (n_computed,), both ascending, that keeps their order.
+
+    What a model's ln f is off by is much the same for close modes and less and less so for distant ones: an
+    Ornstein-Uhlenbeck process over ln f, of which each step's density depends on the one before alone, so that the
+    pairing is found by going from mode to mode (Viterbi). The nearest computed modes, one by one, would put a close
+    pair of a model too soft by a fifth on two modes that are an octave apart.
+    """
+    error = measured[:, None] - computed
+    correlation = np.exp(-np.maximum(np.diff(measured), OWN_ERROR) / ALIKE_OVER)
+    cost, before = error[0] ** 2, []
+    earlier = np.arange(len(computed))[:, None] < np.arange(len(computed))
+    for own, last, share in zip(error[1:], error[:-1], correlation, strict=True):
+        step = (own - share * last[:, None]) ** 2 / (1 - share**2)
+        whole = np.where(earlier, cost[:, None] + step, np.inf)
+        before.append(np.argmin(whole, axis=0))
+        cost = np.min(whole, axis=0)
+    chosen = [int(np.argmin(cost))]
+    for came_from in reversed(before):
+        chosen.append(int(came_from[chosen[-1]]))
+    return np.array(chosen[::-1])
 
 
 def assign(criterion: np.ndarray) -> np.ndarray:

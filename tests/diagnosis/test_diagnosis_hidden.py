@@ -81,8 +81,8 @@ def test_a_sensor_at_another_height_is_named_with_its_height(turbine, seed, leve
     pytest.param(1133849408, 0.0978, marks=pytest.mark.long),
 ])
 def test_soil_that_softens_is_one_finding_of_its_size(turbine, seed, per_unit, validation):
-    row = validation(what="soil that softens with amplitude in the virtual turbine, by another law than a straight line "
-                          "of a column that scatters by a tenth: one finding; the slope",
+    row = validation(what="soil that softens with amplitude in the virtual turbine, by another law than a straight "
+                          "line of a column that scatters by a tenth: one finding; the slope",
                      reference="what was hidden", unit="standard deviations", why="one in 370 is farther off")
     found = found_in(turbine, seed, {"kind": "soil_softening", "per_unit": per_unit})
     first = found.findings[0]
