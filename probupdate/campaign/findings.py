@@ -149,7 +149,7 @@ def mounting_findings(compared: Sequence[Compared], mentioned: Sequence[str]) ->
     seen: dict[tuple, list[tuple[int, Suspicion]]] = {}
     for number, block in enumerate(compared):
         for one in block.suspicions:
-            apart = [one.channels] if one.kind in (mounting.SWAPPED, mounting.LEVEL_SCALED) else [
+            apart = [one.channels] if one.kind in (mounting.SWAPPED, mounting.LEVEL_SCALED, mounting.COPIED) else [
                 (c,) for c in one.channels]
             for channels in apart:
                 seen.setdefault((one.kind, channels), []).append((number, one))
@@ -188,6 +188,9 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
         text = f"suspect: {name} looks turned by about {size:.0f} deg from its stated direction, or is another channel"
     elif kind == mounting.DEAD:
         text = f"suspect: {name} looks dead: it has nothing in common with any other channel"
+    elif kind == mounting.COPIED:
+        text = f"suspect: {channels[0]} and {channels[1]} are one signal at every frequency"
+        text += ("" if 0.999 < size < 1.001 else f", of {size:.3g} times the size") + ": is one of them a copy?"
     elif kind == mounting.LEVEL_SCALED:
         text = f"suspect: {name} move {size:.3g} times what the levels around them suggest: wrong unit or scale?"
     else:

@@ -1,4 +1,4 @@
-"""Channels compared with one another without a model: flipped, swapped, turned, dead or wrongly scaled ones.
+"""Channels compared with one another without a model: flipped, swapped, turned, dead, copied or wrongly scaled ones.
 
 Two facts are used. What is fixed to one level moves, at low frequencies, as one rigid body. And a tower or jacket
 bends, in its lowest motion, to one side over its whole height: more the higher, and it leans to where it goes. What
@@ -19,6 +19,7 @@ from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modal.modes import Sensor
 
 FLIPPED, SWAPPED, TURNED, SCALED, DEAD, LEVEL_SCALED = "flipped", "swapped", "turned", "scaled", "dead", "level scaled"
+COPIED = "copied"
 # the lowest motion is sought above this; the waves' own motion of a tower is to one side as well, and may serve
 LOWEST_HZ = 0.15
 # a level is rigid up to so many times the lowest motion's frequency
@@ -39,6 +40,9 @@ TURNED_DEG, ACROSS_DEG, FLIPPED_DEG = 20.0, 55.0, 145.0
 DIRECTION_STD_DEG, FOLLOWING = 5.0, 0.05
 # highest coherence (over frequencies) with any other channel below which a channel has nothing in common with them
 DEAD_COHERENCE = 0.25
+# coherence at every frequency from which two channels are one signal: of two sensors each has noise of its own, which
+# at some frequency is more than the hundredth of the motion that this allows
+COPIED_COHERENCE = 0.9999
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +61,11 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     sensors = levelled(sensors)
     power = np.einsum("fii->i", np.real(spectra.density))
     alive = [i for i in range(len(sensors)) if power[i] > 0]
-    dead = _dead(spectra, sensors, alive)
-    alive = [i for i in alive if sensors[i].channel not in {c for s in dead for c in s.channels}]
+    set_aside = [*_dead(spectra, sensors, alive), *_copied(spectra, sensors, alive)]
+    alive = [i for i in alive if sensors[i].channel not in {c for s in set_aside for c in s.channels}]
     lowest = lowest_motion_hz(spectra, sensors, alive)
     if lowest is None:
-        return dead
+        return set_aside
     level, mended = [], {}
     along = {"horizontal": [i for i in alive if _horizontal(sensors[i])],
              "vertical": [i for i in alive if _vertical(sensors[i])]}
@@ -80,7 +84,7 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     named = {c for s in bending for c in s.channels}
     # what the rigid body leaves open, the bending may have named
     level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
-    return dead + level + bending
+    return set_aside + level + bending
 
 
 def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]]:
@@ -132,6 +136,18 @@ def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) 
     highest = smooth.max(axis=(0, 2))
     return [Suspicion(kind=DEAD, channels=(sensors[i].channel,), size=float(c))
             for i, c in zip(alive, highest, strict=True) if c < DEAD_COHERENCE]
+
+
+def _copied(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
+    """Pairs that are one signal, whatever its scale; size: the first's over the second's."""
+    g = spectra.density
+    found = []
+    for i, j in combinations(alive, 2):
+        own = np.real(g[:, i, i]) * np.real(g[:, j, j])
+        if np.all(np.abs(g[:, i, j]) ** 2 >= COPIED_COHERENCE * own):
+            ratio = float(np.sqrt(np.sum(np.real(g[:, i, i])) / np.sum(np.real(g[:, j, j]))))
+            found.append(Suspicion(kind=COPIED, channels=(sensors[i].channel, sensors[j].channel), size=ratio))
+    return found
 
 
 # One level as a rigid body ------------------------------------------------------------------------------------------

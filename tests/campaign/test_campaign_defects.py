@@ -120,6 +120,18 @@ def test_a_dead_channel_is_named(with_defect):
     assert len(found) == 1 and found[0].startswith("suspect: T66-y looks dead")
 
 
+@pytest.mark.parametrize(("name", "copy", "factor"), [("TP-A-x", "TP-B-x", 1.0), ("T66-x", "T90-y", -2.5)])
+def test_a_copied_channel_is_named_with_its_original(with_defect, name, copy, factor):
+    def copied(data, at, _):
+        data[:, at[copy]] = factor * data[:, at[name]]
+        return data
+
+    found, _ = with_defect(copied)
+    (one,) = (f for f in found if "one signal" in f)
+    assert one.startswith(f"suspect: {name} and {copy} are one signal at every frequency"), one
+    assert ("0.4 times the size" in one) == (factor != 1.0)
+
+
 @pytest.mark.parametrize(("names", "delay_s"), [(("T66-x", "T66-y"), 0.04), (("TP-A-x", "TP-A-y", "TP-A-z"), -0.012),
                                                 (("T90-x", "T90-y"), 0.68)])
 def test_a_late_logger_is_named_and_measured(with_defect, names, delay_s, validation):
