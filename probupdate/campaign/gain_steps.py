@@ -95,15 +95,6 @@ def lines_kept(n_channel: int, n_piece: int) -> int:
     return int(np.clip(MOST_BYTES / (8 * max(n_piece, 1) * n_channel**2), 8, MOST_LINES))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class GainSeries:
-    """Each channel's gain over its own mean, by what the others predict: gain (n_piece, n_channel), NaN where the
-    others do not predict the channel; ids (n_piece,) where pieces begin."""
-
-    ids: tuple[str, ...]
-    gain: np.ndarray
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Step:
     """A step of one series: `at` the first piece after it, difference of the means after and before, its standard
@@ -173,17 +164,6 @@ def gain_steps(
     found = _findings(steps, ids, [s.channel for s in sensors])
     return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
             f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
-
-
-def gain_series(pieces: Sequence[Piece], n_channel: int, lowest_hz: float) -> GainSeries | None:
-    """The series that `gain_steps` judges; None where there are too few pieces or channels."""
-    prepared = _prepared(pieces, lowest_hz)
-    if prepared is None:
-        return None
-    ids, density, known = prepared
-    gain = np.full((len(ids), n_channel), np.nan)
-    gain[:, known] = _gains(density)
-    return GainSeries(ids=tuple(ids), gain=frozen_array(gain))
 
 
 def parts_of_campaign(

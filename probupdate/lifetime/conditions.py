@@ -21,7 +21,6 @@ from probupdate.structure.schema import NotNegative, Number, Positive, Table, ne
 
 # annual, of a detail with large consequence of failure and moderate cost of safety; the default, and said
 TARGET = 3.3
-WILDCARD = "all"
 
 
 class Water(Table):

@@ -68,12 +68,6 @@ class ResponseError:
         return cls(sources=tuple(sources), factor=frozen_array(slope * std), mean=frozen_array(slope @ mean),
                    theta=frozen_array(theta))
 
-    def variance_by_group(self) -> dict[str, np.ndarray]:
-        """Group of sources -> variance of each response (n_response,)."""
-        groups = dict.fromkeys(s.group for s in self.sources)
-        columns = {g: [k for k, s in enumerate(self.sources) if s.group == g] for g in groups}
-        return {g: np.sum(self.factor[:, k] ** 2, axis=1) for g, k in columns.items()}
-
 
 def marginal_root(root: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, float]:
     """R (n, n_response) with R^T R the inverse of C + B B^T, from `root` with root^T root = C^-1 and factor B; and
