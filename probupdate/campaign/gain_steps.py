@@ -19,7 +19,6 @@ from probupdate.campaign.rigid_bodies import same_place
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra
 from probupdate.modal.modes import Sensor
-from probupdate.runtime.arrays import frozen_array
 
 # by so much (one standard deviation) the gains of sound sensors and the structure's own shapes may change
 STABLE = 0.01
