@@ -40,8 +40,8 @@ MODEL_ERROR_SCALE = 0.1
 # of what an effect does along a column, what it may do along a parabola at the column's end, and along another column
 # that it may follow: a root, an exponential and a square of the column have 0.25 to 0.5
 DRIVER_SHARE = 0.3
-# prior standard deviation of the scatter of a block's effect about what its column says: the root mean square of half an
-# hour of a mode of 1 % damping at 0.3 Hz is known to a tenth
+# prior standard deviation of the scatter of a block's effect about what its column says: the root mean square of half
+# an hour of a mode of 1 % damping at 0.3 Hz is known to a tenth
 UNEVEN = 0.15
 
 

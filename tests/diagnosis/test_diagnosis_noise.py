@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from probupdate.diagnosis.fitting import driven_unevenly
+from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
+from probupdate.diagnosis.problem import IncludedEffect
 from probupdate.diagnosis.search import exceeded, tail
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.effects.catalogue import Effect
 
 
 @pytest.mark.parametrize("mixing", [0.0, 0.3, 1.0, 8.0])
@@ -129,3 +134,35 @@ def test_standard_deviations_alone_are_believed_where_blocks_scatter_so(n, real)
         assert _agrees(np.diag(std**2), noise)
     turned = std * rng.standard_normal((n, 1)) + 0.2 * std * rng.standard_normal((n, p))
     assert not _agrees(np.diag(1.04 * std**2), turned)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.2])
+def test_what_blocks_scatter_about_a_column_is_found_along_the_effect(share, validation):
+    """Forty-eight blocks of two groups of modes, twenty records: each block has its effect times 1 + share N(0, 1),
+    the same in both groups."""
+    row = validation(what="scatter of an effect about its column, of 0, 0.1 and 0.2 of the effect (mean of twenty "
+                          "records of 48 blocks)", reference="what was drawn",
+                     why="three standard errors of such a mean, and what the prior draws back")
+    rng, n, m = np.random.default_rng(11), 48, 6
+    effect = Effect(kind="environmental", cause="soil", location="all legs", unit="-", tolerance=0.0, prior_scale=1.0,
+                    parameter="soft")
+    signatures = tuple(rng.standard_normal((1, m, 1)) for _ in range(2))
+    found = []
+    for _ in range(20):
+        profile = TimeProfile(kind="covariate", value=rng.gamma(2.0, 2.0, n) - 4.0, column="rms_mps2")
+        noise = Noise(covariance=(np.eye(m),) * 2, precision=(np.eye(m),) * 2, weight=(np.ones(n),) * 2)
+        design = Design(
+            bin_of=np.zeros(n, int), nuisance=(np.zeros((1, m, 0)),) * 2, nuisance_std=np.zeros(0),
+            discrepancy_std=(np.full(m, 1e-3),) * 2, effect=signatures, time_profiles=(), which=np.zeros((0, 2), int),
+            noise=noise, included=((0, profile, 1.0),))
+        included = [IncludedEffect(effect=effect, time_profile=profile, size=2.0)]
+        off = share * rng.standard_normal(n)
+        left = [rng.standard_normal((n, m)) + (2.0 * off * profile.value)[:, None] * s[0, :, 0] for s in signatures]
+        after = driven_unevenly(design, noise, included, left)
+        typical = 4.0 * np.mean(profile.value**2)
+        square = [np.trace(C - np.eye(m)) / (typical * np.sum(s**2))
+                  for C, s in zip(after.covariance, signatures, strict=True)]
+        assert square[0] == pytest.approx(square[1], rel=1e-9)
+        np.testing.assert_allclose(after.precision[0] @ after.covariance[0], np.eye(m), atol=1e-9)
+        found.append(np.sqrt(max(square[0], 0.0)))
+    row.error(np.mean(found) - share, 0.02, "share")
