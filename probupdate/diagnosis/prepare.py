@@ -100,6 +100,9 @@ def prepare(
             continue
         moved.append(k)
         reach[k] = its.neutral + np.clip([-1.5 * e.prior_scale, 1.5 * e.prior_scale], e.lower, e.upper)
+        if its.neutral == 1.0:
+            # a stiffness may be lost, and what has none left moves by itself
+            reach[k, 0] = its.neutral + e.lower
     small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
     progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
     effects = (*parameter_effects(model.parameters), *catalogue)
