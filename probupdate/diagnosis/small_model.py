@@ -44,8 +44,9 @@ EQUAL = 1e-3
 N_POINT, N_VERIFY = 54, 6
 # relative frequency error the basis may have far from where it was built: a twentieth of what model form leaves
 TOLERANCE = 1.5e-4
-# share of a stiffness below which it is all but lost
-LOST = 0.2
+# share of a parameter below which it is all but lost, what of it is left then at least, and from which it is many times
+# itself
+LOST, LEAST, MANY = 0.2, 0.02, 2.0
 # and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a signature's own
 N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # standard deviation of ln f of a mass on a spring about the frequency it is given; how near that (in
@@ -418,7 +419,8 @@ def small_model(
     count = min(n_mode + SPARE, replace(first).n_available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
     points = _points(first.parameters, felt, effects, reach, rng)
-    points = np.vstack([points, _lost(first.parameters, effects, reach)])
+    alone_there = effects if len(effects) else range(len(first.parameters))
+    points = np.vstack([points, _lost(first.parameters, alone_there, reach)])
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
     check = _points(first.parameters, felt, effects, reach, rng)
     numbers = rng.permutation(len(check))[:N_VERIFY]
@@ -486,12 +488,18 @@ def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray,
     return energy, linalg.solve_triangular(root, turn, lower=True, trans="T", overwrite_b=True)
 
 
-def _lost(parameters: Parameters, effects: Sequence[int], reach: np.ndarray) -> np.ndarray:
-    """Each stiffness by itself (n, n_param) that is all but lost at the end of its reach: members of little stiffness
-    and all their mass have modes of their own among the lowest, which no other point holds."""
-    gone = [k for k in effects if 0 < reach[k, 0] < LOST * parameters.initial[k]]
-    theta = np.tile(parameters.initial, (len(gone), 1))
-    theta[np.arange(len(gone)), gone] = reach[gone, 0]
+def _lost(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
+    """Each of these parameters by itself (n, n_param) where it is all but lost at the end of its reach, and where it is
+    many times as large: members of little stiffness and all their mass have modes of their own among the lowest, which
+    no other point holds."""
+    ends = []
+    for k in numbers:
+        least, initial = max(reach[k, 0], LEAST * parameters.initial[k]), parameters.initial[k]
+        ends += [(k, least)] if 0 < least < LOST * initial else []
+        ends += [(k, reach[k, 1])] if initial > 0 and MANY * initial <= reach[k, 1] < np.inf else []
+    theta = np.tile(parameters.initial, (len(ends), 1))
+    for row, (k, value) in zip(theta, ends, strict=True):
+        row[k] = value
     return theta
 
 
