@@ -9,6 +9,7 @@ from scipy import stats
 
 from probupdate.diagnosis import diagnose, linear, wording
 from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
+from probupdate.diagnosis.fitting import driver_profiles
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.search import model_error_dispersion, scores_beside
@@ -234,31 +235,42 @@ def test_drawn_records_are_the_same_summed_up_at_once_or_one_by_one(design, monk
     assert not whole.flags.writeable
 
 
-def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_profile(design, validation):
-    """Against the written-out covariance with that unknown in it, candidate by candidate; nothing changes beside what a
-    sensor does, and along the very same profile v falls as the dispersion says."""
+@pytest.mark.parametrize("kind", ["step", "covariate"])
+def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_profile(design, kind, validation):
+    """Against the written-out covariance with that unknown in it, candidate by candidate, of a column with that along
+    its parabola too; nothing changes beside what a sensor does, and along the very same profile v falls as the
+    dispersion says."""
     row = validation(what="scores and information beside a strong effect's model error",
                      reference="the covariance written out with that unknown in it", why="rounding")
     rng = np.random.default_rng(8)
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     own, z = step_profile(N_BLOCK, 7), 60.0
-    problem = SimpleNamespace(effects=(None,) * N_EFFECT)
-    strong = SimpleNamespace(effect=SimpleNamespace(kind="structural"), time_profile=own)
+    if kind == "covariate":
+        own = TimeProfile(kind="covariate", value=rng.gamma(2.0, 1.0, N_BLOCK) - 2.0, column="rms_mps2")
+    problem = SimpleNamespace(effects=(None,) * N_EFFECT, time_profiles=design.time_profiles)
+    strong = SimpleNamespace(effect=SimpleNamespace(kind="structural", time_profiles=("rms_mps2",)), time_profile=own,
+                             exact=kind == "step")
+    profiles = (own, *driver_profiles(problem, strong))
+    assert len(profiles) == (1 if kind == "step" else 2)
     u, v = scores_beside(problem, design, y, [strong], [z])
-    along = replace(design, time_profiles=(*design.time_profiles, own),
-                    which=np.array([(j, 3) for j in range(N_EFFECT)]))
+    alongs = [replace(design, time_profiles=(*design.time_profiles, profile),
+                      which=np.array([(j, 3) for j in range(N_EFFECT)])) for profile in profiles]
     X, V, stacked = dense(design)
-    F, _, _ = dense(along)
+    columns = [dense(along)[0] for along in alongs]
     flat = stacked(lambda q, b: y[q][b])
     for k, (j, _) in enumerate(design.which):
-        f = F[:, j]
-        variance = (model_error_dispersion(z) - 1) / (f @ np.linalg.solve(V, f))
-        solved = np.linalg.solve(V + variance * np.outer(f, f), X[:, k])
+        wider = V.copy()
+        for F, profile in zip(columns, profiles, strict=True):
+            shorter = np.linalg.norm(profile.value) / np.linalg.norm(own.value)
+            variance = (model_error_dispersion(z * shorter) - 1) / (F[:, j] @ np.linalg.solve(V, F[:, j]))
+            wider += variance * np.outer(F[:, j], F[:, j])
+        solved = np.linalg.solve(wider, X[:, k])
         row.error(u[k] / (solved @ flat) - 1, 1e-7, "scores")
         row.error(v[k] / (solved @ X[:, k]) - 1, 1e-7, "information")
-    same = replace(along, which=np.array([(j, 3) for j in range(N_EFFECT)]))
-    _, there = scores_beside(problem, same, y, [strong], [z])
-    row.error(there * model_error_dispersion(z) / same.information - 1, 1e-9, "information along its own profile")
+    if kind == "step":
+        _, there = scores_beside(problem, alongs[0], y, [strong], [z])
+        row.error(there * model_error_dispersion(z) / alongs[0].information - 1, 1e-9,
+                  "information along its own profile")
     sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), time_profile=own)
     np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)
 
