@@ -147,8 +147,8 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, 
 def test_what_is_left_of_a_lost_stiffness_moves_on_the_small_basis_too(turbine, validation):
     """A brace of a twelfth of its stiffness and all its mass has modes of its own beside second bending, which a basis
     made of its loss of three quarters did not hold: 0.26 of f was wrong."""
-    row = validation(what="frequencies of the lowest five modes on the small basis where a fourth of all stiffnesses, one "
-                          "by one, keep 0.25, 0.1, 0.05 or as little as they may", reference="the whole model",
+    row = validation(what="frequencies of the lowest five modes on the small basis where a fourth of all stiffnesses, "
+                          "one by one, keep 0.25, 0.1, 0.05 or as little as they may", reference="the whole model",
                      why="a third of what model form leaves of ln f")
     rows = [r for r in turbine.effects if r.adds and r.adds.neutral == 1.0][::4]
     assert {"brace stiffness lost", "joints loosened", "leg stiffness lost"} <= {r.cause for r in rows}
