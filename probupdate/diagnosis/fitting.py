@@ -569,8 +569,8 @@ def driven_unevenly(
         amount = n.size * profile.value
         made = [amount[:, None] * e[design.bin_of, :, effect] for e in design.effect]
         turned = [w[:, None] * (s @ P) for s, P, w in zip(made, noise.precision, noise.weight, strict=True)]
-        known = sum(np.sum(t * s, axis=1) for t, s in zip(turned, made, strict=True))
-        seen = sum(np.sum(t * y, axis=1) for t, y in zip(turned, left, strict=True))
+        known = np.sum([np.sum(t * s, axis=1) for t, s in zip(turned, made, strict=True)], axis=0)
+        seen = np.sum([np.sum(t * y, axis=1) for t, y in zip(turned, left, strict=True)], axis=0)
         share = _scatter_of(seen, known)
         for C, s, w in zip(covariance, made, noise.weight, strict=True):
             if np.any(w > 0):
