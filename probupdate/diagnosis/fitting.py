@@ -42,7 +42,7 @@ MODEL_ERROR_SCALE = 0.1
 DRIVER_SHARE = 0.3
 # prior standard deviation of the scatter of a block's effect about what its column says: the root mean square of half
 # an hour of a mode of 1 % damping at 0.3 Hz is known to a tenth
-UNEVEN = 0.15
+COLUMN_SCATTER = 0.15
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -325,7 +325,7 @@ def fitted_without_candidates(
         # far from where the fit ends the noise is not what it is there
         if (ended and not renewed) or (base is None and 0 < number < WARM):
             left = _left(problem, design, theta, included, here)
-            noise = driven_unevenly(design, noise_of(problem, left), included, left)
+            noise = with_column_scatter(design, noise_of(problem, left), included, left)
             noise = turning_freely(problem, noise, theta, included)
             renewed = renewed or ended
         if number:
@@ -556,7 +556,7 @@ def turning_freely(
     return replace(noise, precision=tuple(precision))
 
 
-def driven_unevenly(
+def with_column_scatter(
     design: Design, noise: Noise, included: Sequence[IncludedEffect], left: Sequence[np.ndarray]
 ) -> Noise:
     """The noise where a column shows what drives an included effect but for a scatter of its own, which moves blocks
@@ -571,7 +571,7 @@ def driven_unevenly(
         turned = [w[:, None] * (s @ P) for s, P, w in zip(made, noise.precision, noise.weight, strict=True)]
         known = np.sum([np.sum(t * s, axis=1) for t, s in zip(turned, made, strict=True)], axis=0)
         seen = np.sum([np.sum(t * y, axis=1) for t, y in zip(turned, left, strict=True)], axis=0)
-        share = _scatter_of(seen, known)
+        share = _scatter_share(seen, known)
         for C, s, w in zip(covariance, made, noise.weight, strict=True):
             if np.any(w > 0):
                 C += share**2 * (s.T * w) @ s / np.count_nonzero(w > 0)
@@ -579,7 +579,7 @@ def driven_unevenly(
                    precision=tuple(frozen_array(np.linalg.inv(C)) for C in covariance))
 
 
-def _scatter_of(seen: np.ndarray, known: np.ndarray) -> float:
+def _scatter_share(seen: np.ndarray, known: np.ndarray) -> float:
     """Most probable standard deviation t of factors 1 + t N(0, 1) on effects of information `known` (n,), whose scores
     about them are `seen` (n,): of variance known + t^2 known^2."""
     seen, known = seen[known > 0], known[known > 0]
@@ -588,9 +588,9 @@ def _scatter_of(seen: np.ndarray, known: np.ndarray) -> float:
 
     def misfit(share: float) -> float:
         variance = known * (1 + share**2 * known)
-        return float(np.sum(seen**2 / variance + np.log(variance)) + (share / UNEVEN) ** 2)
+        return float(np.sum(seen**2 / variance + np.log(variance)) + (share / COLUMN_SCATTER) ** 2)
 
-    return float(optimize.minimize_scalar(misfit, bounds=(0.0, 5 * UNEVEN), method="bounded").x)
+    return float(optimize.minimize_scalar(misfit, bounds=(0.0, 5 * COLUMN_SCATTER), method="bounded").x)
 
 
 def kept(residuals, noise: Noise):

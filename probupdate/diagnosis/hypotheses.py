@@ -175,6 +175,8 @@ def moves_from(
         base, lost = (here.fitted, 0.0) if out is None else without(problem, here.fitted, out)
         others = tuple(k for i, k in enumerate(here.candidates) if i != out)
         scores = tuple(z for i, z in enumerate(here.z) if i != out)
+        # a stiffness that is nearly lost explains many times what its score promised where it was proposed
+        large = out is not None and max(abs(here.z[out]), np.sqrt(max(-2 * lost, 0.0))) > LARGE
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
@@ -189,7 +191,7 @@ def moves_from(
             own = here.candidates[out]
             promised = gain[own] if usable[own] else 0.0
             promise, enough = (gain - promised) / scale + priors - priors[own], least
-            if abs(here.z[out]) > LARGE:
+            if large:
                 its = competing.get((int(effect_of[own]), names[own]), frozenset())
                 promise = _score_correlation(problem, base, own, its, usable)
             # the hypothesis itself, but for the time of a step

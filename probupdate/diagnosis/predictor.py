@@ -14,7 +14,7 @@ from probupdate.diagnosis.mode_numbers import Reference, n_response, signature
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
-from probupdate.modal.matching import assign, in_order
+from probupdate.modal.matching import assign, pair_in_order
 from probupdate.runtime.arrays import frozen_array
 
 # a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a
@@ -61,7 +61,7 @@ class ModalPredictor:
         score, sizes = [], []
         if not len(shape):
             measured = np.array([expected.mean() for expected in self.log_frequency])
-            return shape, [(int(i),) for i in in_order(measured, log)]
+            return shape, [(int(i),) for i in pair_in_order(measured, log)]
         seen = _seen(shape)
         for plane, expected in zip(self.planes, self.log_frequency, strict=True):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)

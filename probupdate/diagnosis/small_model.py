@@ -408,8 +408,8 @@ def small_model(
     """Project `models`, one for each of TURNS_DEG (or a single one that does not turn), on a common basis.
 
     n_mode: the lowest modes that must be right. `effects`: which parameters are effects, drawn one at a time within
-    `reach` (n_param, 2); the others are drawn from their prior. Raises ConvergenceError where the basis stays
-    worse than TOLERANCE.
+    `reach` (n_param, 2); the others are drawn from their prior. They (where there are none, all parameters) are in the
+    basis at the ends of their reach too. Raises ConvergenceError where the basis stays worse than TOLERANCE.
     """
     first = models[0]
     if len(models) not in (1, len(TURNS_DEG)):
@@ -419,8 +419,8 @@ def small_model(
     count = min(n_mode + SPARE, replace(first).n_available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
     points = _points(first.parameters, felt, effects, reach, rng)
-    alone_there = effects if len(effects) else range(len(first.parameters))
-    points = np.vstack([points, _lost(first.parameters, alone_there, reach)])
+    moved = effects if len(effects) else range(len(first.parameters))
+    points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
     check = _points(first.parameters, felt, effects, reach, rng)
     numbers = rng.permutation(len(check))[:N_VERIFY]
@@ -488,7 +488,7 @@ def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray,
     return energy, linalg.solve_triangular(root, turn, lower=True, trans="T", overwrite_b=True)
 
 
-def _lost(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
+def _at_ends(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
     """Each of these parameters by itself (n, n_param) where it is all but lost at the end of its reach, and where it is
     many times as large: members of little stiffness and all their mass have modes of their own among the lowest, which
     no other point holds."""

@@ -236,7 +236,7 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
         raise InputError(f"set {modal_set.id}",
                          f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")
-    column = in_order(np.log(modal_set.frequency_hz[used]), np.log(computed_hz))
+    column = pair_in_order(np.log(modal_set.frequency_hz[used]), np.log(computed_hz))
     criterion = np.full((modal_set.frequency_hz.size, len(computed_hz)), np.nan)
     criterion[used, column] = 1.0
     return Matching(
@@ -391,7 +391,7 @@ def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: st
     )
 
 
-def in_order(measured: np.ndarray, computed: np.ndarray) -> np.ndarray:
+def pair_in_order(measured: np.ndarray, computed: np.ndarray) -> np.ndarray:
     """Number of the computed mode of each measured one (n_measured,) where their frequencies alone are known: the most
     probable pairing of ln f (n_measured,) with ln f (n_computed,), both ascending, that keeps their order.
 

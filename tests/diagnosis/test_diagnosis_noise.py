@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from probupdate.diagnosis.fitting import driven_unevenly
+from probupdate.diagnosis.fitting import with_column_scatter
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
 from probupdate.diagnosis.problem import IncludedEffect
@@ -158,7 +158,7 @@ def test_what_blocks_scatter_about_a_column_is_found_along_the_effect(share, val
         included = [IncludedEffect(effect=effect, time_profile=profile, size=2.0)]
         off = share * rng.standard_normal(n)
         left = [rng.standard_normal((n, m)) + (2.0 * off * profile.value)[:, None] * s[0, :, 0] for s in signatures]
-        after = driven_unevenly(design, noise, included, left)
+        after = with_column_scatter(design, noise, included, left)
         typical = 4.0 * np.mean(profile.value**2)
         square = [np.trace(C - np.eye(m)) / (typical * np.sum(s**2))
                   for C, s in zip(after.covariance, signatures, strict=True)]

@@ -17,7 +17,7 @@ from updating_cases import (
 )
 
 from probupdate.errors import InputError
-from probupdate.modal.matching import ALIKE_OVER, SPARE, assign, channel_rows, close_clusters, in_order, match
+from probupdate.modal.matching import ALIKE_OVER, SPARE, assign, channel_rows, close_clusters, pair_in_order, match
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution
 from probupdate.model.parameters import Parameter, Parameters
@@ -87,7 +87,7 @@ def test_frequencies_alone_are_paired_as_of_all_pairings_the_most_probable(valid
         precision = np.linalg.inv(np.exp(-np.abs(measured[:, None] - measured) / ALIKE_OVER))
         every = {chosen: error @ precision @ error for chosen in combinations(range(8), len(measured))
                  for error in [measured - computed[list(chosen)]]}
-        found = in_order(measured, computed)
+        found = pair_in_order(measured, computed)
         assert np.all(np.diff(found) > 0)
         excess.append(every[tuple(int(i) for i in found)] - min(every.values()))
     row.error(excess, 1e-9)
@@ -98,9 +98,9 @@ def test_a_close_pair_of_a_soft_model_stays_a_pair():
     unmeasured."""
     measured = np.log([0.3145, 0.3169, 1.338, 1.954, 2.028])
     computed = np.log([0.3044, 0.3075, 0.7, 1.2218, 1.549, 1.6187, 2.4723])
-    assert in_order(measured, computed).tolist() == [0, 1, 3, 4, 5]
+    assert pair_in_order(measured, computed).tolist() == [0, 1, 3, 4, 5]
     one = modal_set(np.exp(measured), np.full((0, 5), np.nan))
-    assert in_order(measured[:1], computed).tolist() == [1]
+    assert pair_in_order(measured[:1], computed).tolist() == [1]
     wide = ModalSolution(theta=np.zeros(1), frequency_hz=np.exp(computed), shape=np.zeros((0, 7)))
     assert match(one, wide, np.zeros(0, int)).computed == (0, 1, 3, 4, 5)
 
