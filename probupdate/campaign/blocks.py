@@ -15,6 +15,7 @@ from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
 from probupdate.campaign.zarr_records import zarr_rows
 from probupdate.errors import parsing
 from probupdate.io.hdf5_file import refuse_outside
+from probupdate.io.result_table import plural
 from probupdate.runtime.arrays import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
@@ -29,8 +30,8 @@ CHUNK_CACHE_BYTES = 32 * 2**20
 class Block:
     """data (n_sample, n_channel) in SI units, short gaps interpolated, longer ones NaN.
 
-    missing (n_channel,) share of samples lost before the repair; repaired (n_channel,) number of samples
-    interpolated; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
+    missing (n_channel,) share of samples lost before the repair; impossible (n_channel,) number of those that were
+    there but beyond LARGEST_SI; repaired (n_channel,) number of samples interpolated; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
     """
 
     start: pd.Timestamp
@@ -38,6 +39,7 @@ class Block:
     sampling_rate_hz: float
     data: np.ndarray
     missing: np.ndarray
+    impossible: np.ndarray
     repaired: np.ndarray
     excluded: str = ""
     notes: tuple[str, ...] = ()
@@ -150,7 +152,11 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         data *= campaign.unit_factor
     # no sensor measures what its square would overflow on: the bit pattern of a damaged file
     lost = ~(np.abs(data) < LARGEST_SI)
-    missing = lost.mean(axis=0)
+    missing, impossible = lost.mean(axis=0), np.sum(lost & ~np.isnan(data), axis=0)
+    for name, count in zip(campaign.channels, impossible, strict=True):
+        if count:
+            notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor measures: "
+                         "counted as lost")
     data[lost] = np.nan
     repaired, longest = _repair(data, lost, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
     if repaired.any():
@@ -165,8 +171,8 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         excluded = f"gap of {seconds:.1f} s in {who}"
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
-        data=_sealed(data), missing=frozen_array(missing), repaired=frozen_array(repaired, int),
-        excluded=excluded, notes=tuple(notes),
+        data=_sealed(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
+        repaired=frozen_array(repaired, int), excluded=excluded, notes=tuple(notes),
     )
 
 

@@ -225,9 +225,9 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
 
 def _per_channel(table: pd.DataFrame) -> pd.DataFrame:
     grouped = table.groupby("channel", sort=False)
-    return grouped.agg(missing=("missing", "mean"), repaired=("repaired", "sum"), rms=("rms", "median"),
-                       offset=("offset", "median"), spikes=("spikes", "sum"), clipped=("clipped", "sum"),
-                       flat_blocks=("flat", "sum")).reset_index()
+    return grouped.agg(missing=("missing", "mean"), impossible=("impossible", "sum"), repaired=("repaired", "sum"),
+                       rms=("rms", "median"), offset=("offset", "median"), spikes=("spikes", "sum"),
+                       clipped=("clipped", "sum"), flat_blocks=("flat", "sum")).reset_index()
 
 
 def _records(table: pd.DataFrame) -> list[dict]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign import mounting
+from probupdate.campaign.blocks import LARGEST_SI
 from probupdate.campaign.gain_steps import Piece, gain_steps, parts_of_campaign
 from probupdate.campaign.heading import Sway, heading_findings, heading_offset
 from probupdate.campaign.mounting import Suspicion
@@ -17,6 +18,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, levelled
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SensorFinding
+from probupdate.io.result_table import plural
 from probupdate.modal.modes import Sensor
 
 # a suspicion counts if this share of the blocks compared has it, or so many of eight blocks in a row
@@ -92,6 +94,10 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> 
                      f"{still['id'].iloc[0]} on")
     if spikes := int(rows["spikes"].sum()):
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
+    if impossible := int(rows["impossible"].sum()):
+        found.append(f"{name} has {plural(impossible, 'sample')} beyond {LARGEST_SI:g} (SI), which no sensor measures, in "
+                     f"{plural(int((rows['impossible'] > 0).sum()), 'block')}: counted as lost; a damaged file, or a number "
+                     "that stands for a lost sample")
     if clipped := int(rows["clipped"].sum()):
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())

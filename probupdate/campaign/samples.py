@@ -21,10 +21,10 @@ PARTS = 10
 
 
 def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
-    """A row per channel: missing (share), repaired (samples), longest_gap_s (left after the repair), rms and offset
-    (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI: the mean of the last tenth less
-    that of the first, the range of the tenths' means, the standard deviation about them), spikes and clipped (samples),
-    still_s (longest run of one value), flat."""
+    """A row per channel: missing (share), impossible and repaired (samples, see `Block`), longest_gap_s (left
+    after the repair), rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI:
+    the mean of the last tenth less that of the first, the range of the tenths' means, the standard deviation about
+    them), spikes and clipped (samples), still_s (longest run of one value), flat."""
     data, rate = block.data, block.sampling_rate_hz
     n_channel = data.shape[1]
     known = np.isfinite(data)
@@ -54,7 +54,8 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
         counts["clipped"][c] = _clipped(values)
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
     return pd.DataFrame({
-        "id": block.id, "channel": channels, "missing": block.missing, "repaired": block.repaired, "longest_gap_s": gap,
+        "id": block.id, "channel": channels, "missing": block.missing, "impossible": block.impossible,
+        "repaired": block.repaired, "longest_gap_s": gap,
         **columns, **counts, "still_s": still, "flat": flat,
     })
 

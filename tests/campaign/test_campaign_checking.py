@@ -59,6 +59,18 @@ def test_everything_that_was_put_in_is_found(campaign_folder, head, tmp_path):
     assert content["findings"] == list(result.findings) and len(content["channels"]) == 4
 
 
+@pytest.mark.parametrize("value", [3e38, -2e9, np.inf])
+def test_a_sample_that_no_sensor_measures_is_said_to_be_lost(campaign_folder, head, value):
+    data = noise()
+    data[7000, 1] = value
+    campaign = read_campaign(campaign_folder([(0, data)], head=four_channels(head), scada=conditions()))
+    (finding,) = check(campaign).findings
+    assert finding.startswith("a-y has 1 sample beyond 1e+09 (SI)") and "in 1 block: counted as lost" in finding
+    clean, damaged = blocks(campaign)
+    assert not clean.notes and damaged.notes[0].startswith("1 sample of a-y beyond")
+    assert np.isfinite(damaged.data).all() and damaged.impossible.tolist() == damaged.repaired.tolist() == [0, 1, 0, 0]
+
+
 def test_a_dead_channel_costs_no_blocks_once_it_is_left_out(campaign_folder, head):
     data = noise()
     data[:, 1] = 0.25  # a-y never moves

@@ -31,7 +31,8 @@ def sensors(*quantities: str) -> tuple[Sensor, ...]:
 def block_of(*columns) -> Block:
     data = np.column_stack(columns)
     return Block(start=pd.Timestamp("2019-06-03T10:00Z"), minutes=30.0, sampling_rate_hz=RATE, data=data,
-                 missing=np.zeros(data.shape[1]), repaired=np.zeros(data.shape[1], int))
+                 missing=np.zeros(data.shape[1]), impossible=np.zeros(data.shape[1], int),
+                 repaired=np.zeros(data.shape[1], int))
 
 
 @pytest.mark.parametrize("wanted", QUANTITY)

@@ -186,7 +186,8 @@ def test_channels_are_compared_with_those_at_their_height():
     size = np.array([1, 2, 4, 10, 25, 50, 10, 1, 1.2])
     data = np.random.default_rng(2).standard_normal((5000, len(size))) * size
     block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=10.0, data=data,
-                  missing=np.zeros(len(size)), repaired=np.zeros(len(size), int))
+                  missing=np.zeros(len(size)), impossible=np.zeros(len(size), int),
+                  repaired=np.zeros(len(size), int))
     sensors = [*tower, *deck]
     table = channel_table(block, tuple(s.channel for s in sensors)).assign(id="one")
     found = [sentence for sentence in channel_findings(table, sensors) if "beside it" in sentence]
@@ -291,7 +292,7 @@ def test_oblique_sensors_give_the_horizontal_motion():
                                     for k, d in enumerate(directions)]
         data = np.column_stack([np.zeros((12000, 2)), true @ np.array(directions).T])
         block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=RATE, data=data,
-                      missing=np.zeros(5), repaired=np.zeros(5))
+                      missing=np.zeros(5), impossible=np.zeros(5, int), repaired=np.zeros(5, int))
         return block_sway(block, sensors, np.ones(5, bool),
                           {"nacelle_heading_deg": 10.0, "rotor_speed_rpm": 9.0})
 
