@@ -31,7 +31,8 @@ class Block:
     """data (n_sample, n_channel) in SI units, short gaps interpolated, longer ones NaN.
 
     missing (n_channel,) share of samples lost before the repair; impossible (n_channel,) number of those that were
-    there but beyond LARGEST_SI; repaired (n_channel,) number of samples interpolated; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
+    there but beyond LARGEST_SI; repaired (n_channel,) number of samples interpolated; excluded: why the block cannot
+    be used, empty where it can; notes: what was done to it.
     """
 
     start: pd.Timestamp
@@ -155,8 +156,8 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     missing, impossible = lost.mean(axis=0), np.sum(lost & ~np.isnan(data), axis=0)
     for name, count in zip(campaign.channels, impossible, strict=True):
         if count:
-            notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor measures: "
-                         "counted as lost")
+            notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
+                         "measures: counted as lost")
     data[lost] = np.nan
     repaired, longest = _repair(data, lost, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
     if repaired.any():
