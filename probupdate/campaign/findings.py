@@ -96,8 +96,8 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> 
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
     if impossible := int(rows["impossible"].sum()):
         found.append(f"{name} has {plural(impossible, 'sample')} beyond {LARGEST_SI:g} (SI), which no sensor measures, "
-                     f"in {plural(int((rows['impossible'] > 0).sum()), 'block')}: counted as lost; a damaged file, or a "
-                     "number that stands for a lost sample")
+                     f"in {plural(int((rows['impossible'] > 0).sum()), 'block')}: counted as lost; a damaged file, or "
+                     "a number that stands for a lost sample")
     if clipped := int(rows["clipped"].sum()):
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())
