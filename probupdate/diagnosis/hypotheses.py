@@ -165,8 +165,8 @@ def moves_from(
 ) -> list[Move]:
     """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
-    exchanged for any of its `competing` (each an effect with the name of its time profile), whatever first order
-    promises."""
+    exchanged for what looks like it and for any of its `competing` too (each an effect with the name of its time
+    profile), whatever first order promises."""
     priors = np.log(_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
     least, result = best - MARGIN - here.log_posterior, []
@@ -176,7 +176,7 @@ def moves_from(
         others = tuple(k for i, k in enumerate(here.candidates) if i != out)
         scores = tuple(z for i, z in enumerate(here.z) if i != out)
         # a stiffness that is nearly lost explains many times what its score promised where it was proposed
-        large = out is not None and max(abs(here.z[out]), np.sqrt(max(-2 * lost, 0.0))) > LARGE
+        explained = 0.0 if out is None else np.sqrt(max(-2 * lost, 0.0))
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
@@ -185,20 +185,23 @@ def moves_from(
         if out is None:
             promise = gain / scale + priors
             # first order errs by a few of the odds between two that explain as much
-            enough = max(least, promise.max() - 2 * MARGIN)
+            promises, enough = [promise], max(least, promise.max() - 2 * MARGIN)
         else:
             # beside what the effect itself promises there
             own = here.candidates[out]
             promised = gain[own] if usable[own] else 0.0
-            promise, enough = (gain - promised) / scale + priors - priors[own], least
-            if large:
+            promises, enough = [(gain - promised) / scale + priors - priors[own]], least
+            if max(abs(here.z[out]), explained) > LARGE:
                 its = competing.get((int(effect_of[own]), names[own]), frozenset())
-                promise = _score_correlation(problem, base, own, its, usable)
+                promises.append(_score_correlation(problem, base, own, its, usable))
             # the hypothesis itself, but for the time of a step
-            promise[(effect_of == effect_of[own]) & np.array([name == names[own] for name in names])] = -np.inf
-        for k in _most_promising(problem, promise, enough):
-            result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=float(promise[k]),
-                               included=(*base.included, _added(problem, base, k, size[k]))))
+            itself = (effect_of == effect_of[own]) & np.array([name == names[own] for name in names])
+            # of a large score first order says nothing at all
+            promises = [np.where(itself, -np.inf, p) for p in promises[-1 if abs(here.z[out]) > LARGE else 0 :]]
+        chosen = {k: float(p[k]) for p in reversed(promises) for k in _most_promising(problem, p, enough)}
+        result += [Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
+                        included=(*base.included, _added(problem, base, k, size[k])))
+                   for k, promise in chosen.items()]
     return sorted(result, key=lambda m: -m.promise)
 
 
