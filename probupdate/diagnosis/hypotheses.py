@@ -190,14 +190,16 @@ def moves_from(
             # beside what the effect itself promises there
             own = here.candidates[out]
             promised = gain[own] if usable[own] else 0.0
-            promises, enough = [(gain - promised) / scale + priors - priors[own]], least
+            # of a large score first order says nothing at all
+            promises, enough = [], least
+            if abs(here.z[out]) <= LARGE:
+                promises.append((gain - promised) / scale + priors - priors[own])
             if max(abs(here.z[out]), explained) > LARGE:
                 its = competing.get((int(effect_of[own]), names[own]), frozenset())
                 promises.append(_score_correlation(problem, base, own, its, usable))
             # the hypothesis itself, but for the time of a step
             itself = (effect_of == effect_of[own]) & np.array([name == names[own] for name in names])
-            # of a large score first order says nothing at all
-            promises = [np.where(itself, -np.inf, p) for p in promises[-1 if abs(here.z[out]) > LARGE else 0 :]]
+            promises = [np.where(itself, -np.inf, p) for p in promises]
         chosen = {k: float(p[k]) for p in reversed(promises) for k in _most_promising(problem, p, enough)}
         result += [Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
                         included=(*base.included, _added(problem, base, k, size[k])))
