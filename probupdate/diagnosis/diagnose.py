@@ -98,7 +98,7 @@ def examine(
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _beyond_chance(explored, seed)
-    findings, own_response = _beside_parts(prepared, explored, findings, refuted)
+    findings, own_response = _beside_parts(prepared, explored, findings, refuted, runs)
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -148,15 +148,17 @@ def examine(
 
 
 def _beside_parts(
-    prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int]
+    prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int], runs: Executor
 ) -> tuple[list[Finding], OwnResponse | None]:
     """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
     is more probable than what the catalogue says of them, and than any part in place of findings."""
     if not findings:
         return findings, None
-    parts = parts_of(prepared, heights=COMPETING_HEIGHTS)
-    together = taken_together(explored.hypotheses[0].fitted.included)
-    instead = {numbers: in_place_of(parts, explored, numbers) for numbers in together}
+    parts, best = parts_of(prepared, heights=COMPETING_HEIGHTS), explored.hypotheses[0]
+    together = taken_together(best.fitted.included)
+    found_instead = runs.in_order(in_place_of, [(numbers,) for numbers in together],
+                                  shared=(parts, explored.problem, best))
+    instead = dict(zip(together, found_instead, strict=True))
     most = max((evidence + prior for found in instead.values() for _, evidence, prior in found), default=-np.inf)
     responses = [one for one in own_responses(explored) if one.log_evidence + one.log_prior > most]
     if responses or any(instead.values()):

@@ -154,7 +154,7 @@ def elementary(
     through."""
     wire, at_nodes = small.picture
     nodes = points(wire)
-    K, M = (wave[0] for wave in small.at(small.parameters.initial).matrices())
+    K, M = small.at(small.parameters.initial).matrices()
     value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     flexibility = linalg.cho_factor(K)
     rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
@@ -310,14 +310,13 @@ def _strongest(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:
 
 
 def in_place_of(
-    parts: Sequence[Part], explored: Explored, numbers: tuple[int, ...]
+    parts: Sequence[Part], problem: DiagnosisProblem, best: Hypothesis, numbers: tuple[int, ...]
 ) -> list[tuple[Effect, float, float]]:
     """What of each kind of part may be meant instead of these effects of the most probable hypothesis, one or several
     `taken_together`: of the few that promise most the one that, fitted, explains most, its ln evidence and ln prior
     relative to theirs. It stands for all of its kind: its prior odds are theirs, each weighed by what it explains
     beside it, or promises to first order where it was not fitted, less what fits of the others fell short of that.
     Parts that do what one of the effects does are not estimated from it and are left out."""
-    problem, best = explored.problem, explored.hypotheses[0]
     if not parts:
         return []
     chief = _strongest(best, numbers)
@@ -341,7 +340,7 @@ def in_place_of(
         if together - before < -MARGIN:
             continue
         most = sorted(of_kind, key=lambda k: -promise[k])[:FITTED]
-        found = {k: _compared(explored, rest, numbers, parts[k], float(size[k])) for k in most}
+        found = {k: _compared(problem, best, rest, numbers, parts[k], float(size[k])) for k in most}
         fitted = {k: there for k, there in found.items() if there is not None}
         if not fitted:
             continue
@@ -357,24 +356,23 @@ def in_place_of(
 
 
 def _compared(
-    explored: Explored, rest: Fit, numbers: tuple[int, ...], part: Part, size: float
+    problem: DiagnosisProblem, best: Hypothesis, rest: Fit, numbers: tuple[int, ...], part: Part, size: float
 ) -> tuple[float, float] | None:
     """ln evidence and ln prior of the most probable hypothesis with a part in place of these effects (`rest` is the fit
     without them), relative to it; None where the model has no modes there."""
-    best = explored.hypotheses[0]
     chief = _strongest(best, numbers)
     profile = best.fitted.included[chief].time_profile
-    problem, fitted = with_parts(explored.problem, best.fitted, [part], (profile,))
-    _, base = with_parts(explored.problem, rest, [part], (profile,))
+    wider, fitted = with_parts(problem, best.fitted, [part], (profile,))
+    _, base = with_parts(problem, rest, [part], (profile,))
     begun = IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size)
     try:
-        found = fitted_without_candidates(problem, base.theta, (*rest.included, begun), base=base)
+        found = fitted_without_candidates(wider, base.theta, (*rest.included, begun), base=base)
     except ConvergenceError:
         return None
-    candidates = (*(c for i, c in enumerate(best.candidates) if i not in numbers), len(problem.which) - 1)
+    candidates = (*(c for i, c in enumerate(best.candidates) if i not in numbers), len(wider.which) - 1)
     z = (*(z for i, z in enumerate(best.z) if i not in numbers), best.z[chief])
-    one, here = hypothesis_of(problem, candidates, z, found), replace(best, fitted=fitted)
-    apart, prior = _relative(problem, one, here), one.log_prior - here.log_prior
+    one, here = hypothesis_of(wider, candidates, z, found), replace(best, fitted=fitted)
+    apart, prior = _relative(wider, one, here), one.log_prior - here.log_prior
     return float(apart - prior), float(prior)
 
 

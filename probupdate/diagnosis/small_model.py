@@ -52,6 +52,9 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # standard deviation of ln f of a mass on a spring about the frequency it is given; how near that (in
 # (f / f_own)^2) no first-order change holds, as the two modes share their shapes
 TUNING_STD, NEAR_TUNING = 0.06, 0.05
+# degrees of freedom from which on what a parameter does is kept as a whole; a weight this far from a straight line, as a
+# share of it, is on it
+WIDELY_FELT, ROUNDED = 100, 1e-14
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (3e-3, 1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
@@ -122,13 +125,59 @@ class TunedMass:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Expansion:
+    """A matrix about the parameters `theta`, where the terms have `weight` (n_term,) and make `total` (r, r), with what
+    one unit of some parameters makes: by their number (n_term,) and (r, r). Those that many degrees of freedom feel and
+    whose weights are straight lines: of them the sum is taken, of all others what they differ by is projected."""
+
+    theta: np.ndarray
+    weight: np.ndarray
+    total: np.ndarray
+    slopes: dict[int, tuple[np.ndarray, np.ndarray]]
+
+    @classmethod
+    def of_both(
+        cls, parameters: Parameters, coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        both: tuple[ProjectedTerms, ProjectedTerms],
+    ) -> tuple[Expansion, Expansion]:
+        """Of stiffness and mass about the parameters' initial values."""
+        theta, result = parameters.initial, []
+        step = 0.5 * (np.clip(theta + parameters.std, parameters.lower, parameters.upper) - theta)
+        moved = np.flatnonzero(step)
+        steps = np.diag(step)[moved]
+        for terms, about, near, far in zip(both, *map(coefficients, (theta, theta + steps, theta + 2 * steps)),
+                                           strict=True):
+            straight = np.all(np.abs(far - 2 * near + about) <= ROUNDED * (np.abs(far) + np.abs(about)), axis=1)
+            slopes = {int(k): (one - about) / step[k] for k, one in zip(moved[straight], near[straight], strict=True)}
+            kept = {k: (frozen_array(slope), frozen_array(terms.total(slope))) for k, slope in slopes.items()
+                    if len(terms.rows(slope)) >= WIDELY_FELT}
+            result.append(cls(theta=theta, weight=frozen_array(about), total=frozen_array(terms.total(about)),
+                              slopes=kept))
+        return result[0], result[1]
+
+    def at(self, theta: np.ndarray, terms: ProjectedTerms, weight: np.ndarray) -> np.ndarray:
+        """(r, r) at theta, where the terms have `weight`; parts may have been added behind both."""
+        rest, n = np.array(weight), len(self.weight)
+        rest[:n] -= self.weight
+        scale, total = np.abs(weight[:n]) + np.abs(self.weight), np.array(self.total)
+        for k, (slope, made) in self.slopes.items():
+            amount = theta[k] - self.theta[k]
+            if amount:
+                rest[:n] -= amount * slope
+                scale += np.abs(amount * slope)
+                total += amount * made
+        rest[:n][np.abs(rest[:n]) <= ROUNDED * scale] = 0.0
+        return total + terms.total(rest)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
     """K and M on the basis: stiffness, mass by harmonics of the nacelle's angle, the coefficients of 1, cos a, sin a,
-    cos 2a, sin 2a, or of 1 alone where nothing turns.
+    cos 2a, sin 2a, or of 1 alone where nothing turns; `about`: an expansion of either's mean over all angles.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis;
     at_channels (n_channel, r) what the channels read, which parameters may move (`moved`). `wire` is the model's
-    picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
+    picture at rest, at_nodes (3 n_node, r) the motion of its nodes. `bare`: the model that parts were attached to.
     """
 
     name: str
@@ -137,6 +186,7 @@ class SmallModel:
     coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     stiffness: tuple[ProjectedTerms, ...]
     mass: tuple[ProjectedTerms, ...]
+    about: tuple[Expansion, Expansion] = field(repr=False)
     at_channels: np.ndarray
     n_search: int
     frequency_error: float
@@ -146,6 +196,7 @@ class SmallModel:
     moved: tuple[MovedChannels, ...] = field(default=(), repr=False)
     tuned: tuple[TunedMass, ...] = field(default=(), repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
+    bare: SmallModel | None = field(default=None, repr=False)
 
     @property
     def picture(self) -> tuple[Wireframe, np.ndarray]:
@@ -187,6 +238,7 @@ class SmallModel:
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=coefficients,
             stiffness=(self.stiffness[0].with_added([*stiff.values()]), *self.stiffness[1:]),
             mass=(self.mass[0].with_added([*heavy.values()]), *self.mass[1:]), tuned=(*self.tuned, *hung), known={},
+            bare=self,
         )
 
 
@@ -234,19 +286,23 @@ class LocalModel:
         """The lowest modes that are looked through for the measured ones: a tuned mass brings its own."""
         return self.small.n_search + self.size - self.small.at_channels.shape[1]
 
+    @cached_property
+    def _coefficients(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.small.coefficients(self.theta)
+
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness and mass (5 or 1, n, n) by harmonics of the nacelle's angle; not kept, as solutions need what few
-        modes make of them alone."""
-        small, (cK, cM) = self.small, self.small.coefficients(self.theta)
-        stiffness, mass = (np.array([part.total(weight[: len(part)]) for part in parts])
-                           for weight, parts in ((cK, small.stiffness), (cM, small.mass)))
+        """Stiffness and mass (n, n) of the mean over all angles; not kept, as solutions need what few modes make of
+        them alone."""
+        small = self.small
+        stiffness, mass = (about.at(self.theta, parts[0], weight) for about, weight, parts in
+                           zip(small.about, self._coefficients, (small.stiffness, small.mass), strict=True))
         if self._hung:
-            more = self.size - stiffness.shape[-1]
-            stiffness, mass = (np.pad(part, ((0, 0), (0, more), (0, more))) for part in (stiffness, mass))
+            more = self.size - len(stiffness)
+            stiffness, mass = (np.pad(part, ((0, more), (0, more))) for part in (stiffness, mass))
             for one, own in self._hung:
                 amount, relative = self.theta[one.column], one.relative(own, self.size)
-                stiffness[0] += amount * one.square(self.theta) * relative.T @ relative
-                mass[0][own, own] += amount * np.eye(len(one.rows))
+                stiffness += amount * one.square(self.theta) * relative.T @ relative
+                mass[own, own] += amount * np.eye(len(one.rows))
         return stiffness, mass
 
     @cached_property
@@ -263,11 +319,17 @@ class LocalModel:
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
         the modes above these give way at the channels (n_channel, r) when forces act on the basis."""
-        stiffness, mass = self.matrices()
-        value, vectors = linalg.eigh(stiffness[0], mass[0])
+        bare = self.small.bare
+        if bare is not None and not self.theta[len(bare.parameters) :].any():
+            return bare.at(self.theta[: len(bare.parameters)])._core
+        value, vectors = linalg.eigh(*self.matrices())
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
         residual = (self.at_channels @ above / value[N_CORE:]) @ above.T
-        return core, *(core.T @ wave @ core for wave in (stiffness, mass)), residual
+        on_basis = core[: self.small.at_channels.shape[1]]
+        turning = ([part.between(weight[: len(part)], on_basis) for part in parts[1:]] for weight, parts in
+                   zip(self._coefficients, (self.small.stiffness, self.small.mass), strict=True))
+        mean = np.diag(value[:N_CORE]), np.eye(core.shape[1])
+        return core, *(np.array([still, *waves]) for still, waves in zip(mean, turning, strict=True)), residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
         """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean
@@ -613,9 +675,11 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
                     wave[number] = part
         return tuple(ProjectedTerms.of(wave, basis) for wave in waves)
 
+    stiffness, mass = by_harmonics("stiffness"), by_harmonics("mass")
+    about = Expansion.of_both(first.parameters, first.coefficients, (stiffness[0], mass[0]))
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
-        stiffness=by_harmonics("stiffness"), mass=by_harmonics("mass"),
+        stiffness=stiffness, mass=mass, about=about,
         at_channels=frozen_array(first.channel_matrix @ basis), moved=tuple(m.on(basis) for m in first.moved),
         n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,

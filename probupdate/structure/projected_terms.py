@@ -45,25 +45,46 @@ class ProjectedTerms:
 
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
-        own, size = self.entry.shape[0], self.basis.shape[1]
-        found = np.zeros((size, size), weight.dtype)
-        # of what turns with the nacelle most is not there but for a few effects
-        if weight[self.moved].any():
-            # entries stand column by column; what is symmetric has the same rows
-            rows, starts, basis = self._touched
-            whole = sparse.csr_array((weight[:own] @ self.entry, self.row, starts), shape=(len(rows), len(self.basis)))
-            found += basis.T @ (whole @ self.basis)
-        for value, factor in zip(weight[own:], self.added, strict=True):
+        size = self.basis.shape[1]
+        found = np.zeros((size, size))
+        rows, whole = self._whole(weight)
+        if len(rows):
+            basis = self.basis if len(rows) == len(self.basis) else self.basis[rows]
+            found += basis.T @ (whole @ basis)
+        for value, factor in zip(weight[self.entry.shape[0] :], self.added, strict=True):
             if value:
                 found += value * (factor.T @ factor)
         return 0.5 * (found + found.T)
 
-    @cached_property
-    def _touched(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows in which any term has entries, where these begin, and the basis there."""
-        rows = np.flatnonzero(np.diff(self._starts))
-        basis = self.basis if len(rows) == len(self.basis) else self.basis[rows]
-        return rows, np.append(self._starts[rows], self._starts[-1]), basis
+    def between(self, weight: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """sum_t weight_t X^T B^T K_t B X (k, k) for weight (n_term,) and X (r, k): for few vectors, or few entries."""
+        found = np.zeros((vectors.shape[1], vectors.shape[1]))
+        rows, whole = self._whole(weight)
+        if len(rows):
+            motion = self.basis[rows] @ vectors
+            found += motion.T @ (whole @ motion)
+        for value, factor in zip(weight[self.entry.shape[0] :], self.added, strict=True):
+            if value:
+                stretched = factor @ vectors
+                found += value * (stretched.T @ stretched)
+        return 0.5 * (found + found.T)
+
+    def rows(self, weight: np.ndarray) -> np.ndarray:
+        """Degrees of freedom in which sum_t weight_t K_t has entries."""
+        return self._whole(weight)[0]
+
+    def _whole(self, weight: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
+        """The rows in which sum_t weight_t K_t has entries, and what it has there (n_row, n_row)."""
+        sums = weight[: self.entry.shape[0]] @ self.entry
+        places = np.flatnonzero(sums)
+        # entries stand column by column; what is symmetric has the same rows
+        starts = np.searchsorted(places, self._starts)
+        rows = np.flatnonzero(np.diff(starts))
+        number = np.empty(len(self.basis), self.row.dtype)
+        number[rows] = np.arange(len(rows))
+        whole = sparse.csr_array((sums[places], number[self.row[places]], np.append(starts[rows], len(places))),
+                                 shape=(len(rows), len(rows)))
+        return rows, whole
 
     @cached_property
     def moved(self) -> np.ndarray:

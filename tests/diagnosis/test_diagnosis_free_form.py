@@ -245,9 +245,9 @@ def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
                           "prior over that of the row which it spares", reference="none; zero")
     offered, rows = {}, []
 
-    def in_place(parts, explored, numbers):
-        offered[numbers] = in_place_of(parts, explored, numbers)
-        rows[:] = [log_prior(explored.problem, [k]) for k in explored.hypotheses[0].candidates]
+    def in_place(parts, problem, best, numbers):
+        offered[numbers] = in_place_of(parts, problem, best, numbers)
+        rows[:] = [log_prior(problem, [k]) for k in best.candidates]
         return offered[numbers]
 
     monkeypatch.setattr(diagnose, "in_place_of", in_place)
@@ -283,9 +283,9 @@ def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, s
     _, data, alone = stepped
     offered = []
 
-    def all_compared(parts, explored, numbers):
+    def all_compared(parts, problem, best, numbers):
         monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
-        offered.extend(in_place_of(parts, explored, numbers))
+        offered.extend(in_place_of(parts, problem, best, numbers))
         return offered
 
     monkeypatch.setattr(diagnose, "in_place_of", all_compared)
@@ -301,15 +301,15 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
     the kind is at least as probable as that one alone."""
     asked, answers = [], []
 
-    def compared(explored, rest, numbers, part, size):
+    def compared(problem, best, rest, numbers, part, size):
         first = not any(part[0].cause == one[0].cause for one in asked)
         second = sum(part[0].cause == one[0].cause for one in asked) == 1
         asked.append(part)
         return (-2.0 if first else 3.0 if second else 1.0), float(np.log(part[0].odds))
 
-    def in_place(parts, explored, numbers):
+    def in_place(parts, problem, best, numbers):
         monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
-        answers.extend(in_place_of(parts, explored, numbers))
+        answers.extend(in_place_of(parts, problem, best, numbers))
         return answers
 
     monkeypatch.setattr(elementary_parts, "_compared", compared)
