@@ -72,11 +72,13 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModes:
-    """Modes of the basis at one point: frequency_hz (n,), vectors (r, n) of unit modal mass; `n_search`: how many of
-    them are looked through, if not as many as of the model."""
+    """Modes of the basis at one point: frequency_hz (n,), vectors (r, n) of unit modal mass, and these on the core
+    modes (n_core, n) that they were made from; `n_search`: how many of them are looked through, if not as many as of
+    the model."""
 
     frequency_hz: np.ndarray
     vectors: np.ndarray
+    on_core: np.ndarray
     n_search: int | None = None
 
 
@@ -326,10 +328,11 @@ class LocalModel:
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
         residual = (self.at_channels @ above / value[N_CORE:]) @ above.T
         on_basis = core[: self.small.at_channels.shape[1]]
-        turning = ([part.between(weight[: len(part)], on_basis) for part in parts[1:]] for weight, parts in
-                   zip(self._coefficients, (self.small.stiffness, self.small.mass), strict=True))
         mean = np.diag(value[:N_CORE]), np.eye(core.shape[1])
-        return core, *(np.array([still, *waves]) for still, waves in zip(mean, turning, strict=True)), residual
+        stiffness, mass = (np.array([still, *(part.between(weight[: len(part)], on_basis) for part in parts[1:])])
+                           for still, weight, parts in
+                           zip(mean, self._coefficients, (self.small.stiffness, self.small.mass), strict=True))
+        return core, stiffness, mass, residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
         """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean
@@ -341,7 +344,8 @@ class LocalModel:
                                          subset_by_index=None if count is None else (0, count - 1))
         except linalg.LinAlgError as error:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
-        return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors)
+        return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors,
+                          on_core=vectors)
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
@@ -372,28 +376,31 @@ class LocalModel:
         return result
 
     def _derivatives(self, slopes: Slopes, places) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+        # of what forces do to modes only this is asked: by how much they move the core's modes, and what gives way
+        onto = np.concatenate([self._core[0], self._core[-1].T], axis=1)
         wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
         ends, together = np.cumsum([0, *(phi.shape[1] for phi in wanted)]), np.hstack(wanted)
-        on_basis = together[: self.small.at_channels.shape[1]]
+        size = self.small.at_channels.shape[1]
         harmonics = np.repeat([_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
         products = []
         for (still, *turning), weight in slopes.terms:
-            product = still.times(weight, on_basis)
+            product = still.times(weight, together[:size], onto[:size])
             for wave, part in zip(harmonics.T[1:], turning, strict=False):
                 own = weight[:, : len(part)]
                 rows = np.flatnonzero(np.any(own[:, part.moved], axis=1))
                 if len(rows):
-                    product[rows] += wave[:, None] * part.times(own[rows], on_basis)
-            products.append(self._padded(product))
+                    product[rows] += wave[:, None] * part.times(own[rows], together[:size], onto[:size])
+            products.append(product)
         value = np.concatenate([(2 * np.pi * modes.frequency_hz[[i for own in clusters for i in own]]) ** 2
                                 for _, modes, clusters in places])
-        self._add_tuned(slopes, together, value, *products)
+        self._add_tuned(slopes, together, onto, value, *products)
         return [self._changes([product[:, start:end] for product in products], slopes.rows, modes, clusters)
                 for (_, modes, clusters), start, end in zip(places, ends, ends[1:], strict=False)]
 
-    def _add_tuned(self, slopes: Slopes, together, value, stiff: np.ndarray, heavy: np.ndarray) -> None:
-        """Adds what masses and frequencies of tuned masses change: Phi^T dK and Phi^T dM (n_param, n_mode, n) of modes
-        `together` with these eigenvalues. One that is not there yet is m / (1 - lambda / omega^2) for each mode."""
+    def _add_tuned(self, slopes: Slopes, together, onto, value, stiff: np.ndarray, heavy: np.ndarray) -> None:
+        """Adds what masses and frequencies of tuned masses change: Phi^T dK Y and Phi^T dM Y (n_param, n_mode, m) of
+        modes `together` with these eigenvalues, Y what they are asked `onto`. One that is not there yet is
+        m / (1 - lambda / omega^2) for each mode."""
         there = {one.column: own for one, own in self._hung}
         for number, one, of_mass in slopes.tuned:
             square = one.square(self.theta)
@@ -401,23 +408,25 @@ class LocalModel:
                 own = there[one.column]
                 relative = one.relative(own, self.size)
                 amount = square if of_mass else 2 * square * self.theta[one.column]
-                stiff[number] += amount * (relative @ together).T @ relative
+                stiff[number] += amount * (relative @ together).T @ (relative @ onto)
                 if of_mass:
-                    heavy[number][:, own] += together[own].T
+                    heavy[number] += together[own].T @ onto[own]
             elif of_mass:
                 away = 1 - value / square
                 followed = away / (away**2 + NEAR_TUNING**2)
                 n = one.rows.shape[1]
-                heavy[number][:, :n] += followed[:, None] * ((one.rows @ together[:n]).T @ one.rows)
+                heavy[number] += followed[:, None] * ((one.rows @ together[:n]).T @ (one.rows @ onto[:n]))
 
     def _changes(self, parts, rows, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
-        """`derivatives` at one place from Phi^T dK and Phi^T dM (n_param, all members, r): modes of the core one by
-        one, those above it by what all of them together give way; and from the `rows` of channels that move."""
+        """`derivatives` at one place from Phi^T dK and Phi^T dM on the core's modes and on what those above it give way
+        at the channels (n_param, all members, n_core + n_channel): modes of the core one by one, those above it all of
+        them together; and from the `rows` of channels that move."""
         value = (2 * np.pi * modes.frequency_hz) ** 2
-        at_channels, residual = self.at_channels @ modes.vectors, self._core[-1]
+        at_channels = self.at_channels @ modes.vectors
         n_channel, result, start = len(at_channels), [], 0
+        given = np.concatenate([np.zeros((n_channel, len(modes.on_core))), -np.eye(n_channel)], axis=1)
         for members in map(list, clusters):
-            own_value, onto = value[members], modes.vectors[:, members].T
+            own_value, onto = value[members], np.pad(modes.on_core[:, members].T, ((0, 0), (0, n_channel)))
             outside = np.ones(len(value), bool)
             outside[members] = False
             dK, dM, change = [], [], []
@@ -425,7 +434,7 @@ class LocalModel:
                 gap = at - value[outside]
                 share = gap / (gap**2 + (EQUAL * at) ** 2)
                 # what a force on the basis does to this mode at the channels, and to the members' products
-                given = (at_channels[:, outside] * share) @ modes.vectors[:, outside].T - residual
+                given[:, : -n_channel or None] = (at_channels[:, outside] * share) @ modes.on_core[:, outside].T
                 stiff, heavy = (part[:, start + j] @ np.concatenate([given, onto]).T for part in parts)
                 dK.append(stiff[:, n_channel:])
                 dM.append(heavy[:, n_channel:])
@@ -435,7 +444,7 @@ class LocalModel:
             coupling = np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)
             moved = np.stack(change, axis=2)
             for number, own in rows:
-                moved[number] += own @ onto[:, : own.shape[1]].T
+                moved[number] += own @ modes.vectors[: own.shape[1], members]
             result.append((coupling.transpose(1, 2, 0), moved.transpose(1, 2, 0)))
         return result
 

@@ -96,14 +96,14 @@ class ProjectedTerms:
         """(n_dof + 1,): where each column's entries begin, and their end."""
         return np.searchsorted(self.column, np.arange(len(self.basis) + 1)).astype(self.row.dtype)
 
-    def times(self, weights: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """sum_t weights_pt X^T B^T K_t B (n, k, r) for weights (n, n_term) and X (r, k): for each of the n sums only
-        the rows of B are touched that its terms have entries in."""
+    def times(self, weights: np.ndarray, vectors: np.ndarray, onto: np.ndarray) -> np.ndarray:
+        """sum_t weights_pt X^T B^T K_t B Y (n, k, m) for weights (n, n_term), X (r, k) and Y (r, m) `onto`: for each of
+        the n sums only the rows of B are touched that its terms have entries in."""
         own, size = self.entry.shape[0], len(self.basis)
-        result = np.zeros((len(weights), vectors.shape[1], self.basis.shape[1]))
+        result = np.zeros((len(weights), vectors.shape[1], onto.shape[1]))
         sums = sparse.csr_array(sparse.csr_array(weights[:, :own]) @ self.entry)
         sums.sort_indices()
-        motion = self.basis @ vectors
+        motion, there = self.basis @ vectors, self.basis @ onto
         for p in range(len(weights)):
             part = slice(sums.indptr[p], sums.indptr[p + 1])
             places, values = sums.indices[part], sums.data[part]
@@ -113,10 +113,10 @@ class ProjectedTerms:
                 rows = np.flatnonzero(np.diff(starts))
                 touched = sparse.csr_array((values, self.row[places], np.append(starts[rows], len(places))),
                                            shape=(len(rows), size))
-                result[p] = (touched @ motion).T @ self.basis[rows]
+                result[p] = (touched @ motion).T @ there[rows]
             for value, factor in zip(weights[p, own:], self.added, strict=True):
                 if value:
-                    result[p] += value * ((factor @ vectors).T @ factor)
+                    result[p] += value * ((factor @ vectors).T @ (factor @ onto))
         return result
 
 

@@ -11,7 +11,7 @@ from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of,
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.small_model import TURNS_DEG, small_model
+from probupdate.diagnosis.small_model import Attachment, TURNS_DEG, small_model
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Delay, Effect, LowPass, Swap, measurement_effects
 from probupdate.modal.modes import Sensor
@@ -116,6 +116,31 @@ def test_one_basis_serves_every_nacelle_angle(validation):
         sign = np.sign(np.sum(local.shapes(modes, 5)[:, own] * exact.shape[:, own], axis=0))
         apart = np.abs(change * sign[:, None] - exact.shape_derivative[:, own]) * p.std
         row.error(apart / np.max(np.abs(exact.shape[:, own])), 2e-3, "slopes of shapes")
+
+
+def test_matrices_about_the_priors_centre_are_those_of_all_terms(turbine, validation):
+    """What many degrees of freedom feel is kept as it was projected once; the rest is what parameters differ by."""
+    row = validation(what="stiffness and mass on the small basis about the prior's centre, at draws with two effects, "
+                          "with a spring beside them: largest entry's share",
+                     reference="the sum of all terms, projected", why="rounding")
+    small, rng = turbine.small, np.random.default_rng(3)
+    p = small.parameters
+    kept = [{p.names[k] for k in about.slopes} for about in small.about]
+    assert {"k_j", "k_p"} <= kept[0] and "a_m" in kept[1]
+    spring = Attachment(name="spring", std=1.0, stiffness=rng.standard_normal((1, small.at_channels.shape[1])))
+    wider = small.attached([spring])
+    for number in range(6):
+        theta = p.initial.copy()
+        chosen = [*turbine.updated, *rng.integers(0, len(p), 2)]
+        theta[chosen] += (number > 0) * 0.3 * rng.standard_normal(len(chosen)) * p.std[chosen]
+        theta = np.clip(theta, p.lower, p.upper)
+        for model, at in ((small, theta), (wider, np.append(theta, 2.0)), (wider, np.append(theta, 0.0))):
+            for found, terms, weight in zip(model.at(at).matrices(), (model.stiffness, model.mass),
+                                            model.coefficients(at), strict=True):
+                plain = terms[0].total(weight)
+                row.error((found - plain) / np.abs(plain).max(), 1e-11)
+    bare, same = small.at(theta).solve(40.0), wider.at(np.append(theta, 0.0)).solve(40.0)
+    assert np.array_equal(bare.frequency_hz, same.frequency_hz) and np.array_equal(bare.vectors, same.vectors)
 
 
 def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, validation):

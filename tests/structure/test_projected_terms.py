@@ -44,8 +44,13 @@ def test_sums_and_products_are_those_of_dense_terms(terms, n_added, few, validat
     row.error(held.total(weight) - np.tensordot(weight, dense, 1), below=1e-11)
     weights = RNG.standard_normal((5, len(dense))) * (RNG.random((5, len(dense))) < 0.4)
     weights[2] = 0.0
-    vectors = RNG.standard_normal((R, 6))
-    row.error(held.times(weights, vectors) - vectors.T @ np.tensordot(weights, dense, 1), below=1e-11)
+    vectors, onto = RNG.standard_normal((R, 6)), RNG.standard_normal((R, 4))
+    sums = vectors.T @ np.tensordot(weights, dense, 1)
+    row.error(held.times(weights, vectors, np.eye(R)) - sums, below=1e-11)
+    row.error(held.times(weights, vectors, onto) - sums @ onto, below=1e-11)
+    row.error(held.between(weight, vectors) - vectors.T @ np.tensordot(weight, dense, 1) @ vectors, below=1e-11)
+    touched = np.flatnonzero(np.abs(sum(w * abs(t) for w, t in zip(np.abs(weight), terms))).sum(axis=0))
+    assert np.array_equal(held.rows(weight), touched)
     assert all(a is b for a, b in zip(held.added, added, strict=True))
 
 
