@@ -21,7 +21,7 @@ from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 
-# draws are made in chunks of so many numbers, and summed up over blocks in chunks of so many
+# draws are made in chunks of so many numbers, and scored in chunks of so many
 CHUNK, SUMMED = 4_000_000, 500_000
 # cross terms of candidates with the unknowns are made in chunks of so many numbers: of all at once they are as large as
 # all else together
@@ -281,42 +281,31 @@ class Design:
                 else np.moveaxis(np.tensordot(A[first:], y, axes=(2, 1)), 2, 0)
                 for A, y in zip(self._aggregators, residuals, strict=True)]
 
-    def _known(self, sums: list[np.ndarray]) -> list[np.ndarray]:
-        """Of `_sums` the rows that unknowns follow, behind the candidates' time profiles."""
-        return [total[..., len(self.time_profiles):, :, :] for total in sums]
-
     def scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of residuals per group (..., n_block, n_response), zero where not measured."""
-        sums = self._sums(residuals)
-        return self._raw_beside(sums, self._solve(self._right(self._known(sums)).T).T)
+        return self._raw(residuals, self.unknowns(residuals))
 
-    def _raw_beside(self, sums: list[np.ndarray], unknowns: np.ndarray) -> np.ndarray:
-        """X^T R^-1 (y - U c) (..., n_candidate) with what unknowns c (..., n_unknown) make taken off the `_sums` of
-        candidates' time profiles, in place."""
-        n_profile = len(self.time_profiles)
-        for total, times, sorted_unknowns in zip(sums, self._times, self._by_profile, strict=True):
-            made_of: dict[int, np.ndarray] = {}
-            for row, number, made in sorted_unknowns:
-                own = unknowns[..., number]
-                here = (own[..., None, :] * made if made.ndim == 2 else
-                        (own @ made.reshape(-1, made.shape[-1]).T).reshape(*own.shape[:-1], *made.shape[:2]))
-                made_of[row] = made_of[row] + here if row in made_of else here
-            for row, here in made_of.items():
-                total[..., :n_profile, :, :] -= times[:, :n_profile, row].T[:, :, None] * here[..., None, :, :]
-        return self._raw(sums)
+    def _raw(self, residuals: Sequence[np.ndarray], unknowns: np.ndarray) -> np.ndarray:
+        """X^T R^-1 (y - U c) (..., n_candidate) of residuals y and unknowns c (..., n_unknown), R the noise alone.
 
-    def _raw(self, sums: list[np.ndarray]) -> np.ndarray:
-        """X^T R^-1 y (..., n_candidate), R the noise alone."""
-        n_profile = len(self.time_profiles)
-        raw = np.zeros((*sums[0].shape[:-3], n_profile, self.effect[0].shape[2]))
-        for q, total in enumerate(sums):
-            weighted = total[..., :n_profile, :, :] @ self.noise.precision[q]
-            raw += np.einsum("...cgm,gme->...ce", weighted, self.effect[q], optimize=True)
+        Each block with every effect's signature first, then along all time profiles: of half a month in a sixth of the
+        operations that sums along time profiles in every bin take. """
+        order = np.argsort(self.bin_of, kind="stable")
+        ends = np.searchsorted(self.bin_of[order], np.arange(self.n_bin + 1))
+        n_profile, n_effect = len(self.time_profiles), self.effect[0].shape[2]
+        raw = np.zeros((n_profile, *residuals[0].shape[:-2], n_effect))
+        for q, (y, made) in enumerate(zip(residuals, self.expected(unknowns), strict=True)):
+            left = np.moveaxis(((y - made) * self.noise.weight[q][:, None]) @ self.noise.precision[q], -2, 0)[order]
+            seen = np.empty((*left.shape[:-1], n_effect))
+            for g in range(self.n_bin):
+                own = slice(ends[g], ends[g + 1])
+                seen[own] = (left[own].reshape(-1, left.shape[-1]) @ self.effect[q][g]).reshape(seen[own].shape)
+            raw += np.tensordot(self._profile_values[q][:n_profile, order], seen, (1, 0))
         effect, time_profile = self.which.T
-        return raw[..., time_profile, effect]
+        return np.moveaxis(raw[time_profile, ..., effect], 0, -1)
 
     def _right(self, known: list[np.ndarray]) -> np.ndarray:
-        """U^T R^-1 y (..., n_unknown), U what the unknowns make; `known` from `_known`."""
+        """U^T R^-1 y (..., n_unknown), U what the unknowns make; `known` the `_sums` behind the candidates'."""
         right = np.zeros((*known[0].shape[:-3], self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = known[q] @ self.noise.precision[q]
@@ -327,8 +316,8 @@ class Design:
         return right
 
     def unknowns(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
-        """Most probable c, sizes, offsets and model-error scales (n_unknown,) when nothing else is wrong."""
-        return self._solve(self._right(self._sums(residuals, len(self.time_profiles))))
+        """Most probable c, sizes, offsets and model-error scales (..., n_unknown) when nothing else is wrong."""
+        return self._solve(self._right(self._sums(residuals, len(self.time_profiles))).T).T
 
     def misfit(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
@@ -365,15 +354,17 @@ class Design:
         return self._solve(np.eye(self.n_unknown)[:, rows])[rows]
 
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
-        """Residuals per group (n_block, n_response) that unknowns (n_unknown,) make."""
+        """Residuals per group (..., n_block, n_response) that unknowns (..., n_unknown) make."""
         result = []
         for h, discrepancy_std, sorted_unknowns in zip(
             self._profile_values, self.discrepancy_std, self._by_profile, strict=True
         ):
-            y = np.zeros((len(self.bin_of), discrepancy_std.size))
+            y = np.zeros((*unknowns.shape[:-1], len(self.bin_of), discrepancy_std.size))
             for row, number, made in sorted_unknowns:
-                here = made * unknowns[number] if made.ndim == 2 else made @ unknowns[number]
-                y += h[row][:, None] * here[self.bin_of]
+                own = unknowns[..., number]
+                here = (own[..., None, :] * made if made.ndim == 2 else
+                        (own @ made.reshape(-1, made.shape[-1]).T).reshape(*own.shape[:-1], *made.shape[:2]))
+                y += h[row][:, None] * here[..., self.bin_of, :]
             result.append(y)
         return result
 
@@ -457,11 +448,8 @@ class Design:
         n_block = len(self.bin_of)
         total = n_block * sum(f.size for f in self.discrepancy_std)
         chunk = max(1, min(n, CHUNK // total))
-        # a row for each time profile in each bin: of few blocks many more numbers than the record has
-        n_sum = sum(
-            A.shape[0] * A.shape[1] * f.size for A, f in zip(self._aggregators, self.discrepancy_std, strict=True)
-        )
-        at_once = max(1, SUMMED // n_sum)
+        # each block with every effect: many more numbers than the record has
+        at_once = max(1, SUMMED // (n_block * self.effect[0].shape[2]))
         scales = self.noise.scales(rng, n)
         result = np.empty((n, len(self.which)))
         for start in range(0, n, chunk):
@@ -478,10 +466,10 @@ class Design:
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
             for first in range(0, size, at_once):
                 part = slice(first, first + at_once)
-                sums = self._sums([y[part] for y in residuals])
-                right = self._right(self._known(sums)) + unknown[part] @ self._information
-                result[start + first : start + min(first + at_once, size)] = self._raw_beside(
-                    sums, self._solve(right.T).T - unknown[part])
+                noise = [y[part] for y in residuals]
+                right = self._right(self._sums(noise, len(self.time_profiles))) + unknown[part] @ self._information
+                result[start + first : start + min(first + at_once, size)] = self._raw(
+                    noise, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)
         return result
 

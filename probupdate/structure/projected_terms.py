@@ -103,20 +103,18 @@ class ProjectedTerms:
         result = np.zeros((len(weights), vectors.shape[1], onto.shape[1]))
         sums = sparse.csr_array(sparse.csr_array(weights[:, :own]) @ self.entry)
         sums.sort_indices()
-        motion, there = self.basis @ vectors, self.basis @ onto
+        # the rows that have entries, of the symmetric sums one below the other
+        sum_of, row = np.repeat(np.arange(len(weights)), np.diff(sums.indptr)), self.column[sums.indices]
+        first = np.flatnonzero(np.diff(sum_of * size + row, prepend=-1))
+        touched = sparse.csr_array((sums.data, self.row[sums.indices], np.append(first, sums.nnz)),
+                                   shape=(len(first), size)) @ (self.basis @ vectors)
+        there, row, ends = self.basis @ onto, row[first], np.searchsorted(sum_of[first], np.arange(len(weights) + 1))
         for p in range(len(weights)):
-            part = slice(sums.indptr[p], sums.indptr[p + 1])
-            places, values = sums.indices[part], sums.data[part]
-            if len(places):
-                # of the symmetric sum the rows that have entries
-                starts = np.searchsorted(places, self._starts)
-                rows = np.flatnonzero(np.diff(starts))
-                touched = sparse.csr_array((values, self.row[places], np.append(starts[rows], len(places))),
-                                           shape=(len(rows), size))
-                result[p] = (touched @ motion).T @ there[rows]
-            for value, factor in zip(weights[p, own:], self.added, strict=True):
-                if value:
-                    result[p] += value * ((factor @ vectors).T @ (factor @ onto))
+            part = slice(ends[p], ends[p + 1])
+            result[p] = touched[part].T @ there[row[part]]
+        for p, k in zip(*np.nonzero(weights[:, own:]), strict=True):
+            factor = self.added[k]
+            result[p] += weights[p, own + k] * ((factor @ vectors).T @ (factor @ onto))
         return result
 
 
