@@ -22,7 +22,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
 from probupdate.structure.moved_channels import MovedChannels, moved_to
-from probupdate.structure.projected_terms import ProjectedTerms, patterned
+from probupdate.structure.projected_terms import Expansion, ProjectedTerms, patterned
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
@@ -52,9 +52,6 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # standard deviation of ln f of a mass on a spring about the frequency it is given; how near that (in
 # (f / f_own)^2) no first-order change holds, as the two modes share their shapes
 TUNING_STD, NEAR_TUNING = 0.06, 0.05
-# degrees of freedom from which on what a parameter does is kept as a whole; a weight this far from a straight line, as a
-# share of it, is on it
-WIDELY_FELT, ROUNDED = 100, 1e-14
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (3e-3, 1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
@@ -124,52 +121,6 @@ class TunedMass:
         result[:, : self.rows.shape[1]] = self.rows
         result[:, own] = -np.eye(len(self.rows))
         return result
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Expansion:
-    """A matrix about the parameters `theta`, where the terms have `weight` (n_term,) and make `total` (r, r), with what
-    one unit of some parameters makes: by their number (n_term,) and (r, r). Those that many degrees of freedom feel and
-    whose weights are straight lines: of them the sum is taken, of all others what they differ by is projected."""
-
-    theta: np.ndarray
-    weight: np.ndarray
-    total: np.ndarray
-    slopes: dict[int, tuple[np.ndarray, np.ndarray]]
-
-    @classmethod
-    def of_both(
-        cls, parameters: Parameters, coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-        both: tuple[ProjectedTerms, ProjectedTerms],
-    ) -> tuple[Expansion, Expansion]:
-        """Of stiffness and mass about the parameters' initial values."""
-        theta, result = parameters.initial, []
-        step = 0.5 * (np.clip(theta + parameters.std, parameters.lower, parameters.upper) - theta)
-        moved = np.flatnonzero(step)
-        steps = np.diag(step)[moved]
-        for terms, about, near, far in zip(both, *map(coefficients, (theta, theta + steps, theta + 2 * steps)),
-                                           strict=True):
-            straight = np.all(np.abs(far - 2 * near + about) <= ROUNDED * (np.abs(far) + np.abs(about)), axis=1)
-            slopes = {int(k): (one - about) / step[k] for k, one in zip(moved[straight], near[straight], strict=True)}
-            kept = {k: (frozen_array(slope), frozen_array(terms.total(slope))) for k, slope in slopes.items()
-                    if len(terms.rows(slope)) >= WIDELY_FELT}
-            result.append(cls(theta=theta, weight=frozen_array(about), total=frozen_array(terms.total(about)),
-                              slopes=kept))
-        return result[0], result[1]
-
-    def at(self, theta: np.ndarray, terms: ProjectedTerms, weight: np.ndarray) -> np.ndarray:
-        """(r, r) at theta, where the terms have `weight`; parts may have been added behind both."""
-        rest, n = np.array(weight), len(self.weight)
-        rest[:n] -= self.weight
-        scale, total = np.abs(weight[:n]) + np.abs(self.weight), np.array(self.total)
-        for k, (slope, made) in self.slopes.items():
-            amount = theta[k] - self.theta[k]
-            if amount:
-                rest[:n] -= amount * slope
-                scale += np.abs(amount * slope)
-                total += amount * made
-        rest[:n][np.abs(rest[:n]) <= ROUNDED * scale] = 0.0
-        return total + terms.total(rest)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,14 +6,19 @@ thousand of them would be hundreds of megabytes there, and are two as they are: 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
+from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
+
+# degrees of freedom from which on what a parameter does is kept as a whole; a weight this far from a straight line, as
+# a share of it, is on it
+WIDELY_FELT, ROUNDED = 100, 1e-14
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,6 +121,53 @@ class ProjectedTerms:
             factor = self.added[k]
             result[p] += weights[p, own + k] * ((factor @ vectors).T @ (factor @ onto))
         return result
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expansion:
+    """sum_t weight_t(theta) B^T K_t B about parameters `theta`, where terms have `weight` (n_term,) and make `total`
+    (r, r). `slopes`: by number of the parameter what one unit of it adds to both, for those that many degrees of
+    freedom feel and whose weights are straight lines. Theirs are summed up; of all others what they differ by is
+    projected, which has entries in few rows."""
+
+    theta: np.ndarray
+    weight: np.ndarray
+    total: np.ndarray
+    slopes: dict[int, tuple[np.ndarray, np.ndarray]]
+
+    @classmethod
+    def of_both(
+        cls, parameters: Parameters, coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        both: tuple[ProjectedTerms, ProjectedTerms],
+    ) -> tuple[Expansion, Expansion]:
+        """Of stiffness and mass about the parameters' initial values."""
+        theta, result = parameters.initial, []
+        step = 0.5 * (np.clip(theta + parameters.std, parameters.lower, parameters.upper) - theta)
+        moved = np.flatnonzero(step)
+        steps = np.diag(step)[moved]
+        for terms, about, near, far in zip(both, *map(coefficients, (theta, theta + steps, theta + 2 * steps)),
+                                           strict=True):
+            straight = np.all(np.abs(far - 2 * near + about) <= ROUNDED * (np.abs(far) + np.abs(about)), axis=1)
+            slopes = {int(k): (one - about) / step[k] for k, one in zip(moved[straight], near[straight], strict=True)}
+            kept = {k: (frozen_array(slope), frozen_array(terms.total(slope))) for k, slope in slopes.items()
+                    if len(terms.rows(slope)) >= WIDELY_FELT}
+            result.append(cls(theta=theta, weight=frozen_array(about), total=frozen_array(terms.total(about)),
+                              slopes=kept))
+        return result[0], result[1]
+
+    def at(self, theta: np.ndarray, terms: ProjectedTerms, weight: np.ndarray) -> np.ndarray:
+        """(r, r) at theta, where the terms have `weight`; parts may have been added behind both."""
+        rest, n = np.array(weight), len(self.weight)
+        rest[:n] -= self.weight
+        scale, total = np.abs(weight[:n]) + np.abs(self.weight), np.array(self.total)
+        for k, (slope, made) in self.slopes.items():
+            amount = theta[k] - self.theta[k]
+            if amount:
+                rest[:n] -= amount * slope
+                scale += np.abs(amount * slope)
+                total += amount * made
+        rest[:n][np.abs(rest[:n]) <= ROUNDED * scale] = 0.0
+        return total + terms.total(rest)
 
 
 def patterned(terms: Sequence[sparse.csc_array]) -> tuple[sparse.csc_array, sparse.csr_array]:
