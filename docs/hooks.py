@@ -73,6 +73,7 @@ def on_page_markdown(markdown: str, **_) -> str:
     markdown = INCLUDE.sub(_included, markdown)
     if COMMANDS in markdown:
         markdown = markdown.replace(COMMANDS, commands_page())
+    markdown = markdown.replace("](../studies/discovery/month.png)", "](pictures/month.png)")
     # pages of studies are read in the repository
     markdown = re.sub(r"\[([^\]]+)\]\(\.\./studies/([^)]+)\)", r"\1 (`studies/\2`)", markdown)
     parts = CODE.split(markdown)

@@ -23,6 +23,7 @@ from probupdate.structure.load import reference_model
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.settings import SamplerSettings
 from probupdate.virtual.effects import hidden_words
+from probupdate.virtual.simulation import n_slots
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,10 +54,11 @@ TARGET_ESS = 400
 @dataclass(frozen=True, kw_only=True)
 class Demonstration:
     """folder holds campaign/, modes.json, nine.json, update.json, posterior.nc, compare.json, diagnosis.json and
-    report.html."""
+    report.html (`files`, those with results)."""
 
     folder: Path
     seconds: float
+    files: tuple[Path, ...]
     summary: str
 
     def to_frame(self) -> pd.DataFrame:
@@ -87,6 +89,7 @@ def demo(
     hidden = _hidden(hide, days)
     # before anything is written
     SamplerSettings(seed=seed)
+    n_slots(days)
     begun = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
     state = _State(out, {"seed": seed, "days": days, "hidden": hashlib.sha256(hidden.encode()).hexdigest(),
@@ -112,7 +115,8 @@ def demo(
             page = write_report(out, out / "report.html", jobs=runs, progress=progress)
     seconds = time.monotonic() - begun
     summary = f"{seconds:.0f} s; open {page}"
-    return Demonstration(folder=out, seconds=seconds, summary=summary)
+    written = page, modes, nine, *files.values(), out / "diagnosis.json"
+    return Demonstration(folder=out, seconds=seconds, files=written, summary=summary)
 
 
 def _measure(
@@ -283,10 +287,10 @@ class _State:
             differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
             if differ:
                 key = differ[0]
-                raise InputError(
-                    str(out), f"holds a demonstration whose {key} is {found.get(key)}, not {self._content[key]}",
-                    "give an empty directory, or delete this one",
-                )
+                what = ("in which something else is hidden" if key == "hidden" else
+                        f"whose {key} is {found.get(key)}, not {self._content[key]}")
+                raise InputError(str(out), f"holds a demonstration {what}",
+                                 "give an empty directory, or delete this one")
             self._content["finished"] = found["finished"]
         elif not holds_nothing(out):
             raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")

@@ -13,8 +13,10 @@ from probupdate.runtime.progress import Progress
 def run_demo(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    answer(a, probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
-                              say=(lambda text: None) if a.json else say))
+    done = probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
+                           say=(lambda text: None) if a.json else say)
+    # a reader is given the report, a script all files
+    answer(a, done, done.files if a.json else ())
 
 
 def run_simulate(a: argparse.Namespace, progress: Progress) -> None:

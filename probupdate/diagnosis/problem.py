@@ -16,6 +16,7 @@ from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expe
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
 from probupdate.effects.catalogue import Effect
+from probupdate.modal.matching import refuse_another_unit
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -200,7 +201,13 @@ def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
 def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisProblem, np.ndarray]:
     """The problem of a diagnosis and the parameters it starts from."""
     theta = np.array(prepared.small.parameters.initial)
-    blocks = gather(data, expected_hz=expected_frequencies(prepared.small, gather(data), theta))
+    measured = gather(data)
+    expected = expected_frequencies(prepared.small, measured, theta)
+    if measured.channels:
+        found = np.array([expected.get(label, np.nan) for label in measured.labels])
+        ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
+        refuse_another_unit("modes", ratios[np.isfinite(ratios)])
+    blocks = gather(data, expected_hz=expected)
     predictor = build_predictor(prepared.small, blocks, theta)
     effects = prepared.effects_on(blocks.channels)
     with_columns, columns = with_derived(blocks), _columns(effects)

@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
+from probupdate.campaign.scada import (
+    COLUMNS,
+    KNOWN,
+    SIMILAR,
+    StateRule,
+    block_conditions,
+    misnamed,
+    with_rated_power,
+)
 from probupdate.errors import InputError
 from probupdate.identification.criteria import (
     SelectionCriteria,
@@ -99,6 +107,9 @@ def select(
     required = required_modes(data.labels, data.n_mode, criteria, data.sets)
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
     tests, notes = condition_tests(sets, criteria)
+    if scada is not None:
+        notes += [f"SCADA has no {known} (rename '{given}' if that is it)"
+                  for known, given in misnamed(scada.columns, SIMILAR).items()]
     seldom = [label for j, label in enumerate(labels) if j not in required]
     if criteria.required is None and seldom and not any(map(is_bending, labels)):
         notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
@@ -193,6 +204,10 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
 
 
 def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalSet, ...]:
+    """The sets with what this table says of their blocks, and nothing that another one said."""
+    if not set(KNOWN) & set(scada.columns):
+        raise InputError("SCADA", f"the table has none of its columns, but {', '.join(map(str, scada.columns[:4]))}",
+                         f"name them {', '.join(COLUMNS[:4])} and so on (docs/formats/campaign.md)")
     rule = with_rated_power(rule, scada)
     result = []
     for s in sets:
@@ -203,7 +218,8 @@ def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalS
             raise InputError(f"set {s.id}", "its id is no time, or its environment has no block_minutes, so SCADA "
                              "cannot be joined", "leave --scada out, or name sets by their start in UTC") from None
         start = start.tz_localize("UTC") if start.tzinfo is None else start
-        result.append(replace(s, environment={**s.environment, **block_conditions(scada, start, minutes, rule)}))
+        kept = {key: value for key, value in s.environment.items() if not key.startswith(COLUMNS)}
+        result.append(replace(s, environment={**kept, **block_conditions(scada, start, minutes, rule)}))
     return tuple(result)
 
 

@@ -143,7 +143,8 @@ def match(
     visible = np.linalg.norm(computed, axis=0)
     partner = _partners(criterion, used)
     if refuse and len(partner) > 1:
-        _refuse_another_unit(modal_set, solution.frequency_hz, partner, criterion)
+        refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
+                                                    for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     groups, unlike = _alike(clusters, partner, criterion, min_mac, name, modal_set.id)
     left_out += unlike
@@ -300,12 +301,13 @@ def _refuse_another_structure(set_id, criterion, partner, name) -> None:
         )
 
 
-def _refuse_another_unit(modal_set, computed_hz, partner, criterion) -> None:
-    ratios = [modal_set.frequency_hz[j] / computed_hz[i] for j, i in partner.items() if criterion[j, i] >= OWN_MAC]
-    ratio = float(np.median(ratios)) if ratios else 1.0
+def refuse_another_unit(where: str, ratios: Sequence[float] | np.ndarray) -> None:
+    """Raises InputError where measured frequencies are in another unit than those of modes of like shape, by their
+    `ratios`."""
+    ratio = float(np.median(ratios)) if len(ratios) else 1.0
     if max(ratio, 1 / ratio) > OTHER_UNIT:
         raise InputError(
-            f"set {modal_set.id}", f"its frequencies are {ratio:.3g} times (median) those of modes of like shape",
+            where, f"its frequencies are {ratio:.3g} times (median) those of modes of like shape",
             "give Hz (rad/s are 6.28 times as many), or check the model's units",
         )
 

@@ -164,8 +164,9 @@ def _json_of_modes(path: Path) -> dict:
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
     _refuse_misspelt(str(path), content, FILE_KEYS)
-    if isinstance(content.get("format"), int) and content["format"] > FORMAT:
-        raise InputError(str(path), f"has the format {content['format']!r}; {FORMAT} is the newest known",
+    known = content.get("format", FORMAT)
+    if isinstance(known, bool) or not isinstance(known, int) or known > FORMAT:
+        raise InputError(str(path), f"has the format {known!r}; {FORMAT} is the newest known",
                          "read it with the version that wrote it, or identify again")
     return content
 

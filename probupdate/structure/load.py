@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.io.files import named_within
+from probupdate.io.files import input_file, named_within
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
@@ -68,7 +68,7 @@ def load_model(
     if isinstance(parameters, str | Path):
         parameters, table = read_parameters(parameters), str(parameters)
     if path.suffix == ".npz":
-        _refuse_sensors(path, sensors)
+        _refuse_sensors(input_file(path, "check the path"), sensors)
         if parameters is None:
             table = str(_beside(path))
             parameters = read_parameters(table)

@@ -262,6 +262,8 @@ def _run_segment(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,
         moves=moves(problem.parameters, surrogate, emulator),
     )
+    # emcee's wrapper of it prints a traceback of whatever ends it, also of a signal
+    sampler.log_prob_fn = log_probability
     state = sampler.run_mcmc(state, n_step, skip_initial_state_check=True)
     return Segment(theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
                    accepted=float(np.mean(sampler.acceptance_fraction)), **counts)

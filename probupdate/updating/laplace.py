@@ -82,7 +82,8 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         best = min(ends, key=lambda end: end[1])
         raise ConvergenceError(
             f"the posterior's maximum was not reached within {MAX_ITERATION} iterations from any of {len(starts)} "
-            "starts: the measured modes may not be this model's; check the order of the channels, units and pairing",
+            "starts: the measured modes may not be this model's; check the order of the channels (x and y exchanged?), "
+            "units and pairing",
             best[0],
         )
     theta, lowest, _ = min(settled, key=lambda end: end[1])

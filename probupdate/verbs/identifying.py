@@ -177,6 +177,8 @@ def reference_at(
     where the model has not all channels, or a mode that the sampling rate does not hold; `where`: the campaign's
     path."""
     if model is None:
+        if lowest is not None:
+            raise InputError("lowest", f"{lowest} modes of a model, and none is given", "give --model, or leave it out")
         return None, None
     sensors, rate_hz = sensors_of(campaigns), settings.target_rate_hz
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)

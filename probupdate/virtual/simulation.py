@@ -129,15 +129,21 @@ class _Recipe:
 def _recipe(model: str | Path | None, days: float, truth: str | Path | None, seed: int) -> _Recipe:
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
+    n_slot = n_slots(days)
+    model = reference_file() if model is None else model
+    if str(model) in REFERENCE_STATES:
+        model = reference_file().with_name(f"{model}.toml")
+    return _Recipe(model=str(model), truth=None if truth is None else str(truth), n_slot=n_slot, seed=int(seed))
+
+
+def n_slots(days: float) -> int:
+    """The ten minutes of a campaign. Raises InputError where there are too many or no half hour."""
     if days > LONGEST_DAYS:
         raise InputError("days", f"{days:g} is more than {LONGEST_DAYS:g}", "give less; a month is 30")
     n_slot = round(days * 144) if np.isfinite(days) else 0
     if n_slot < operation.SLOTS_PER_BLOCK:
         raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
-    model = reference_file() if model is None else model
-    if str(model) in REFERENCE_STATES:
-        model = reference_file().with_name(f"{model}.toml")
-    return _Recipe(model=str(model), truth=None if truth is None else str(truth), n_slot=n_slot, seed=int(seed))
+    return n_slot
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

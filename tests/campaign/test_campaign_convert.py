@@ -395,6 +395,13 @@ def test_broken_files_are_named(job):
             convert(raw, campaign)
 
 
+def test_a_table_in_another_encoding_says_which_is_read(job):
+    raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"\n')
+    (raw / "r.csv").write_bytes("höhe,east\n1,2\n".encode("latin-1"))
+    with pytest.raises(InputError, match=r"r\.csv: is no UTF-8 text .* save it as UTF-8"):
+        convert(raw, campaign)
+
+
 def test_a_second_run_keeps_what_is_done_and_refuses_what_changed(job):
     raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
     for hour in (10, 11, 12):

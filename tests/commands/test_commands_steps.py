@@ -266,8 +266,11 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
     assert done == ["simulate", "identify", "select", "update", "sample", "diagnose", "compare"]
     with pytest.raises(InputError, match="whose seed is"):
         probupdate.demo(out, seed=4)
-    with pytest.raises(InputError, match="whose hidden is"):
+    with pytest.raises(InputError, match="in which something else is hidden"):
         probupdate.demo(out, seed=3, hide="none")
+    with pytest.raises(InputError, match="shorter than one block"):
+        probupdate.demo(tmp_path / "short", days=0.01)
+    assert not (tmp_path / "short").exists()
     with pytest.raises(InputError, match="is no file"):
         probupdate.demo(tmp_path / "other", hide=tmp_path / "missing.toml")
 

@@ -189,7 +189,8 @@ def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, reco
 
     def turned(local, *asked, **named):
         modes = whole(local, *asked, **named)
-        return replace(modes, vectors=modes.vectors * signs[np.arange(modes.vectors.shape[1]) % len(signs)])
+        sign = signs[np.arange(modes.vectors.shape[1]) % len(signs)]
+        return replace(modes, vectors=modes.vectors * sign, on_core=modes.on_core * sign)
 
     monkeypatch.setattr(LocalModel, "solve", turned)
     found = []
@@ -241,6 +242,13 @@ def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(pre
     moved = _with_noise_and_times_of(other, before, after)
     assert [n.time_profile.at for n in moved.fitted.included] == [29, 20]
     assert moved.log_evidence == other.log_evidence + after.log_evidence - before.log_evidence
+
+
+def test_frequencies_in_another_unit_are_refused_as_an_update_does(prepared, record):
+    data = record(5)
+    turned = replace(data, sets=tuple(replace(s, frequency_hz=2 * np.pi * s.frequency_hz) for s in data.sets))
+    with pytest.raises(InputError, match=r"frequencies are 6\.\d+ times .*rad/s are 6\.28"):
+        diagnose(prepared, turned)
 
 
 def test_a_size_at_the_end_of_what_its_row_allows_is_said(prepared, record):

@@ -109,6 +109,7 @@ def test_records_are_written_read_and_chosen_by(tmp_path):
 
 @pytest.mark.parametrize(("old", "new", "word"), [
     ('"format": 2', '"format": 3', "has the format 3; 2 is the newest known"),
+    ('"format": 2', '"format": "x"', "has the format 'x'; 2 is the newest known"),
     ('"match": "alike"', '"match": 1', r"mode_records 1, match: 1 is not what belongs there"),
     ('"found": 3', '"fuond": 3', "unknown key 'fuond'"),
     ('"expected": true', '"other": true', r"model_only 1: lacks one of label, frequency_hz, expected"),

@@ -145,6 +145,14 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     scada = pd.DataFrame({"power_kw": [-20.0] * 3 + [4000.0] * 3, "rotor_speed_rpm": [0.1] * 3 + [12.0] * 3,
                           "pitch_deg": [84.0] * 6, "yaw_rate_degps": [0.0] * 6}, index=index)
     assert list(select(data(sets), scada).table["criterion"]) == ["", "not idling"]
+    # nothing stays of what another table said, and a name that may be another's is asked about
+    said = [one_set(k, jacket.shape) for k in range(2)]
+    other = scada.drop(columns="pitch_deg").rename(columns={"rotor_speed_rpm": "rotor_rpm"})
+    notes = select(data(said), other).notes
+    assert any("'pitching' was not asked" in note for note in notes)
+    assert "SCADA has no rotor_speed_rpm (rename 'rotor_rpm' if that is it)" in notes
+    with pytest.raises(InputError, match="has none of its columns, but order"):
+        select(data(said), pd.DataFrame({"order": [1.0] * 6}, index=index))
     renamed = [replace(sets[0], id="monday")]
     with pytest.raises(InputError, match="set monday: its id is no time"):
         select(data(renamed), scada)

@@ -159,6 +159,8 @@ def test_files_that_are_no_model(tmp_path):
     broken.write_text("format = = 1")
     with pytest.raises(InputError, match=r"broken\.toml: not TOML"):
         load_model(broken)
+    with pytest.raises(InputError, match=r"gone\.npz: no such file"):
+        load_model(tmp_path / "gone.npz", sensors=())
     with pytest.raises(InputError, match="is no form of model"):
         load_model(tmp_path / "model.inp")
     with pytest.raises(InputError, match="updatd: is no state .* did you mean 'updated'"):

@@ -197,6 +197,23 @@ def test_a_finished_chain_is_not_run_again(tmp_path):
     np.testing.assert_array_equal(sample(problem, surrogate, tmp_path / "chain", SHORT).theta, first.theta)
 
 
+def test_a_signal_amid_the_steps_prints_nothing(tmp_path, capsys):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate, asked = approximated(problem), []
+
+    def interrupted(theta):
+        asked.append(len(theta))
+        # the starts are asked first, by another
+        if len(asked) > 2:
+            raise KeyboardInterrupt
+        return type(problem).log_posterior(problem, theta)
+
+    object.__setattr__(problem, "log_posterior", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sample(problem, surrogate, tmp_path / "chain", SHORT)
+    assert capsys.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize(("change", "named"), [
     ({"problem": LINEAR_HZ + 0.06}, "another run: the measured modes or the set differ;"),
     ({"settings": SamplerSettings(seed=9)}, "another run: seed is 9 here and 1 there;"),
