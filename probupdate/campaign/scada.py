@@ -44,7 +44,7 @@ class StateRule:
 
 def read_scada(path: str | Path) -> pd.DataFrame:
     """Rows indexed by `time` (UTC, start of the interval), ascending, the first of two rows of one time kept;
-    `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept.
+    `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept; ["path"]: the file.
 
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
@@ -87,6 +87,7 @@ def read_scada(path: str | Path) -> pd.DataFrame:
                                  "that a turbine or the weather has", "leave the cell empty where it is unknown")
     again = table.index.duplicated()
     kept = table[~again]
+    kept.attrs["path"] = str(path)
     kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())
     return kept
 

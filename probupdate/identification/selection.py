@@ -206,7 +206,8 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
 def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalSet, ...]:
     """The sets with what this table says of their blocks, and nothing that another one said."""
     if not set(KNOWN) & set(scada.columns):
-        raise InputError("SCADA", f"the table has none of its columns, but {', '.join(map(str, scada.columns[:4]))}",
+        raise InputError(scada.attrs.get("path", "SCADA"),
+                         f"has none of SCADA's columns, but {', '.join(map(str, scada.columns[:4]))}",
                          f"name them {', '.join(COLUMNS[:4])} and so on (docs/formats/campaign.md)")
     rule = with_rated_power(rule, scada)
     result = []

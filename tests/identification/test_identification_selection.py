@@ -151,7 +151,7 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     notes = select(data(said), other).notes
     assert any("'pitching' was not asked" in note for note in notes)
     assert "SCADA has no rotor_speed_rpm (rename 'rotor_rpm' if that is it)" in notes
-    with pytest.raises(InputError, match="has none of its columns, but order"):
+    with pytest.raises(InputError, match="SCADA: has none of SCADA's columns, but order"):
         select(data(said), pd.DataFrame({"order": [1.0] * 6}, index=index))
     renamed = [replace(sets[0], id="monday")]
     with pytest.raises(InputError, match="set monday: its id is no time"):
