@@ -119,8 +119,6 @@ def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
         yield
     except (InputError, NameError, AssertionError, ImportError):
         raise
-    except UnicodeDecodeError as error:
-        raise InputError(where, f"is no UTF-8 text ({error})", "save it as UTF-8") from error
     except Exception as error:
         reason = str(error).strip() or "no reason given"
         raise InputError(where, f"{problem} ({type(error).__name__}: {reason.splitlines()[0]})", remedy) from error

@@ -29,7 +29,15 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
+from probupdate.campaign.scada import (
+    COLUMNS,
+    SIMILAR,
+    StateRule,
+    block_conditions,
+    misnamed,
+    renaming,
+    with_rated_power,
+)
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
@@ -249,7 +257,7 @@ def _scada_findings(campaign: Campaign) -> list[str]:
         return ["no scada.csv: nothing is known of operation and weather (a turbine's states, harmonics)"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
-    found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
+    found = [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index
     span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
     if len(index) < span:
@@ -261,10 +269,6 @@ def _scada_findings(campaign: Campaign) -> list[str]:
         found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a "
                      "clock set back, or local time?")
     return found
-
-
-def _maybe(column: str | None) -> str:
-    return "" if column is None else f" (rename '{column}' if that is it)"
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:

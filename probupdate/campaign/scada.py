@@ -110,6 +110,11 @@ def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
     return found
 
 
+def renaming(column: str | None) -> str:
+    """What to say behind the name of a column that is absent, of one that may be it."""
+    return "" if column is None else f" (rename '{column}' if that is it)"
+
+
 def with_rated_power(rule: StateRule, scada: pd.DataFrame | None) -> StateRule:
     """The rule with the highest recorded power where the rated one is not given (unchanged without power)."""
     if rule.rated_power_kw is not None or scada is None or "power_kw" not in scada:

@@ -64,7 +64,7 @@ def _one_by_one(items: Iterable, *said: str) -> Iterator:
 
 
 def _csv(path: Path, d: Description) -> Pieces:
-    said = str(path), "is no table", "check separator, header and skip_rows in convert.toml"
+    said = str(path), "is no table", "check separator, header and skip_rows in convert.toml, and that it is UTF-8 text"
     with parsing(*said):
         table = pd.read_csv(
             path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=d.skip_rows,

@@ -16,6 +16,7 @@ from probupdate.campaign.scada import (
     StateRule,
     block_conditions,
     misnamed,
+    renaming,
     with_rated_power,
 )
 from probupdate.errors import InputError
@@ -108,8 +109,7 @@ def select(
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
     tests, notes = condition_tests(sets, criteria)
     if scada is not None:
-        notes += [f"SCADA has no {known} (rename '{given}' if that is it)"
-                  for known, given in misnamed(scada.columns, SIMILAR).items()]
+        notes += [f"SCADA has no {known}{renaming(given)}" for known, given in misnamed(scada.columns, SIMILAR).items()]
     seldom = [label for j, label in enumerate(labels) if j not in required]
     if criteria.required is None and seldom and not any(map(is_bending, labels)):
         notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "

@@ -398,7 +398,7 @@ def test_broken_files_are_named(job):
 def test_a_table_in_another_encoding_says_which_is_read(job):
     raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"\n')
     (raw / "r.csv").write_bytes("höhe,east\n1,2\n".encode("latin-1"))
-    with pytest.raises(InputError, match=r"r\.csv: is no UTF-8 text .* save it as UTF-8"):
+    with pytest.raises(InputError, match=r"r\.csv: is no table \(UnicodeDecodeError.*that it is UTF-8 text"):
         convert(raw, campaign)
 
 
