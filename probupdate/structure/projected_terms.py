@@ -50,27 +50,20 @@ class ProjectedTerms:
 
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
-        size = self.basis.shape[1]
-        found = np.zeros((size, size))
-        rows, whole = self._whole(weight)
-        if len(rows):
-            basis = self.basis if len(rows) == len(self.basis) else self.basis[rows]
-            found += basis.T @ (whole @ basis)
-        for value, factor in zip(weight[self.entry.shape[0] :], self.added, strict=True):
-            if value:
-                found += value * (factor.T @ factor)
-        return 0.5 * (found + found.T)
+        return self._seen(weight, lambda rows: rows)
 
     def between(self, weight: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """sum_t weight_t X^T B^T K_t B X (k, k) for weight (n_term,) and X (r, k): for few vectors, or few entries."""
-        found = np.zeros((vectors.shape[1], vectors.shape[1]))
+        return self._seen(weight, lambda rows: rows @ vectors)
+
+    def _seen(self, weight: np.ndarray, motion: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """The sum of all terms with what rows (n_row, r) on the basis become by `motion` (n_row, k): (k, k)."""
         rows, whole = self._whole(weight)
-        if len(rows):
-            motion = self.basis[rows] @ vectors
-            found += motion.T @ (whole @ motion)
+        moved = motion(self.basis[rows])
+        found = moved.T @ (whole @ moved)
         for value, factor in zip(weight[self.entry.shape[0] :], self.added, strict=True):
             if value:
-                stretched = factor @ vectors
+                stretched = motion(factor)
                 found += value * (stretched.T @ stretched)
         return 0.5 * (found + found.T)
 
