@@ -144,7 +144,8 @@ def tried_together(
 ) -> tuple[Tried, list[Tried]] | None:
     """The candidates once more, beside one that is as large: of two faults each hides the other, and what explains most
     `alone` may be neither. The best and the best beside it by turns until neither changes: one of them, and the
-    candidates beside it, the best first; None where the first one stays."""
+    candidates beside it, the best first; None where nothing else is large. Where the first one stays either may yet
+    be fitted alone in vain: parameters bent to follow the other leave first order nothing to say."""
     first, result = alone[0], None
     for _ in range(MOST_TURNS):
         try:
@@ -155,9 +156,12 @@ def tried_together(
         except ConvergenceError:
             # beside a size at which the model has no such modes stands nothing
             break
-        if not again[0].whole or problem.which[again[0].candidate, 0] == problem.which[first.candidate, 0]:
+        if not again[0].whole:
             break
+        stays = problem.which[again[0].candidate, 0] == problem.which[first.candidate, 0]
         first, result = again[0], (beside[0], again)
+        if stays:
+            break
     return result
 
 
