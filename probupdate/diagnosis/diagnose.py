@@ -37,6 +37,7 @@ from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis,
 from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
+from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
@@ -139,6 +140,7 @@ def examine(
             *_short(fitted, [f.size_std for f in findings]),
             *([] if fitted.settled else [NOT_SETTLED]),
             *(f"modes {problem.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent),
+            *_strays(problem, fitted),
         ),
         parameters=parameters,
         details=details,
@@ -358,6 +360,18 @@ def _by_chance(explored: Explored) -> list[str]:
 def _silent(fitted: Fit) -> list[int]:
     """Groups of which no block says anything at the fit."""
     return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
+
+
+def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
+    """What to say of sets that are far from both their neighbours."""
+    result = []
+    for q, stray in enumerate(fitted.design.noise.stray):
+        ids = [problem.blocks.ids[k] for k in np.flatnonzero(stray)]
+        if ids:
+            result.append(f"modes {problem.blocks.group_name(q)}: {plural(len(ids), 'set')} far from both neighbours, "
+                          f"as where another mode was identified, {'counts' if len(ids) == 1 else 'count'} for next to "
+                          f"nothing ({', '.join(ids[:3])}{', ...' * (len(ids) > 3)})")
+    return result
 
 
 def _at_an_end(included: IncludedEffect) -> bool:

@@ -26,17 +26,20 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
     zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was
-    stated, empty where it is known. `stated`: taken from the identification of few blocks, unchecked by these."""
+    stated, empty where it is known; `stray` (n_block,) bool, empty where it was not looked for: far from both
+    neighbours. `stated`: taken from the identification of few blocks, unchecked by these."""
 
     covariance: tuple[np.ndarray, ...]
     precision: tuple[np.ndarray, ...]
     weight: tuple[np.ndarray, ...]
     degrees: tuple[np.ndarray, ...] = ()
+    stray: tuple[np.ndarray, ...] = ()
     stated: bool = False
 
     def taken(self, chosen: np.ndarray) -> Noise:
         """Of only the blocks numbered `chosen`."""
-        return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight))
+        return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight),
+                       stray=tuple(frozen_array(s[chosen], bool) for s in self.stray))
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses
@@ -65,7 +68,7 @@ def estimate_noise(
     """
     if few:
         return _as_stated(residuals, used, sizes, relative_std, stated)
-    covariances, precisions, weights, degrees = [], [], [], []
+    covariances, precisions, weights, degrees, strays = [], [], [], [], []
     for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
         if np.count_nonzero(ok) < FEWEST:
             # a group that says nothing
@@ -73,6 +76,7 @@ def estimate_noise(
             precisions.append(covariances[-1])
             weights.append(frozen_array(np.zeros(len(y))))
             degrees.append(frozen_array(np.ones(y.shape[1])))
+            strays.append(frozen_array(np.zeros(len(y)), bool))
             continue
         trust = _trust(y, ok, relative_std[:, q])
         weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
@@ -89,13 +93,15 @@ def estimate_noise(
         pattern = None if stated is None else stated[q]
         covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, n_log)
         covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
-        weight = weight / _beside(y, weight, np.linalg.inv(covariance))
+        beside = _beside(y, weight, np.linalg.inv(covariance))
+        weight = weight / beside
+        strays.append(frozen_array(beside > 1, bool))
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
         weights.append(frozen_array(weight))
         degrees.append(_degrees(covariance, len(difference), n_log))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
-                 degrees=tuple(degrees))
+                 degrees=tuple(degrees), stray=tuple(strays))
 
 
 def _as_stated(residuals, used, sizes, relative_std, stated) -> Noise:
@@ -123,7 +129,9 @@ def _kinds(n_response: int, n_log: int) -> list[slice]:
 
 def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(n_block,) by how much the variance of single blocks exceeds what all scatter by, one where it does not: a block
-    far from both its neighbours went wrong, one far from one of them stands at a step."""
+    far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step. How far it is off is then one
+    standard deviation of all its responses together: of each of m it would be the square root of m of them along its
+    own direction, which effects may follow."""
     rows, m = np.flatnonzero(weight > 0), len(precision)
     result = np.ones(len(weight))
     if len(rows) < 4:
@@ -133,12 +141,15 @@ def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndar
         d = (y[a] - y[b]) / np.sqrt(1 / weight[a] + 1 / weight[b])[:, None]
         return np.einsum("ni,ij,nj->n", d, precision, d) / m
 
-    near = np.arange(len(rows))
-    before, after = np.where(near > 0, near - 1, 2), np.where(near < near[-1], near + 1, near[-1] - 2)
-    excess = np.minimum(apart(rows, rows[before]), apart(rows, rows[after]))
+    excess = np.full(len(rows), np.inf)
+    # a sound one between two strays is near the next ones
+    for step in (1, 2):
+        between = apart(rows[:-step], rows[step:])
+        for one in (excess[:-step], excess[step:]):
+            np.minimum(one, between, out=one)
     # of two blocks one is wrong: half of the difference's variance would be the other's
     far = excess > 1 + WRONG * np.sqrt(2 / m)
-    result[rows[far]] = np.maximum(1.0, 2 * excess[far] - 1)
+    result[rows[far]] = m * (2 * excess[far] - 1)
     return result
 
 

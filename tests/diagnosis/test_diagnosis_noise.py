@@ -40,6 +40,24 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing, validati
     row.least(np.mean(variance["raw"]), 1.4, "inverted as it is")
 
 
+def test_a_block_far_from_both_neighbours_is_one_standard_deviation_as_a_whole(validation):
+    """One that stands at a step is far from one of them only; one that is not stray keeps its weight."""
+    row = validation(what="thirty blocks of twenty responses, one of them far from both neighbours, a step: the blocks "
+                          "that are said to be stray; length of that one's deviation in its own standard deviations",
+                     reference="the block that was moved; one", why="half of what a neighbour and the scale scatter by")
+    rng = np.random.default_rng(4)
+    n, m, moved, at = 30, 20, 7, 18
+    y = rng.standard_normal((n, m)) + np.where(np.arange(n) >= at, 5.0, 0.0)[:, None]
+    y[moved] += 6 * rng.standard_normal(m)
+    # nothing stated: one covariance of all
+    noise = estimate_noise((y,), (np.ones(n, bool),), (1,), np.ones((n, 1)), np.full(n, ""))
+    row.equal(np.flatnonzero(noise.stray[0]).tolist(), [moved], "stray")
+    assert np.ptp(np.delete(noise.weight[0], moved)) == 0
+    off = y[moved] - np.median(y[:at], axis=0)
+    row.error(np.log2(np.sqrt(noise.weight[0][moved] * off @ noise.precision[0] @ off)), 0.5, "log2 of the length")
+    np.testing.assert_array_equal(noise.taken(np.array([1, moved])).stray[0], [False, True])
+
+
 @pytest.mark.parametrize(("size", "n_log"), [(1, 1), (2, 3)])
 def test_degrees_of_freedom_are_those_of_the_scale_that_was_told(size, n_log, validation):
     """The variance of a scale estimated from differences of n blocks, over 3000 records, is 2 over its degrees."""
