@@ -267,6 +267,7 @@ def test_the_chain_is_laplaces_where_that_is_close(grouped, validation):
     assert any("approximation agree" in s for s in words) and not any("not converged" in s for s in words)
 
 
+@pytest.mark.long
 def test_a_chain_that_stops_too_early_says_so(grouped):
     prepared, data, outcome, *_ = grouped
     one, same = (extend(prepared, outcome, data, sampler=SamplerSettings(seed=5, target_ess=10**6, max_steps=60))

@@ -118,6 +118,7 @@ def hung_record(seed, *, mass, hz, storey, from_block=20):
     return ModalData(channels=CHANNELS, sets=tuple(sets))
 
 
+@pytest.mark.long
 def test_a_mass_on_springs_is_placed_sized_and_its_frequency_estimated(frame, validation):
     row = validation(what="a mass of 150 kg on a spring along x at storey 5, at 1.15 times the first frequency, from "
                           "block 20 on: part and place; size and ln of its frequency in their standard deviations and "
@@ -197,6 +198,7 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
     row.error((slope - smooth * expected) / np.abs(expected).max(), 1e-3, "not there yet")
 
 
+@pytest.mark.long
 def test_parts_are_looked_for_in_processes_too(frame):
     """The model with its parts goes to other processes, which answer as this one does."""
     data = record(3, spring=3e5)
@@ -208,7 +210,8 @@ def test_parts_are_looked_for_in_processes_too(frame):
 
 @pytest.mark.parametrize(("hidden", "nearest", "part"), [
     ({"spring": 3e4}, "parameter, k2", "spring to ground: (0.0, 0.0, 12.0) m, along 0 deg"),
-    ({"mass": 60.0, "storey": 2}, "parameter, k2", "added mass at a point: (0.0, 0.0, 9.0) m"),
+    pytest.param({"mass": 60.0, "storey": 2}, "parameter, k2", "added mass at a point: (0.0, 0.0, 9.0) m",
+                 marks=pytest.mark.long),
 ])
 def test_a_part_is_more_probable_than_the_row_that_comes_nearest(frame, hidden, nearest, part, validation):
     """Small enough for stiffness of storeys to come near; the part is at its place, among all of its kind."""
@@ -237,6 +240,7 @@ def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, sto
               and outcome.own_response is None and "measurement" in {f.kind for f in outcome.proposed}, 1, 1, case=note)
 
 
+@pytest.mark.long
 @pytest.mark.numbers
 def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
     """A spring is a sampling rate and two crosstalks to the catalogue. In place of two of them the part explains what
@@ -323,6 +327,7 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
         assert prior == pytest.approx(np.log(effect.odds)) and effect.odds > tried[1].odds
 
 
+@pytest.mark.long
 def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
     """Its modes are nowhere near linear in it: beside the fit without it another storey promises most."""
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
@@ -365,6 +370,7 @@ def test_masses_on_springs_at_one_place_are_one_whatever_their_frequency():
         ("leg A, horizontal", 0.3), ("", 0.1)]
 
 
+@pytest.mark.long
 def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeypatch):
     """Where no fit with a mass on springs can begin the parts are those that promise most to first order."""
     def no_modes(*_):

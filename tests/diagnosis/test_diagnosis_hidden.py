@@ -56,12 +56,13 @@ def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
 
 
 # the virtual turbine moves the sensor on a mesh of its own; gains of the level's channels are what it looks like
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "level", "height_m", "location"), [
+    (461, "tower 2/3", -4.0, "T66"),
+    (462, "tower 2/3", 3.0, "T66"),
+    (463, "tower top", -4.0, "T90"),
     (464, "tower bottom", 5.0, "T18"),
-    pytest.param(461, "tower 2/3", -4.0, "T66", marks=pytest.mark.long),
-    pytest.param(462, "tower 2/3", 3.0, "T66", marks=pytest.mark.long),
-    pytest.param(463, "tower top", -4.0, "T90", marks=pytest.mark.long),
-    pytest.param(465, "TP", -4.0, "all of TP", marks=pytest.mark.long),
+    (465, "TP", -4.0, "all of TP"),
 ])
 def test_a_sensor_at_another_height_is_named_with_its_height(turbine, seed, level, height_m, location, validation):
     row = validation(what="a level's sensors 3 to 5 m from where they are said to be in the virtual turbine: named "

@@ -267,6 +267,7 @@ def test_without_a_model_the_jacket_s_tide_at_most_is_named(study, described, mo
     assert one.verdict == "unexplained" and not any(f.kind == "measurement" for f in one.findings)
 
 
+@pytest.mark.long
 def test_without_a_model_what_the_structure_does_is_no_sensor_s(study, described, model):
     """A bay without most of a brace (a gain of -15 % at 0.993 where only sensors competed), growth along a ramp (two
     gains and a step of the sampling rate at 1.00)."""
