@@ -84,11 +84,7 @@ def estimate_noise(
         before, after = rows[:-1], rows[1:]
         scale = np.sqrt(1 / weight[before] + 1 / weight[after])
         difference = (y[after] - y[before]) / scale[:, None]
-        # a step of the structure, or one block gone wrong, is one large difference among many
-        spread = np.median(np.abs(difference), axis=0) / 0.6745
-        limit = 4.0 * np.maximum(spread, 1e-300)
-        kept = np.all(np.abs(difference) < 2 * limit, axis=1)
-        difference = difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
+        difference = usual(difference)
         n_log = 1 if sizes[q] == 1 else 3
         pattern = None if stated is None else stated[q]
         covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, n_log)
@@ -102,6 +98,14 @@ def estimate_noise(
         degrees.append(_degrees(covariance, len(difference), n_log))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
                  degrees=tuple(degrees), stray=tuple(strays))
+
+
+def usual(difference: np.ndarray) -> np.ndarray:
+    """Differences of successive blocks (n, n_response) as they mostly are: a step of the structure, or one block gone
+    wrong, is one large difference among many, and left out; where these are the half of all they are cut."""
+    limit = 4.0 * np.maximum(np.median(np.abs(difference), axis=0) / 0.6745, 1e-300)
+    kept = np.all(np.abs(difference) < 2 * limit, axis=1)
+    return difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
 
 
 def _as_stated(residuals, used, sizes, relative_std, stated) -> Noise:
@@ -129,9 +133,9 @@ def _kinds(n_response: int, n_log: int) -> list[slice]:
 
 def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(n_block,) by how much the variance of single blocks exceeds what all scatter by, one where it does not: a block
-    far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step. How far it is off is then one
-    standard deviation of all its responses together: of each of m it would be the square root of m of them along its
-    own direction, which effects may follow."""
+    far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step. How far it is off is one standard
+    deviation of all its responses together: of each of m it would be the square root of m of them along its own
+    direction, which effects may follow."""
     rows, m = np.flatnonzero(weight > 0), len(precision)
     result = np.ones(len(weight))
     if len(rows) < 4:

@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
-from probupdate.diagnosis.noise import factored
+from probupdate.diagnosis.noise import factored, usual
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
@@ -182,14 +182,14 @@ def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
     scale: without covariances the shapes of a close pair, which turn as one, are said to be many times better known
     along that turn than they are. The largest eigenvalue of noise that is as stated ends at (1 + sqrt(p / n))^2
     (Marchenko & Pastur 1967)."""
-    difference = np.diff(numbers, axis=0) / np.sqrt(2)
+    if len(numbers) < 3:
+        return True
+    difference = usual(np.diff(numbers, axis=0) / np.sqrt(2))
     std = np.sqrt(np.diag(covariance))
     used = std > 0
     value, turn = np.linalg.eigh(covariance[np.ix_(used, used)] / np.outer(std[used], std[used]))
     kept = value > 1e-6 * value[-1]
     white = (difference[:, used] / std[used]) @ turn[:, kept] / np.sqrt(value[kept])
-    if len(white) < 2:
-        return True
     square = np.mean(white**2, axis=0)
     # shapes that are real have phases without scatter
     there = square > 1e-3 * square.max()
