@@ -56,7 +56,8 @@ def _hours(n: int) -> np.ndarray:
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a.T @ b) ** 2 / np.outer(np.sum(a**2, axis=0), np.sum(b**2, axis=0))
+    # a mode that no sensor sees is like none
+    return (a.T @ b) ** 2 / np.maximum(np.outer(np.sum(a**2, axis=0), np.sum(b**2, axis=0)), 1e-300)
 
 
 def _seen(world: World, K: np.ndarray, M: np.ndarray) -> list[int]:
