@@ -275,8 +275,9 @@ def _environment(family, number, world, rng):
 
     column = "wave_height_m" if heavy else "air_temperature_c"
     known = not family.endswith("untold")
+    places = {("stiffness with temperature", "all members")} if family == "temperature" else ()
     data = measured(world, rng, state, n, environment=(lambda k: {column: float(value[k])}) if known else None)
-    return Record(family=family, number=number, world=world, data=data, places=frozenset(), size=size,
+    return Record(family=family, number=number, world=world, data=data, places=frozenset(places), size=size,
                   hidden=family, time_profile=column)
 
 
