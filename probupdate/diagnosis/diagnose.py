@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
 from probupdate.diagnosis.elementary import (
@@ -56,9 +56,8 @@ DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0
 GONE = 0.9
 # standard deviations from zero at which something within its tolerance is said; within which nothing is left of a size
 NOTED_STD, LEFT = 3.0, 2.0
-# standard deviations of its prior by which a parameter may be shifted in a fit that explains the record; largest
-# threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
-FARTHEST, SENSIBLE = 6.0, 12.0
+# standard deviations of its prior by which a parameter may be shifted in a fit that explains the record
+FARTHEST = 6.0
 CHANCE = "chance alone"
 NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
               "tested")
@@ -109,7 +108,7 @@ def examine(
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))
-    far, foreign = _far(parameters), _foreign(findings)
+    far, foreign = [*_far(parameters), *_no_weather(problem, fitted)], _foreign(findings)
     beyond = _beyond_sense(found)
     unexplained = (fits < ADEQUATE or explored.one_more or silent or _bent(problem, fitted) or far or beyond
                    or foreign or not fitted.settled)
@@ -123,7 +122,7 @@ def examine(
     diagnosis = Diagnosis(
         verdict=verdict,
         findings=included,
-        p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
+        p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else _p_value(problem, null, first, seed),
         detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
         adequacy_p=fits,
@@ -413,6 +412,21 @@ def _far(parameters: Sequence[dict]) -> list[str]:
     ]
 
 
+def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
+    """What to say of a temperature that nobody recorded and that no weather has."""
+    n_wave = len(problem.unrecorded)
+    if not n_wave:
+        return []
+    start, std = fitted.design.sizes.stop, np.array([one for _, _, one in problem.unrecorded])
+    size = fitted.design.unknowns(fitted.centred)[start : start + n_wave]
+    if stats.chi2.sf(np.sum((size / std) ** 2), n_wave) > ADEQUATE:
+        return []
+    effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
+    warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))
+    return [f"the temperature, which no set states, would have run over {np.ptp(warm):.0f} degC or more to move the "
+            "frequencies together as they do: no weather does"]
+
+
 def _foreign(findings: Sequence[Finding]) -> list[str]:
     """What to say of findings for which an elementary part that no row describes is more probable."""
     instead: dict[tuple[str, str], list[tuple[Finding, Alternative]]] = {}
@@ -442,10 +456,16 @@ def _own_response(findings: Sequence[Finding], responses: Sequence[OwnResponse])
     return max(likelier, key=lambda one: one.log_evidence + one.log_prior, default=None)
 
 
+def _p_value(problem: DiagnosisProblem, null: Fit, first: Search, seed: int) -> float:
+    """Of the model as it is, by its largest score; by what it leaves where scores say nothing."""
+    if first.beyond_sense:
+        return adequacy(problem, null, first, drawn_scores(null.design, seed))[0]
+    return first.p_value
+
+
 def _beyond_sense(found: Search) -> list[str]:
-    """What to say where scores that are standard normal by construction need a threshold that no such numbers reach."""
-    # infinite where nothing is left to be scored, as beside findings of few sets
-    if found.threshold <= SENSIBLE or not np.isfinite(found.threshold):
+    """What to say where scores need a threshold beyond sense."""
+    if not found.beyond_sense:
         return []
     return [f"the threshold |z| = {found.threshold:.0f} is beyond what {len(found.z)} candidates can need: what is not "
             "known of the model moves these modes by more than the linear equations hold for, so that the record shows "

@@ -171,9 +171,10 @@ def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Desi
 def _scatter(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect]
 ) -> tuple[tuple[int, TimeProfile, float], ...]:
-    """What is like included effects and no effect of its own, as (number of its row, time profile, standard
-    deviation)."""
+    """What is like included effects, or like one that follows what was not recorded, and no effect of its own, as
+    (number of its row, time profile, standard deviation)."""
     return (
+        *problem.unrecorded,
         *_members_scatter(problem, included),
         *((_number(problem, n), profile, DRIVER_SHARE * abs(n.size))
           for n in included for profile in driver_profiles(problem, n)),

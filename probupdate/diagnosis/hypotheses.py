@@ -326,7 +326,7 @@ def explore(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
         searches[key] = found
         one_more[key] = _one_more_promises(problem, here, found)
-        add = len(here.candidates) < most and bool(found.statistic.max() > found.threshold)
+        add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.beyond_sense)
         if not key and not add:
             break
         if add:
@@ -334,7 +334,8 @@ def explore(
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
         # of frequencies alone first order says which of two equal modes moves, where either may
-        large = bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
+        large = (bool(found.statistic.max() > LARGE) or found.beyond_sense
+                 or not (key or problem.blocks.channels))
         moves = large_moves(problem, here, found, n_searched, most) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),

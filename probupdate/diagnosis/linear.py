@@ -42,9 +42,9 @@ class Design:
     offsets; effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which
     (n_candidate, 2). `included`: effects already found, as (effect, its time profile, standard deviation of its size);
     their sizes are unknowns like c; the last `n_scatter` of them are no effects found but what the members of such an
-    effect differ from it, and what it does along other time profiles. `model_errors`: time profiles of effects
-    already found, each with the standard deviations per group (n_bin, n_response) of their signature times size, all of
-    which are multiplied by `error_scale`. """
+    effect differ from it, what it does along other time profiles, what follows a column that nobody recorded.
+    `model_errors`: time profiles of effects already found, each with the standard deviations per group (n_bin,
+    n_response) of their signature times size, all of which are multiplied by `error_scale`."""
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]

@@ -133,9 +133,9 @@ def _kinds(n_response: int, n_log: int) -> list[slice]:
 
 def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(n_block,) by how much the variance of single blocks exceeds what all scatter by, one where it does not: a block
-    far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step. How far it is off is one standard
-    deviation of all its responses together: of each of m it would be the square root of m of them along its own
-    direction, which effects may follow."""
+    far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step.
+    How far it is off is one standard deviation of all its responses together: of each of m it would be the square root
+    of m of them along its own direction, which effects may follow."""
     rows, m = np.flatnonzero(weight > 0), len(precision)
     result = np.ones(len(weight))
     if len(rows) < 4:

@@ -229,7 +229,8 @@ def solve_covariance(
 def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
     """L (n, rank) with L L^T = Q, by eigenvalues in units of `size`."""
     scaled = Q / np.outer(size, size)
-    value, turn = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    # numpy's divide and conquer does not always converge where some unknowns are as free as before
+    value, turn = linalg.eigh(0.5 * (scaled + scaled.T))
     # rounding of numbers of one
     kept = value > 1e-12
     return size[:, None] * turn[:, kept] * np.sqrt(value[kept])

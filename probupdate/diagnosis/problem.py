@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from probupdate.diagnosis.blocks import Blocks, gather, with_derived
+from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import factored, usual
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
+from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_profiles, weather_profiles
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.matching import refuse_another_unit
 from probupdate.modal.modes import ModalData
@@ -27,7 +27,8 @@ ANGLE_DEG, BIN_DEG = 1.0, 2.0
 # times the largest eigenvalue that noise as stated has, from which it is not as stated
 BEYOND_EDGE = 2.0
 # columns in whose own unit an effect's prior scale is given
-NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
+TEMPERATURE = "air_temperature_c"
+NATURAL = ("water_level_m", TEMPERATURE, "thrust_share")
 # residuals of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
 # largest component, phase in rad
 DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
@@ -95,7 +96,8 @@ def per_range(time_profile: TimeProfile) -> float:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DiagnosisProblem:
     """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's,
-    model-discrepancy standard deviations of model form per group (n_response,)."""
+    model-discrepancy standard deviations of model form per group (n_response,); `unrecorded`: what an unrecorded
+    temperature does, as (number of its row, time profile, standard deviation of its size)."""
 
     predictor: ModalPredictor
     blocks: Blocks
@@ -105,6 +107,7 @@ class DiagnosisProblem:
     time_profiles: tuple[TimeProfile, ...]
     which: np.ndarray
     discrepancy_std: tuple[np.ndarray, ...]
+    unrecorded: tuple[tuple[int, TimeProfile, float], ...] = ()
 
     @property
     def angles(self) -> np.ndarray:
@@ -167,8 +170,11 @@ class DiagnosisProblem:
 
     def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""
-        profiles = tuple(replace(p, value=frozen_array(p.value[chosen])) for p in self.time_profiles)
-        return replace(self, blocks=self.blocks.taken(chosen), time_profiles=profiles)
+        def of(profile: TimeProfile) -> TimeProfile:
+            return replace(profile, value=frozen_array(profile.value[chosen]))
+
+        return replace(self, blocks=self.blocks.taken(chosen), time_profiles=tuple(map(of, self.time_profiles)),
+                       unrecorded=tuple((j, of(profile), std) for j, profile, std in self.unrecorded))
 
     @property
     def tolerated(self) -> tuple[int, ...]:
@@ -212,7 +218,11 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
     effects = prepared.effects_on(blocks.channels)
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
+    unrecorded = _unrecorded(with_columns, effects)
     notes = [*blocks.notes, *with_columns.little_known(columns)]
+    if unrecorded:
+        notes.append(f"no set states {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and from day "
+                     "to day do to the stiffness is normal, whatever they were; with that column it is tested")
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
@@ -229,7 +239,16 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
         time_profiles=time_profiles,
         which=which,
         discrepancy_std=discrepancy_std,
+        unrecorded=unrecorded,
     ), theta
+
+
+def _unrecorded(blocks: Blocks, effects: Sequence[Effect]) -> tuple[tuple[int, TimeProfile, float], ...]:
+    """What warms and cools the structure where the sets do not say how warm it was."""
+    if np.isfinite(blocks.numbers(TEMPERATURE)).mean() >= KNOWN_SHARE:
+        return ()
+    return tuple((j, profile, std * e.prior_scale) for j, e in enumerate(effects) if e.time_profiles == (TEMPERATURE,)
+                 for profile, std in weather_profiles(blocks.hours))
 
 
 def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:

@@ -18,6 +18,8 @@ from probupdate.diagnosis.time_profiles import TimeProfile
 # noise that was itself estimated leaves, a diagnosis stays below 5 %
 FALSE_ALARM, FALSE_NEXT = 0.02, 0.01
 N_BOOTSTRAP = 400
+# largest threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
+SENSIBLE = 12.0
 # ln posterior by which a move may promise less than the best hypothesis known, and a hypothesis be less probable than
 # it, to be looked at: odds of one to 150
 MARGIN = 5.0
@@ -56,6 +58,13 @@ class Search:
     def statistic(self) -> np.ndarray:
         """|z| where the candidate can be what it says, else 0."""
         return np.where(self.allowed & self.usable, np.abs(self.z), 0.0)
+
+    @property
+    def beyond_sense(self) -> bool:
+        """Whether scores that are standard normal by construction need a threshold that no such numbers reach: the
+        linear equations do not hold as far as what is not known of the model moves these modes."""
+        # infinite where nothing is left to be scored, as beside findings of few sets
+        return bool(SENSIBLE < self.threshold < np.inf)
 
 
 def search(

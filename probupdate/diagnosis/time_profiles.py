@@ -13,11 +13,16 @@ from probupdate.runtime.arrays import frozen_array
 N_STEP = 16
 # blocks that must lie on either side of a step
 EDGE = 4
+# of the weather, in degrees: a day's wave and its first overtone, and waves that are slower than two days, by their
+# number; how many of these at most
+DAY_STD, HALF_DAY_STD, SLOW_STD = 4.0, 1.3, 4.0
+DAY_H, SLOW_H, MOST_SLOW = 24.0, 48.0, 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TimeProfile:
-    """`value` (n_block,): what the effect's size is multiplied with. kind "constant", "step", "ramp" or "covariate";
+    """`value` (n_block,): what the effect's size is multiplied with. kind "constant", "step", "ramp", "covariate" or,
+    of what nobody wrote down, "wave";
     `column` of the environment, `unit` what the size is per, `at` the first block after a step, `centre` what was
     taken off a covariate."""
 
@@ -58,6 +63,22 @@ def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimePr
             time_profiles.append(
                 TimeProfile(kind="covariate", value=frozen_array(values - centre), column=column, centre=centre))
     return tuple(time_profiles)
+
+
+def weather_profiles(hours: np.ndarray) -> list[tuple[TimeProfile, float]]:
+    """How the air's temperature may have run at these times (n_block,) where nobody wrote it down: waves of a day and
+    of half a day, and slower ones over the record's span, each with the standard deviation of its size in degC."""
+    span = float(np.ptp(hours))
+    if not span:
+        return []
+    phase = 2 * np.pi * hours / DAY_H
+    waves = [(np.cos(phase), DAY_STD), (np.sin(phase), DAY_STD),
+             (np.cos(2 * phase), HALF_DAY_STD), (np.sin(2 * phase), HALF_DAY_STD)]
+    for k in range(1, 1 + min(MOST_SLOW, max(1, int(2 * span / SLOW_H)))):
+        waves.append((np.cos(np.pi * k * (hours - hours.min()) / span), SLOW_STD / k))
+    # at noon and midnight alone a wave may not show
+    return [(TimeProfile(kind="wave", value=frozen_array(value - value.mean())), std) for value, std in waves
+            if np.ptp(value) > 1e-6]
 
 
 def step_profile(n: int, at: int) -> TimeProfile:

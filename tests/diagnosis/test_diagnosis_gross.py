@@ -58,8 +58,8 @@ def test_exchanged_channels_are_named(prepared, record, first, second, validatio
 
 def test_sets_in_which_another_mode_was_identified_count_for_nothing_and_are_said(prepared, record, validation):
     """Of each mode one set in twenty is off, 1 to 5 % in frequency and 20 % in every component."""
-    row = validation(what="six frames with nothing hidden, one set of twenty of each mode being another mode: those that "
-                          "are not taken for it, sound ones of 480 that are; verdicts",
+    row = validation(what="six frames with nothing hidden, one set of twenty of each mode being another mode: those "
+                          "that are not taken for it, sound ones of 480 that are; verdicts",
                      reference="those made so; without these modes of these sets",
                      why="one may have four strays nearest to it")
     sound_ones = 0

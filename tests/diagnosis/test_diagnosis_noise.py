@@ -41,8 +41,8 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing, validati
 
 
 def test_blocks_far_from_both_neighbours_are_said_and_not_what_stands_between_them_or_at_a_step(validation):
-    row = validation(what="thirty blocks of twenty responses, two of them far from their neighbours with one between, a "
-                          "step: the blocks that are said to be stray", reference="those that were moved")
+    row = validation(what="thirty blocks of twenty responses, two of them far from their neighbours with one between, "
+                          "a step: the blocks that are said to be stray", reference="those that were moved")
     rng = np.random.default_rng(4)
     n, m, moved, at = 30, 20, [7, 9], 18
     y = rng.standard_normal((n, m)) + np.where(np.arange(n) >= at, 5.0, 0.0)[:, None]

@@ -8,7 +8,8 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis.blocks import gather, pairs_of
-from probupdate.diagnosis.diagnose import FARTHEST, SENSIBLE
+from probupdate.diagnosis.diagnose import FARTHEST
+from probupdate.diagnosis.search import SENSIBLE
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.structure.eigen import mode_derivatives
