@@ -423,7 +423,7 @@ def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
         return []
     effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
     warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))
-    return [f"the temperature, which no set states, would have run over {np.ptp(warm):.0f} degC or more to move the "
+    return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more to move the "
             "frequencies together as they do: no weather does"]
 
 

@@ -48,13 +48,13 @@ def test_an_unrecorded_temperature_is_normal_and_a_recorded_one_is_named(prepare
         value = temperature(np.random.default_rng(seed), 40, every_h)
         untold = examine(prepared, warmed(record(seed), value, False, every_h), seed=seed).diagnosis
         silent += untold.verdict == "none"
-        assert any(f"no set states {TEMPERATURE}" in note for note in untold.notes)
+        assert any(f"too few sets state {TEMPERATURE}" in note for note in untold.notes)
         told = examine(prepared, warmed(record(seed), value, True, every_h), seed=seed).diagnosis
         first = told.findings[0]
         named += told.verdict == "named" and (first.cause, first.time_profile) == ("stiffness with temperature",
                                                                                   TEMPERATURE)
         row.error((first.size - PER_DEGC) / first.size_std, 3, "slope")
-        assert not any("no set states" in note for note in told.notes)
+        assert not any("sets state" in note for note in told.notes)
     row.count(silent, 5, 5, "silent")
     row.count(named, 5, 5, "named")
 
