@@ -423,8 +423,8 @@ def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
         return []
     effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
     warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))
-    return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more to move the "
-            "frequencies together as they do: no weather does"]
+    return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more to move "
+            "the frequencies together as they do: no weather does"]
 
 
 def _foreign(findings: Sequence[Finding]) -> list[str]:

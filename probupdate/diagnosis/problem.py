@@ -221,8 +221,8 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
     unrecorded = _unrecorded(with_columns, effects)
     notes = [*blocks.notes, *with_columns.little_known(columns)]
     if unrecorded:
-        notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and from "
-                     "day to day do to the stiffness is normal, whatever they were; with that column it is tested")
+        notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and "
+                     "from day to day do to the stiffness is normal, whatever they were; with that column it is tested")
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
