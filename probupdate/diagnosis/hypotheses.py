@@ -334,8 +334,7 @@ def explore(
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
         # of frequencies alone first order says which of two equal modes moves, where either may
-        large = (bool(found.statistic.max() > LARGE) or found.beyond_sense
-                 or not (key or problem.blocks.channels))
+        large = found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
         moves = large_moves(problem, here, found, n_searched, most) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
         moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),

@@ -69,8 +69,8 @@ def stepped_at_once(data, share):
 def test_a_logger_s_rate_that_steps_is_no_weather(frame_file, record, validation):
     row = validation(what="frame, a sampling rate that steps by 2 % in a day whose temperature is not stated: verdict, "
                           "cause, time profile; size in its standard deviations", reference="what was hidden")
-    sensors = [Sensor(channel=c, position_m=np.array([0.0, 0.0, 3.0 * int(c[1])]), direction=np.eye(3)["xy".index(c[0])],
-                      level=c[1]) for c in CHANNELS]
+    sensors = [Sensor(channel=c, position_m=np.array([0.0, 0.0, 3.0 * int(c[1])]), level=c[1],
+                      direction=np.eye(3)["xy".index(c[0])]) for c in CHANNELS]
     found = examine(prepare(frame_file, sensors=sensors), stepped_at_once(record(11), 0.02)).diagnosis
     first = found.findings[0]
     row.equal((found.verdict, first.cause, first.time_profile), ("named", "sampling rate", "step"), "name")
