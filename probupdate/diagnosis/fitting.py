@@ -37,6 +37,8 @@ MOST_ANGLES = 8
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
 # their length, nine of ten less than 13 % (studies/blind/signatures.py)
 MODEL_ERROR_SCALE = 0.1
+# what a sensor's law makes of a shape is as well known as the shape
+SENSOR_ERROR_SCALE = 0.01
 # of what an effect does along a column, what it may do along a parabola at the column's end, and along another column
 # that it may follow: a root, an exponential and a square of the column have 0.25 to 0.5
 DRIVER_SHARE = 0.3
@@ -246,7 +248,8 @@ def _model_errors(
     problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
     """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
-    return tuple(_model_error_std(problem, q, MODEL_ERROR_SCALE * included.size * e) for q, e in enumerate(effect))
+    scale = SENSOR_ERROR_SCALE if included.effect.kind == "measurement" else MODEL_ERROR_SCALE
+    return tuple(_model_error_std(problem, q, scale * included.size * e) for q, e in enumerate(effect))
 
 
 def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
