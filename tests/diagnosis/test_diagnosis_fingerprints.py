@@ -200,11 +200,10 @@ def test_sensors_move_on_the_small_basis_as_in_the_whole_model(turbine, validati
     whole = extended_model(turbine.path, [r.adds for r in rows], parameters=turbine.prior, nacelle_angle_deg=0.0)
     small, others = turbine.small, [0, 1, 3, 4, 5]
 
-    def shapes(name, h):
+    def sensor_at(name, h):
         theta = np.array(small.parameters.initial)
         theta[small.parameters.names.index(name)] = h
-        local = small.at(theta)
-        return local, local.shapes(local.solve(), 6)
+        return small.at(theta)
 
     def like(shape, other):
         return shape * np.sign(np.sum(shape * other, axis=0))
@@ -215,13 +214,15 @@ def test_sensors_move_on_the_small_basis_as_in_the_whole_model(turbine, validati
         before = whole.solve(theta, 5).shape
         theta[whole.parameters.names.index(name)] = h
         exact = whole.solve(theta, 5).shape
-        local, found = shapes(name, h)
-        found_there = like(found[:, others], exact)
+        local = sensor_at(name, h)
+        modes = local.solve()
+        found_there = like(local.shapes(modes, 6)[:, others], exact)
         length = np.abs(like(before, exact) - exact).max() + 0.01 * np.abs(exact).max()
         row.error((found_there - exact) / length, 0.05, "shapes", case=effect.location)
         column = small.parameters.names.index(name)
-        (((_, change),),) = local.derivatives(local.slopes([column]), [(0.0, local.solve(), [(0, 1)])])
-        up, down = (like(shapes(name, h + d)[1], found)[:, :2] for d in (1e-3, -1e-3))
+        (((_, change),),) = local.derivatives(local.slopes([column]), [(0.0, modes, [(0, 1)])])
+        # of the same modes, which a sensor does not move: a pair as close as first bending is turned by rounding alone
+        up, down = (sensor_at(name, h + d).shapes(modes, 2) for d in (1e-3, -1e-3))
         slope = (up - down) / 2e-3
         row.error((change[:, :, 0] - slope) / np.abs(slope).max(), 1e-5, "slope", case=effect.location)
 
