@@ -1,4 +1,4 @@
-"""Blocks of a campaign: clock-aligned chunks of data, one in memory at a time, with what is missing in them."""
+"""Blocks of a campaign: chunks of its recordings, one in memory at a time, with what is missing in them."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from probupdate.runtime.arrays import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
 LONGEST_REPAIR_S = 1.0
+REPAIRED_NS = round(1e9 * LONGEST_REPAIR_S)
 # samples beyond it, in SI units, count as lost
 LARGEST_SI = 1e9
 # room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
@@ -55,25 +56,68 @@ def block_id(start: pd.Timestamp) -> str:
     return start.strftime("%Y-%m-%dT%H:%MZ" if start.second == 0 else "%Y-%m-%dT%H:%M:%SZ")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Files that follow each other without a gap that would not be repaired, from the first sample to the end of the
+    last one."""
+
+    files: tuple[RecordFile, ...]
+    start: pd.Timestamp
+    end: pd.Timestamp
+
+
+def recordings(campaign: Campaign) -> list[Recording]:
+    """The campaign's recordings in order."""
+    step = pd.Timedelta(seconds=1 / campaign.sampling_rate_hz)
+    found: list[tuple[list[RecordFile], pd.Timestamp]] = []
+    for file in campaign.files:
+        end = file.start + file.n_sample * step
+        if found and file.start <= found[-1][1] + pd.Timedelta(seconds=LONGEST_REPAIR_S):
+            files, reached = found[-1]
+            files.append(file)
+            found[-1] = files, max(reached, end)
+        else:
+            found.append(([file], end))
+    return [Recording(files=tuple(files), start=files[0].start, end=end) for files, end in found]
+
+
 def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Timestamp, tuple[RecordFile, ...]]:
-    """Start of each block that at least one file touches, counted from midnight 1970 UTC (the clock's half hours), and
-    the files with samples in it, in the order of their starts. One pass over the files, however many there are."""
+    """Start of each block that at least one file touches, and the files with samples in it, in the order of their
+    starts. Blocks are counted from midnight 1970 UTC (the clock's half hours, which SCADA's rows keep), but from a
+    recording's own start where the clock would cost half of the blocks that it holds or more: one that is as long as a
+    block is one. One pass over the files, however many there are."""
     length = _length(campaign, minutes)
     step = pd.Timedelta(seconds=1 / campaign.sampling_rate_hz)
-    spans, found = [], set()
-    for file in campaign.files:
-        last = file.start + max(file.n_sample - 1, 0) * step
-        # samples are placed to the nearest: a file that starts a hair before a block belongs to that block alone, and
-        # the last sample may belong to the block that begins just after it
-        first_block = int((file.start + step / 2).value // length.value)
-        found.update(range(first_block, max(int(last.value // length.value), first_block) + 1))
-        spans.append((file, first_block, int((last + step / 2).value // length.value)))
-    touching: dict[int, list[RecordFile]] = {k: [] for k in sorted(found)}
-    for file, first_block, last_block in spans:
-        for k in range(first_block, last_block + 1):
-            if k in touching:
-                touching[k].append(file)
-    return {pd.Timestamp(k * length.value, tz="UTC"): tuple(files) for k, files in touching.items()}
+    touching: dict[int, list[RecordFile]] = {}
+    for recording in recordings(campaign):
+        origin = _origin(recording, length.value)
+        spans, found = [], set()
+        for file in recording.files:
+            last = file.start + max(file.n_sample - 1, 0) * step
+            # samples are placed to the nearest: a file that starts a hair before a block belongs to that block alone,
+            # and the last sample may belong to the block that begins just after it
+            first_block = (file.start.value + step.value // 2 - origin) // length.value
+            found.update(range(first_block, max((last.value - origin) // length.value, first_block) + 1))
+            spans.append((file, first_block, (last.value + step.value // 2 - origin) // length.value))
+        for k in sorted(found):
+            touching.setdefault(origin + k * length.value, [])
+        for file, first_block, last_block in spans:
+            for k in range(first_block, last_block + 1):
+                if k in found:
+                    touching[origin + k * length.value].append(file)
+    return {pd.Timestamp(start, tz="UTC"): tuple(touching[start]) for start in sorted(touching)}
+
+
+def held_blocks(recording: Recording, length: int) -> int:
+    """Blocks of `length` ns from its start on, the last of which may lack what is repaired."""
+    return (recording.end.value - recording.start.value + REPAIRED_NS) // length
+
+
+def _origin(recording: Recording, length: int) -> int:
+    """From where blocks of this length are counted, in ns of the clock: 0, or the recording's start."""
+    start, end, held = recording.start.value, recording.end.value, held_blocks(recording, length)
+    on_clock = max((end + REPAIRED_NS) // length + (REPAIRED_NS - start) // length, 0)
+    return start if held and 2 * on_clock <= held else 0
 
 
 def block_starts(campaign: Campaign, minutes: float | None = None) -> list[pd.Timestamp]:

@@ -142,7 +142,7 @@ def row_states(scada: pd.DataFrame, rule: StateRule) -> np.ndarray:
 def block_conditions(
     scada: pd.DataFrame | None, start: pd.Timestamp, minutes: float, rule: StateRule
 ) -> Mapping[str, float | str]:
-    """What the turbine and the weather did during a block: the rows whose interval lies in it.
+    """What the turbine and the weather did during a block: the rows that begin in it, or the one in which it lies.
 
     Means under the columns' own names (compass angles on the circle); `<column>_max` and `_min` the extremes, taken
     from those columns where recorded, else from the means; `<column>_range` for pitch and heading; `state`: the rows'
@@ -153,7 +153,13 @@ def block_conditions(
     if scada is None:
         return found
     end = start + pd.Timedelta(minutes=minutes)
-    rows = scada.iloc[scada.index.searchsorted(start): scada.index.searchsorted(end)]
+    first, last = scada.index.searchsorted(start), scada.index.searchsorted(end)
+    if first == last:
+        # a block of a few minutes lies within a row
+        middle = start + (end - start) / 2
+        last = scada.index.searchsorted(middle, side="right")
+        first = scada.index.searchsorted(middle - pd.Timedelta(minutes=ROW_MINUTES), side="right")
+    rows = scada.iloc[first:last]
     if rows.empty:
         return found
     found["scada_rows"], found["scada_coverage"] = float(len(rows)), min(len(rows) / wanted, 1.0)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, block_files, read_block
+from probupdate.campaign.blocks import Block, block_files, held_blocks, read_block, recordings
 from probupdate.campaign.reading import Campaign
 
 # blocks that are read again for the advice, evenly over the campaign
@@ -45,25 +45,12 @@ def _spoilt(block: Block) -> tuple[int, ...]:
 
 def uncovered(campaign: Campaign) -> str:
     """What to do where no record holds a whole block; empty where one does."""
-    length = pd.Timedelta(minutes=campaign.block_minutes)
-    sample = pd.Timedelta(seconds=1 / campaign.sampling_rate_hz)
-    # blocks lie on the clock: of at most half a record's length, one lies within it wherever it begins
-    longest = pd.Timedelta(0)
-    begin = end = None
-    for file in campaign.files:
-        if end is None or file.start > end + sample / 2:
-            begin = file.start
-            end = begin
-        end = max(end, file.start + file.n_sample * sample)
-        longest = max(longest, end - begin)
-        first = (begin + sample / 2 - pd.Timestamp(0, tz="UTC")) // length
-        block = pd.Timestamp(0, tz="UTC") + first * length
-        block += length if block < begin - sample / 2 else pd.Timedelta(0)
-        if block + length <= end + sample / 2:
-            return ""
-    minutes = longest.total_seconds() / 60
-    return (f"set block_minutes in campaign.toml to {_round_down(minutes / 2):g} or less: the longest record is of "
-            f"{minutes:.3g} minutes, and blocks of {campaign.block_minutes:g} minutes begin on the clock")
+    length, own = pd.Timedelta(minutes=campaign.block_minutes), recordings(campaign)
+    if any(held_blocks(one, length.value) for one in own):
+        return ""
+    minutes = max(one.end - one.start for one in own).total_seconds() / 60
+    return (f"set block_minutes in campaign.toml to {_round_down(minutes):g} or less: the longest record is of "
+            f"{minutes:.3g} minutes")
 
 
 def _round_down(value: float) -> float:

@@ -20,13 +20,38 @@ def read(folder):
 
 
 def test_blocks_follow_the_clock_and_not_the_first_sample(campaign_folder, signal):
-    found = read(campaign_folder([(120, signal(6000))]))
-    assert [b.id for b in found] == ["2019-06-03T10:00Z", "2019-06-03T10:10Z"]
+    found = read(campaign_folder([(120, signal(21000))]))
+    assert [b.id for b in found] == [f"2019-06-03T10:{m}0Z" for m in range(4)]
     assert found[0].data.shape == (6000, 2)
     assert np.isnan(found[0].data[:1200]).all()
     assert found[0].data[1200, 0] == 0 and found[1].data[0, 0] == 4800
     assert found[0].excluded == "gap of 120.0 s in all channels"
     assert found[0].missing == pytest.approx([0.2, 0.2])
+
+
+def test_recordings_as_long_as_a_block_are_blocks_wherever_they_begin(campaign_folder, signal):
+    """Loggers that are started by hand, or every three hours at seven past; the last one lost its last sample."""
+    files = [(427.3, signal(6000, 1)), (11227.34, signal(6000, 20001)), (22000, signal(5999, 40001))]
+    found = read(campaign_folder(files))
+    assert [b.id for b in found] == ["2019-06-03T10:07:07Z", "2019-06-03T13:07:07Z", "2019-06-03T16:06:40Z"]
+    assert not any(b.excluded for b in found)
+    assert [b.data[0, 0] for b in found] == [1, 20001, 40001] and found[1].data[-1, 0] == 26000
+
+
+@given(start=st.integers(0, 12000), n=st.integers(1, 26000))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_more_than_half_of_what_a_recording_holds_is_used(tmp_path_factory, write_file, head, signal, start, n):
+    """Of blocks of 6000 samples; every sample is in one block, in its place."""
+    folder = tmp_path_factory.mktemp("one")
+    (folder / "campaign.toml").write_text(head)
+    write_file(folder, "one.h5", pd.Timestamp("2019-06-03T10:00Z") + pd.Timedelta(seconds=start / 10), signal(n, 7))
+    found = read(folder)
+    whole, held = sum(not b.excluded for b in found), n // 6000
+    assert 2 * whole > held or held == whole == 0
+    values = np.concatenate([b.data[:, 0] for b in found])
+    assert set(range(7, 7 + n)) <= set(values[np.isfinite(values)])
+    starts = [b.start for b in found]
+    assert all(b - a >= pd.Timedelta(minutes=10) for a, b in zip(starts[:-1], starts[1:], strict=True))
 
 
 def test_units_become_si(campaign_folder, signal):

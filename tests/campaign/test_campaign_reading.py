@@ -153,6 +153,17 @@ def test_conditions_of_a_block_are_those_of_its_own_rows():
     assert mixed["state"] == "mixed"
 
 
+def test_a_block_within_ten_minutes_has_their_row():
+    table = scada(wind_speed_mps=[1.0, 2.0, 3.0])
+    rule, start = StateRule(rated_power_kw=5000), pd.Timestamp("2019-06-03T10:00Z")
+    assert table.index[0] == start
+    for minute, expected in ((0, 1.0), (5, 1.0), (12, 2.0), (24, 3.0)):
+        found = block_conditions(table, start + pd.Timedelta(minutes=minute), 5, rule)
+        assert (found["wind_speed_mps"], found["scada_rows"], found["scada_coverage"]) == (expected, 1, 1)
+    for minute in (-5, 30):
+        assert block_conditions(table, start + pd.Timedelta(minutes=minute), 5, rule)["scada_rows"] == 0
+
+
 def test_conditions_without_rows_or_power_are_unknown():
     table = scada(wind_speed_mps=[1.0])
     late = pd.Timestamp("2019-06-05T00:00Z")

@@ -65,26 +65,28 @@ def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
 
 def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_file, record, validation):
     """All stiffness falls by 0.08 % a degree, by the frequencies of the frame's own equations; the mean of the sets
-    that the estimators are given is that of the mean temperature."""
-    row = validation(what="stiffness that follows the temperature: size in its standard deviations, its standard "
-                          "deviation per kelvin; mean frequencies",
+    that the estimators are given is that of the mean temperature. Of eighty other records one had something beside it,
+    not told from chance."""
+    row = validation(what="four records of stiffness that follows the temperature: size in its standard deviations, "
+                          "its standard deviation per kelvin; mean frequencies; nothing beside it",
                      reference="-8e-4 per kelvin in the frame's own equations; the mean of those measured",
-                     why="noise of a block is 0.1 %")
-    temperature = 8 + 6 * np.sin(np.arange(40) * 0.7)
-    sets = tuple(replace(one, frequency_hz=one.frequency_hz * np.sqrt(1 - 8e-4 * (t - temperature.mean())),
-                         environment={"air_temperature_c": float(t)})
-                 for one, t in zip(record(6).sets, temperature, strict=True))
-    prepared, data = prepare(frame_file), ModalData(channels=CHANNELS, sets=sets)
-    outcome = examine(prepared, data)
-    (finding,) = outcome.diagnosis.findings
-    assert outcome.diagnosis.verdict == "named"
-    assert (finding.kind, finding.cause, finding.time_profile) == (
-        "environmental", "stiffness with temperature", "air_temperature_c")
-    row.error((finding.size + 8e-4) / finding.size_std, 3, "size")
-    row.error(finding.size_std, 1e-4, "its standard deviation")
-    mean, _ = mean_set(outcome.problem, outcome.fitted)
-    measured = np.exp(np.mean([np.log(s.frequency_hz) for s in sets], axis=0))
-    row.error(mean.frequency_hz / measured - 1, 5e-4, "mean")
+                     why="noise of a block is 0.1 %, one alarm in thirty is allowed")
+    temperature, prepared, named = 8 + 6 * np.sin(np.arange(40) * 0.7), prepare(frame_file), 0
+    for seed in range(6, 10):
+        sets = tuple(replace(one, frequency_hz=one.frequency_hz * np.sqrt(1 - 8e-4 * (t - temperature.mean())),
+                             environment={"air_temperature_c": float(t)})
+                     for one, t in zip(record(seed).sets, temperature, strict=True))
+        outcome = examine(prepared, ModalData(channels=CHANNELS, sets=sets))
+        finding = outcome.diagnosis.findings[0]
+        named += outcome.diagnosis.verdict == "named"
+        assert (finding.kind, finding.cause, finding.time_profile) == (
+            "environmental", "stiffness with temperature", "air_temperature_c")
+        row.error((finding.size + 8e-4) / finding.size_std, 3, "size", case=seed)
+        row.error(finding.size_std, 1.2e-4, "its standard deviation", case=seed)
+        mean, _ = mean_set(outcome.problem, outcome.fitted)
+        measured = np.exp(np.mean([np.log(s.frequency_hz) for s in sets], axis=0))
+        row.error(mean.frequency_hz / measured - 1, 5e-4, "mean", case=seed)
+    row.count(named, total=4, least=3, of="nothing beside it")
 
 
 def test_shapes_that_are_zero_everywhere_are_refused_by_their_mode(frame_file, record):
