@@ -52,11 +52,11 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     settings = IdentificationSettings(
         order=a.order, block_rows=a.block_rows, rate_hz=a.rate, harmonics=a.harmonics)
     with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
-        options = {"settings": settings, "store": f"{a.out}.blocks", "jobs": runs, "progress": progress}
+        options = {"settings": settings, "store": f"{a.out}.blocks", "jobs": runs, "progress": progress,
+                   "parameters": a.parameters, "lowest": a.lowest}
         if a.shard:
             answer(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, **options))
             return
-        options |= {"parameters": a.parameters, "lowest": a.lowest}
         if len(a.campaign) == 1:
             result = probupdate.identify(a.campaign[0], a.model, **options)
         else:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import optimize
 from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
 from probupdate.modal.matching import close_clusters
-from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
+from probupdate.modal.modes import ModalData, ModalSet, mac, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
@@ -23,6 +24,11 @@ MODE_SHARE = 0.2
 STRAY, LEVEL_SHARE, LEVEL_LEAVES = 0.15, 0.2, 0.5
 # fewer blocks say nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
+# one mode as two: the first is there in at least, and the second in at most such shares of the sets before a change,
+# and the other way round after it, this near in ln f or, if as alike, as far
+THERE, NOT_THERE, SAME_PLACE, MOVED, ALIKE_MAC = 0.8, 0.25, 0.02, 0.10, 0.5
+# sets that lack one mode of a pair are said from this share on
+RARELY = 0.25
 # a covariate known in a smaller share of the blocks is none
 KNOWN_SHARE = 0.9
 # neighbours nearer to each other (in ln f) are copies, computed or rounded: identification scatters by 1e-4 and more
@@ -90,6 +96,18 @@ class Blocks:
         return [f"{name} is stated in {share:.0%} of the blocks: nothing that follows it is looked for"
                 for name, share in shares.items() if 0 < share < KNOWN_SHARE]
 
+    def rarely_whole(self) -> list[str]:
+        """What to say of pairs of which often one mode alone was found."""
+        said = []
+        for q, group in enumerate(self.groups):
+            one = np.any([self.have([j]) for j in group], axis=0)
+            lost = one & ~self.present[:, q]
+            if np.sum(lost) > RARELY * np.sum(one):
+                said.append(f"modes {self.group_name(q)}: of {int(np.sum(one))} sets that have one of the two, "
+                            f"{int(np.sum(lost))} lack the other and say nothing of either (the last: "
+                            f"{self.ids[int(np.flatnonzero(lost)[-1])]})")
+        return said
+
     @property
     def headings_known(self) -> bool:
         """Whether any block shows where the nacelle looked."""
@@ -150,7 +168,9 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
     shapes of single modes to compare.
     """
+    data, more = joined(data)
     sets, few, notes = _usable(data, where)
+    notes += more
     sets, hours, more = _by_time(sets)
     notes += more
     frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))
@@ -195,6 +215,77 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), factors=factors,
         notes=tuple(notes), few=few, std_alone=not any(s.covariance_factors is not None for s in sets),
     )
+
+
+def of_model(data: ModalData) -> tuple[ModalData, list[str]]:
+    """The modes that are compared with a model, each as one; and what to say of those that were two."""
+    data, notes = joined(data)
+    return data.compared(), notes
+
+
+def joined(data: ModalData) -> tuple[ModalData, list[str]]:
+    """A mode that an identification holds for two, as a sensor or the structure changed and its shape with them, as
+    one, by the name of the one that has one; and what to say of it."""
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    sets, _, _ = _by_time(data.sets)
+    pairs = _held_for_two(sets, labels, named=bool(data.labels))
+    if not pairs:
+        return data, []
+    of_set = np.tile(np.arange(data.n_mode), (len(sets), 1))
+    gone, notes = set(), []
+    for a, b, k in pairs:
+        kept, other = (b, a) if labels[a].isdigit() and not labels[b].isdigit() else (a, b)
+        of_set[:, kept] = np.where(np.arange(len(sets)) < k, a, b)
+        gone.add(other)
+    for change in sorted({k for _, _, k in pairs}):
+        before, after = ([labels[pair[end]] for pair in pairs if pair[2] == change] for end in (0, 1))
+        notes.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} near the same "
+                     "frequency: taken as the same modes, which changed then or are measured otherwise")
+    left = [j for j in range(data.n_mode) if j not in gone]
+    source = {s.id: columns[left] for s, columns in zip(sets, of_set, strict=True)}
+    return replace(data.of_modes(left), sets=tuple(s.of_modes(source[s.id]) for s in data.sets)), notes
+
+
+def _held_for_two(sets: Sequence[ModalSet], labels: Sequence[str], named: bool) -> list[tuple[int, int, int]]:
+    """Modes (first, second, the set from which the second is found instead) of sets in the order of time. Two that have
+    each a name are left as they are: of a close pair now one is found and now the other."""
+    if len(sets) < FEWEST:
+        return []
+    there = np.array([s.measured for s in sets])
+    n_mode = there.shape[1]
+    change, cost = np.zeros((n_mode, n_mode), int), np.full((n_mode, n_mode), np.inf)
+    for a, b in zip(*np.nonzero(~np.eye(n_mode, dtype=bool)), strict=True):
+        k = _instead(there[:, a], there[:, b])
+        if k is not None and not (named and not labels[a].isdigit() and not labels[b].isdigit()):
+            change[a, b] = k
+            cost[a, b] = _unlike([s.of_modes([a]) for s in sets[:k]], [s.of_modes([b]) for s in sets[k:]])
+    rows, columns = optimize.linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e6))
+    return [(int(a), int(b), int(change[a, b])) for a, b in zip(rows, columns, strict=True) if np.isfinite(cost[a, b])]
+
+
+def _instead(first: np.ndarray, second: np.ndarray) -> int | None:
+    """The set from which on the second of two modes is found in place of the first, of both (n_set,) bool; None where
+    it is not so."""
+    n, fewest = len(first), max(3, int(np.ceil(0.1 * len(first))))
+    k = np.arange(fewest, n - fewest + 1)
+    share = []
+    for one in (first, second):
+        total = np.concatenate([[0], np.cumsum(one)])
+        share.append((total[k] / k, (total[-1] - total[k]) / (n - k)))
+    (a_before, a_after), (b_before, b_after) = share
+    good = (a_before >= THERE) & (b_after >= THERE) & (a_after <= NOT_THERE) & (b_before <= NOT_THERE)
+    return int(k[np.argmax(np.where(good, a_before - a_after + b_after - b_before, -9.0))]) if good.any() else None
+
+
+def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
+    """How much the modes of sets of one mode each differ; infinite where they may not be one."""
+    away = abs(np.log(np.nanmedian([s.frequency_hz[0] for s in after])
+                      / np.nanmedian([s.frequency_hz[0] for s in before])))
+    a, b = (np.column_stack([s.shape for s in sets if s.measured[0]]) for sets in (before, after))
+    with np.errstate(invalid="ignore"):
+        alike = np.nanmedian(mac(a, b)) if len(a) else 0.0
+    same = away <= SAME_PLACE or (away <= MOVED and alike >= ALIKE_MAC)
+    return float(away / SAME_PLACE + 1 - np.nan_to_num(alike)) if same else np.inf
 
 
 def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:

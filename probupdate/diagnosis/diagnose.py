@@ -21,7 +21,7 @@ from probupdate.diagnosis.elementary import (
     taken_together,
 )
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
-from probupdate.diagnosis.fitting import Fit, design_at, fit, fitted_without_candidates
+from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import (
@@ -299,7 +299,8 @@ def findings_of(
             nothing = others.index(None)
             for row in (others, evidence, prior):
                 del row[nothing]
-        dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
+        own_error = model_error_dispersion(z, error_scale(n.effect))
+        dispersion = max(left / directions, own_error, _beside_the_others(problem, best, number))
         explains = [value / dispersion for value in evidence]
         for one in responses:
             # a signature's error is in its evidence, and factors of their own have no signature

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.expected import residuals_at, signatures_at
-from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, about, design_without_candidates, penalty
+from probupdate.diagnosis.fitting import Fit, about, design_without_candidates, error_scale, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -35,7 +35,7 @@ def sizes_std(problem: DiagnosisProblem, fitted: Fit) -> list[float]:
             continue
         own = float(design.unknowns_cov([next(free)])[0, 0])
         # what the signature's length is not known better than
-        length = np.hypot(MODEL_ERROR_SCALE, 0.0 if n.exact else length_std(problem, fitted, n))
+        length = np.hypot(error_scale(n.effect), 0.0 if n.exact else length_std(problem, fitted, n))
         result.append(float(np.sqrt(own + (length * n.size) ** 2 + short**2)))
     return result
 

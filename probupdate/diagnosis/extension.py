@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.diagnosis.blocks import of_model
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
@@ -259,7 +260,7 @@ def corrections(n_channel: int, included: Sequence[IncludedEffect], values: Sequ
 
 def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[IncludedEffect]) -> ModalData:
     """The sets that the diagnosis used, without what it found the sensors to do."""
-    blocks = problem.blocks
+    blocks, (data, _) = problem.blocks, of_model(data)
     rows = [data.channels.index(c) for c in blocks.channels]
     known = {s.id: s for s in data.sets}
     sets = []

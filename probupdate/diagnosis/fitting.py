@@ -248,8 +248,13 @@ def _model_errors(
     problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
     """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
-    scale = SENSOR_ERROR_SCALE if included.effect.kind == "measurement" else MODEL_ERROR_SCALE
+    scale = error_scale(included.effect)
     return tuple(_model_error_std(problem, q, scale * included.size * e) for q, e in enumerate(effect))
+
+
+def error_scale(effect: Effect) -> float:
+    """What is not known of an effect's signature, as a share of it."""
+    return SENSOR_ERROR_SCALE if effect.kind == "measurement" else MODEL_ERROR_SCALE
 
 
 def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, with_derived
+from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, of_model, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import factored, usual
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
@@ -207,6 +207,7 @@ def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
 def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisProblem, np.ndarray]:
     """The problem of a diagnosis and the parameters it starts from."""
     theta = np.array(prepared.small.parameters.initial)
+    data, joined_modes = of_model(data)
     measured = gather(data)
     expected = expected_frequencies(prepared.small, measured, theta)
     if measured.channels:
@@ -219,7 +220,7 @@ def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisPro
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
     unrecorded = _unrecorded(with_columns, effects)
-    notes = [*blocks.notes, *with_columns.little_known(columns)]
+    notes = [*joined_modes, *blocks.notes, *blocks.rarely_whole(), *with_columns.little_known(columns)]
     if unrecorded:
         notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and "
                      "from day to day do to the stiffness is normal, whatever they were; with that column it is tested")

@@ -170,10 +170,10 @@ def exceeded(maxima: np.ndarray, share: float) -> float:
     return float(max(stats.gumbel_r.isf(share, location, scale), np.sort(maxima)[-10]))
 
 
-def model_error_dispersion(z: float) -> float:
-    """What log evidence between competing hypotheses is divided by: the error of a signature of z standard deviations
-    lies along a few directions, and between two hypotheses is one of them."""
-    return 1 + (MODEL_ERROR_SCALE * z) ** 2 / DIRECTIONS
+def model_error_dispersion(z: float, scale: float = MODEL_ERROR_SCALE) -> float:
+    """What log evidence between competing hypotheses is divided by: the error of a signature of z standard deviations,
+    `scale` as a share of it, lies along a few directions, and between two hypotheses is one of them."""
+    return 1 + (scale * z) ** 2 / DIRECTIONS
 
 
 def scores_beside(

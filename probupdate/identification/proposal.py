@@ -52,11 +52,13 @@ class Proposal:
 
 
 def propose(
-    campaigns: Sequence[Campaign], *, rate_hz: float | None = None, block_rows: int | None = None
+    campaigns: Sequence[Campaign], *, rate_hz: float | None = None, block_rows: int | None = None,
+    up_to_hz: float = 0.0,
 ) -> Proposal:
     """One proposal for a campaign, or for all setups of a structure; what is given of it stands, and the rest is
-    estimated from the peaks that such a rate holds. Raises InputError where no block can be used, or
-    where nothing stands out of the spectra."""
+    estimated from the peaks that such a rate holds. `up_to_hz`: modes up to there are looked for, so that the rate
+    holds them, whatever stands out. Raises InputError where no block can be used, or where nothing stands out of the
+    spectra."""
     peaks: list[float] = []
     looked = 0
     reason = ""
@@ -80,15 +82,16 @@ def propose(
     jump = np.flatnonzero(distinct[1:] > GAP * distinct[:-1])
     # of two heaps the one with more peaks; what lies below a gap is never left out
     cut = next((int(k) + 1 for k in jump if k + 1 >= 2), len(distinct))
+    cut = max(cut, int(np.searchsorted(distinct, up_to_hz, side="right")))
     inside, above = distinct[:cut], distinct[cut:]
     recorded = min(c.sampling_rate_hz for c in campaigns)
     fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
     largest = max(min(LARGEST // most, ROWS[1]), 2)
     if rate_hz is None:
-        rate = recorded / max(int(recorded / (RATE * inside[-1])), 1)
+        rate = recorded / max(int(recorded / (RATE * max(inside[-1], up_to_hz))), 1)
         # lags that do not cover the lowest mode lose it; modes above a lower rate are lost too, but that is said
         longest = 2 * (block_rows or largest) * inside[0] / PERIODS
-        if rate > longest and recorded / np.ceil(recorded / longest) > 2.2 * inside[0]:
+        if rate > longest and recorded / np.ceil(recorded / longest) > 2.2 * max(inside[0], up_to_hz):
             rate = recorded / np.ceil(recorded / longest)
             held = inside[inside < 0.45 * rate]
             inside, above = held, np.concatenate([inside[len(held):], above])

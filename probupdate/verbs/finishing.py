@@ -53,16 +53,16 @@ def diagnose(
     at, as a diagnosis has found that they are wrong. `options`: `sensors`, `groups` and `effects` of
     `diagnosis.run.ModelSource` (own effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
     """
-    from probupdate.diagnosis.blocks import gather
+    from probupdate.diagnosis.blocks import gather, of_model
     from probupdate.diagnosis.prepare import Prepared
     from probupdate.diagnosis.run import ModelSource, diagnose_files
 
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
-    data = (data if model is None else data.compared()).without_channels(without or ())
+    data = data.without_channels(without or ())
     # before a minute of preparation is spent on them
-    gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
+    gather(data if model is None else of_model(data)[0], "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects") if key in options}

@@ -67,8 +67,8 @@ def identify(
     processes needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    chosen, said = ssi_settings([opened], model, settings)
-    reference, others = reference_at([opened], model, chosen, where=campaign, parameters=parameters, lowest=lowest)
+    reference, others = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
+    chosen, said = ssi_settings([opened], model, settings, reference)
     found = identify_campaign(opened, reference, others=others, settings=chosen, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
@@ -80,6 +80,8 @@ def identify_shard(
     shard: str | Shard,
     model: GivenModel | None = None,
     *,
+    parameters: str | Path | None = None,
+    lowest: int | None = None,
     store: str | Path,
     settings: IdentificationSettings = GIVEN,
     jobs: int | Executor = 1,
@@ -87,9 +89,10 @@ def identify_shard(
 ) -> ShardOfBlocks:
     """The share of a campaign's blocks that one job of an array computes ('3/8'), into the store that all share. Run
     again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
-    left to compute but the modes. model: for the settings of identification only."""
+    left to compute but the modes. model, parameters, lowest: for the settings of identification only, as there."""
     opened = read_campaign(campaign)
-    chosen, _ = ssi_settings([opened], model, settings)
+    reference, _ = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
+    chosen, _ = ssi_settings([opened], model, settings, reference)
     share = shard if isinstance(shard, Shard) else Shard.of(shard)
     return identify_campaign_shard(opened, share, settings=chosen, store=store, jobs=jobs, progress=progress)
 
@@ -114,8 +117,8 @@ def identify_setups(
     paths = [Path(c) for c in campaigns]
     names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
-    chosen, said = ssi_settings(opened, model, settings)
-    reference, others = reference_at(opened, model, chosen, where=paths[0], parameters=parameters, lowest=lowest)
+    reference, others = reference_at(opened, model, where=paths[0], parameters=parameters, lowest=lowest)
+    chosen, said = ssi_settings(opened, model, settings, reference)
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
@@ -128,21 +131,24 @@ def _is_turbine(model: GivenModel | None) -> bool:
 
 
 def ssi_settings(
-    campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings
+    campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings,
+    reference: ReferenceModes | None = None,
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to
-    be said of that."""
+    be said of that. Raises InputError where the rate holds not all modes of `reference`, which are looked for."""
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []
+    highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
     if _is_turbine(model) or len(given) == 3:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
-        found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows)
+        found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
+    _refuse_slow(settings.target_rate_hz, highest, min(c.sampling_rate_hz for c in campaigns))
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
@@ -170,17 +176,16 @@ def sensors_of(campaigns: Sequence[Campaign]) -> tuple[Sensor, ...]:
 
 
 def reference_at(
-    campaigns: Sequence[Campaign], model: GivenModel | None, settings: SSISettings, *, where: str | Path,
+    campaigns: Sequence[Campaign], model: GivenModel | None, *, where: str | Path,
     parameters: str | Path | None = None, lowest: int | None = None,
 ) -> tuple[ReferenceModes | None, ReferenceModes | None]:
     """The model's modes that are looked for, at all sensors, and its others; None without a model. Raises InputError
-    where the model has not all channels, or a mode that the sampling rate does not hold; `where`: the campaign's
-    path."""
+    where the model has not all channels; `where`: the campaign's path."""
     if model is None:
         if lowest is not None:
             raise InputError("lowest", f"{lowest} modes of a model, and none is given", "give --model, or leave it out")
         return None, None
-    sensors, rate_hz = sensors_of(campaigns), settings.target_rate_hz
+    sensors = sensors_of(campaigns)
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
@@ -188,16 +193,20 @@ def reference_at(
             f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    reference, others = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
-    highest = float(np.max(reference.frequency_hz))
-    if rate_hz <= 2 * highest:
+    return reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
+
+
+def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float) -> None:
+    """A rate that does not hold the modes that are looked for."""
+    if rate_hz <= 2 * highest_hz:
+        slow = recorded_hz <= 2 * highest_hz
         raise InputError(
             "rate_hz",
             f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked for is at "
-            f"{highest:.3g} Hz",
-            f"give more than {2.5 * highest:.2g} Hz",
+            f"{highest_hz:.3g} Hz",
+            f"the record has {recorded_hz:g} Hz: look for fewer modes (--lowest)" if slow
+            else f"give more than {min(2.5 * highest_hz, recorded_hz):.2g} Hz",
         )
-    return reference, others
 
 
 @names_files("modes")

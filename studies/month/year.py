@@ -87,8 +87,8 @@ def stand_for(out: Path, count: int, answer) -> None:
     module.BlockStore = StandIn
     opened = read_campaign(out / "campaign")
     opened = replace(opened, scada=repeated(opened.scada, count))
-    settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings())
-    reference, others = reference_at([opened], model_path(MODEL), settings, where=out / "campaign")
+    reference, others = reference_at([opened], model_path(MODEL), where=out / "campaign")
+    settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings(), reference)
     before, begun = peak_mb(), time.process_time()
     found = identify_campaign(opened, reference, others=others, settings=settings,
                               store=out / "real" / "modes.json.blocks")

@@ -1,0 +1,106 @@
+"""A mode that an identification holds for two, before and after a change of a sensor or the structure, is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.blocks import joined
+from probupdate.diagnosis.prepare import prepare
+from probupdate.modal.modes import ModalData, ModeRecord
+from tests.diagnosis.conftest import CHANNELS
+
+NAMES = ("X1", "Y1", "X2", "Y2")
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+def split(data: ModalData, at: int, modes=(0, 1, 2, 3), labels=NAMES) -> ModalData:
+    """As an identification that follows shapes has it: after set `at` these modes have numbers of their own."""
+    sets, n = [], data.n_mode
+    for k, s in enumerate(data.sets):
+        columns = list(range(n)) + [-1] * len(modes)
+        if k >= at:
+            for place, j in enumerate(modes):
+                columns[j], columns[n + place] = -1, j
+        sets.append(s.of_modes(columns))
+    numbers = tuple(str(n + 1 + place) for place in range(len(modes)))
+    records = tuple(ModeRecord(label=label, match="none" if label.isdigit() else "alike")
+                    for label in (*labels, *numbers))
+    return replace(data, sets=tuple(sets), labels=(*labels, *numbers), records=records)
+
+
+def reversed_from(data: ModalData, channel: str, at: int) -> ModalData:
+    sets = []
+    for k, s in enumerate(data.sets):
+        shape = np.array(s.shape)
+        shape[CHANNELS.index(channel)] *= -1.0 if k >= at else 1.0
+        sets.append(replace(s, shape=shape))
+    return replace(data, sets=tuple(sets))
+
+
+def test_a_channel_that_is_reversed_amid_the_record_is_named_where_its_modes_have_new_numbers(
+    prepared, record, validation
+):
+    """It had been *none* at p = 1: modes with numbers are not compared with the model, and the sets with them alone
+    were left out."""
+    row = validation(what="a channel reversed from set 22 of 40 on, all four modes of the later sets with numbers of "
+                          "their own: verdict, cause, place, time", reference="what was hidden")
+    data = split(reversed_from(record(3), "y5", 22), 22)
+    found = probupdate.diagnose(prepared, data, extend=False)
+    (finding,) = found.findings
+    row.equal((found.verdict, finding.cause, finding.location, finding.time_profile, finding.time_profile_start),
+              ("named", "sensor polarity", "y5", "step", data.sets[22].id))
+    assert any(note.startswith(f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2") for note in found.notes)
+    corrected, _ = joined(data)
+    assert corrected.labels == NAMES and all(s.measured.all() for s in corrected.sets)
+
+
+def test_a_storey_that_loosens_is_named_where_its_modes_have_new_numbers(prepared, record, validation):
+    row = validation(what="a storey at 0.7 of its stiffness from set 20 on, two modes of the later sets with numbers of "
+                          "their own: cause; size in its standard deviations", reference="what was hidden")
+    data = split(record(4, storey=1, factor=0.7, from_block=20), 20, modes=(0, 1))
+    found = probupdate.diagnose(prepared, data, extend=False)
+    (finding,) = found.findings
+    row.equal((found.verdict, finding.location, finding.time_profile), ("named", "k2", "step"), "cause")
+    row.error((finding.size + 0.3) / finding.size_std, 3, "size")
+
+
+def test_modes_that_come_and_go_or_have_names_or_are_elsewhere_stay_two(record):
+    data = record(5)
+    whole = split(data, 20)
+    assert joined(whole)[0].labels == NAMES and len(joined(whole)[1]) == 1
+    # of a pair now one is found and now the other, by their names
+    named = replace(whole, labels=(*NAMES, "X3", "Y3", "X4", "Y4"))
+    assert joined(named) == (named, [])
+    rng = np.random.default_rng(1)
+    coming = [s.of_modes([0, -1] if rng.random() < 0.5 else [-1, 0]) for s in data.sets]
+    for sets in (coming, [s.of_modes([0, -1] if k < 20 else [-1, 2]) for k, s in enumerate(data.sets)]):
+        two = ModalData(channels=data.channels, sets=tuple(sets), labels=("1", "2"))
+        assert joined(two) == (two, [])
+    few = replace(data, sets=tuple(s.of_modes([0, -1] if k < 3 else [-1, 0]) for k, s in enumerate(data.sets[:6])),
+                  labels=())
+    assert joined(few) == (few, [])
+
+
+def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order(record):
+    data = record(6)
+    sets = [s.of_modes([0, -1] if k < 12 else [-1, 0]) for k, s in enumerate(data.sets)]
+    sets[3] = data.sets[3].of_modes([0, 1])
+    made = ModalData(channels=data.channels, sets=tuple(sets[::-1]), labels=("2", "X1"))
+    one, notes = joined(made)
+    assert one.labels == ("X1",) and notes[0].startswith(f"from {data.sets[12].id} on X1 instead of 2 near")
+    assert [s.frequency_hz[0] for s in one.sets] == [s.frequency_hz[0] for s in data.sets[::-1]]
+    assert joined(replace(made, labels=()))[0].n_mode == 1
+
+
+def test_sets_that_lack_one_mode_of_a_pair_are_said(prepared, record):
+    data = record(7)
+    sets = tuple(s.of_modes([0, 1, 2, 3] if k < 25 else [0, -1, 2, 3]) for k, s in enumerate(data.sets))
+    found = probupdate.diagnose(prepared, replace(data, sets=sets, labels=NAMES), extend=False)
+    assert any(note == f"modes X1/Y1: of 40 sets that have one of the two, 15 lack the other and say nothing of either "
+                       f"(the last: {data.sets[-1].id})" for note in found.notes)
