@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
+from probupdate.modal.joined_modes import hours_of, joined
 from probupdate.modal.matching import close_clusters
-from probupdate.modal.modes import ModalData, ModalSet, mac, rotate_to_real
+from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
@@ -24,9 +24,6 @@ MODE_SHARE = 0.2
 STRAY, LEVEL_SHARE, LEVEL_LEAVES = 0.15, 0.2, 0.5
 # fewer blocks say nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
-# one mode as two: the first is there in at least, and the second in at most such shares of the sets before a change,
-# and the other way round after it, this near in ln f or, if as alike, as far
-THERE, NOT_THERE, SAME_PLACE, MOVED, ALIKE_MAC = 0.8, 0.25, 0.02, 0.10, 0.5
 # sets that lack one mode of a pair are said from this share on
 RARELY = 0.25
 # a covariate known in a smaller share of the blocks is none
@@ -143,15 +140,6 @@ def _number(value) -> float:
     return float(value) if usable else np.nan
 
 
-def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
-    """Hours since the first id where all of them are times (ISO 8601)."""
-    try:
-        times = np.array([np.datetime64(i.removesuffix("Z").removesuffix("+00:00"), "s") for i in ids])
-    except ValueError:
-        return None
-    return (times - times.min()) / np.timedelta64(1, "h")
-
-
 def _refuse_zero_shapes(where: str, shape: np.ndarray) -> None:
     """Shapes (n_set, n_channel, n_mode), NaN where they were not measured."""
     measured = np.isfinite(shape)
@@ -221,71 +209,6 @@ def of_model(data: ModalData) -> tuple[ModalData, list[str]]:
     """The modes that are compared with a model, each as one; and what to say of those that were two."""
     data, notes = joined(data)
     return data.compared(), notes
-
-
-def joined(data: ModalData) -> tuple[ModalData, list[str]]:
-    """A mode that an identification holds for two, as a sensor or the structure changed and its shape with them, as
-    one, by the name of the one that has one; and what to say of it."""
-    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
-    sets, _, _ = _by_time(data.sets)
-    pairs = _held_for_two(sets, labels, named=bool(data.labels))
-    if not pairs:
-        return data, []
-    of_set = np.tile(np.arange(data.n_mode), (len(sets), 1))
-    gone, notes = set(), []
-    for a, b, k in pairs:
-        kept, other = (b, a) if labels[a].isdigit() and not labels[b].isdigit() else (a, b)
-        of_set[:, kept] = np.where(np.arange(len(sets)) < k, a, b)
-        gone.add(other)
-    for change in sorted({k for _, _, k in pairs}):
-        before, after = ([labels[pair[end]] for pair in pairs if pair[2] == change] for end in (0, 1))
-        notes.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} near the same "
-                     "frequency: taken as the same modes, which changed then or are measured otherwise")
-    left = [j for j in range(data.n_mode) if j not in gone]
-    source = {s.id: columns[left] for s, columns in zip(sets, of_set, strict=True)}
-    return replace(data.of_modes(left), sets=tuple(s.of_modes(source[s.id]) for s in data.sets)), notes
-
-
-def _held_for_two(sets: Sequence[ModalSet], labels: Sequence[str], named: bool) -> list[tuple[int, int, int]]:
-    """Modes (first, second, the set from which the second is found instead) of sets in the order of time. Two that have
-    each a name are left as they are: of a close pair now one is found and now the other."""
-    if len(sets) < FEWEST:
-        return []
-    there = np.array([s.measured for s in sets])
-    n_mode = there.shape[1]
-    change, cost = np.zeros((n_mode, n_mode), int), np.full((n_mode, n_mode), np.inf)
-    for a, b in zip(*np.nonzero(~np.eye(n_mode, dtype=bool)), strict=True):
-        k = _instead(there[:, a], there[:, b])
-        if k is not None and not (named and not labels[a].isdigit() and not labels[b].isdigit()):
-            change[a, b] = k
-            cost[a, b] = _unlike([s.of_modes([a]) for s in sets[:k]], [s.of_modes([b]) for s in sets[k:]])
-    rows, columns = optimize.linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e6))
-    return [(int(a), int(b), int(change[a, b])) for a, b in zip(rows, columns, strict=True) if np.isfinite(cost[a, b])]
-
-
-def _instead(first: np.ndarray, second: np.ndarray) -> int | None:
-    """The set from which on the second of two modes is found in place of the first, of both (n_set,) bool; None where
-    it is not so."""
-    n, fewest = len(first), max(3, int(np.ceil(0.1 * len(first))))
-    k = np.arange(fewest, n - fewest + 1)
-    share = []
-    for one in (first, second):
-        total = np.concatenate([[0], np.cumsum(one)])
-        share.append((total[k] / k, (total[-1] - total[k]) / (n - k)))
-    (a_before, a_after), (b_before, b_after) = share
-    good = (a_before >= THERE) & (b_after >= THERE) & (a_after <= NOT_THERE) & (b_before <= NOT_THERE)
-    return int(k[np.argmax(np.where(good, a_before - a_after + b_after - b_before, -9.0))]) if good.any() else None
-
-
-def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
-    """How much the modes of sets of one mode each differ; infinite where they may not be one."""
-    away = abs(np.log(np.nanmedian([s.frequency_hz[0] for s in after])
-                      / np.nanmedian([s.frequency_hz[0] for s in before])))
-    a, b = (np.column_stack([s.shape for s in sets if s.measured[0]]) for sets in (before, after))
-    with np.errstate(invalid="ignore"):
-        alike = np.nanmedian(mac(a, b)) if len(a) else 0.0
-    same = away <= SAME_PLACE or (away <= MOVED and alike >= ALIKE_MAC)
-    return float(away / SAME_PLACE + 1 - np.nan_to_num(alike)) if same else np.inf
 
 
 def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:

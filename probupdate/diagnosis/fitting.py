@@ -248,8 +248,8 @@ def _model_errors(
     problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
     """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
-    scale = error_scale(included.effect)
-    return tuple(_model_error_std(problem, q, scale * included.size * e) for q, e in enumerate(effect))
+    scale, of_sensors = error_scale(included.effect), included.effect.kind == "measurement"
+    return tuple(_model_error_std(problem, q, scale * included.size * e, of_sensors) for q, e in enumerate(effect))
 
 
 def error_scale(effect: Effect) -> float:
@@ -257,10 +257,12 @@ def error_scale(effect: Effect) -> float:
     return SENSOR_ERROR_SCALE if effect.kind == "measurement" else MODEL_ERROR_SCALE
 
 
-def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
+def _model_error_std(
+    problem: DiagnosisProblem, group: int, amount: np.ndarray, of_sensors: bool
+) -> np.ndarray:
     """Standard deviations (n_bin, n_response) of a signature whose error has the size `amount`: half of the variance
     where it is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each
-    shape)."""
+    shape; of sensors both together, as a late clock shifts a mode's decay with its phase)."""
     k, n_channel = len(problem.blocks.groups[group]), len(problem.blocks.channels)
     n_log = 1 if k == 1 else 3
     parts = [slice(0, n_log)]
@@ -268,7 +270,13 @@ def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) 
     result = np.empty_like(amount)
     for part in parts:
         own = amount[:, part] ** 2
-        result[:, part] = np.sqrt(0.5 * own + 0.5 * own.mean(axis=1, keepdims=True))
+        result[:, part] = 0.5 * own + 0.5 * own.mean(axis=1, keepdims=True)
+    if of_sensors and n_channel:
+        for real, phase in zip(parts[1 : 1 + k], parts[1 + k :], strict=True):
+            both = 0.25 * (amount[:, real] ** 2 + amount[:, phase] ** 2).mean(axis=1, keepdims=True)
+            for part in (real, phase):
+                result[:, part] = 0.5 * amount[:, part] ** 2 + both
+    result = np.sqrt(result)
     return np.maximum(result, 1e-9)
 
 

@@ -21,6 +21,9 @@ from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, m
 
 MODEL_MAC, MODEL_FREQUENCY, NO_MAC = CONSTANTS.model_mac, CONSTANTS.model_frequency, CONSTANTS.no_mac
 OWN_SHAPE = CONSTANTS.own_shape
+SURE_FREQUENCY, WRONG_MAC, ALL_NEAR = CONSTANTS.sure_frequency, CONSTANTS.wrong_mac, CONSTANTS.all_near
+# of fewer modes all may be near others by chance
+FEWEST_SOUGHT = 4
 LEAST_SIZE = CONSTANTS.least_size
 # blocks that are compared at most, evenly over those that have the mode
 MOST_BLOCKS = 200
@@ -78,22 +81,48 @@ def model_comparison(
     return ModelComparison(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
 
 
-def paired(like: ModelComparison, model: ReferenceModes) -> tuple[dict[int, int], np.ndarray]:
+def paired(
+    like: ModelComparison, model: ReferenceModes, sought: int | None = None
+) -> tuple[dict[int, int], np.ndarray]:
     """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
     one is that of none. Of modes of like shape the one that moves the sensors more is the likelier, as it is the more
-    likely to be seen: a member's own mode drags the level along."""
+    likely to be seen: a member's own mode drags the level along. Where each of the first `sought` modes of the model
+    (default: all) has one near its frequency and names by shapes go elsewhere, as of exchanged or reversed channels,
+    frequencies name them."""
+    sought = len(model.labels) if sought is None else sought
+    size = np.linalg.norm(model.shape, axis=0)
+    none = -0.5 * ((1 - NO_MAC) / MODEL_MAC) ** 2
+
+    def gain(mac_std: float, frequency_std: float) -> np.ndarray:
+        weight = -0.5 * ((1 - like.plane) / mac_std) ** 2 - 0.5 * (np.log(like.ratio) / frequency_std) ** 2
+        weight = weight - np.log(mac_std * frequency_std / (MODEL_MAC * MODEL_FREQUENCY))
+        weight = weight + OWN_SHAPE * (like.own - 1) + np.log(np.maximum(size / size.max(), LEAST_SIZE))
+        return np.nan_to_num(weight - none, nan=-np.inf)
+
+    usual = gain(MODEL_MAC, MODEL_FREQUENCY)
+    partner = _assigned(usual)
+    if not _all_near(partner, like, sought):
+        by_frequency = gain(WRONG_MAC, SURE_FREQUENCY)
+        unlike = _assigned(by_frequency)
+        if sought >= FEWEST_SOUGHT and _all_near(unlike, like, sought):
+            partner, usual = unlike, by_frequency
+    odds = np.exp(np.minimum(usual, 500.0))
+    return partner, odds / (1 + odds.sum(axis=1, keepdims=True))
+
+
+def _assigned(gain: np.ndarray) -> dict[int, int]:
+    """Mode -> mode of the model, one to one, with the largest sum of gains."""
     from scipy import optimize
 
-    size = np.linalg.norm(model.shape, axis=0)
-    weight = -0.5 * ((1 - like.plane) / MODEL_MAC) ** 2 - 0.5 * (np.log(like.ratio) / MODEL_FREQUENCY) ** 2
-    weight = weight + OWN_SHAPE * (like.own - 1) + np.log(np.maximum(size / size.max(), LEAST_SIZE))
-    none = -0.5 * ((1 - NO_MAC) / MODEL_MAC) ** 2
-    gain = np.nan_to_num(weight - none, nan=-np.inf)
-    odds = np.exp(np.minimum(gain, 500.0))
-    probability = odds / (1 + odds.sum(axis=1, keepdims=True))
     score = np.where(gain > 0, gain, 0.0)
     rows, columns = optimize.linear_sum_assignment(-score)
-    return {int(j): int(i) for j, i in zip(rows, columns, strict=True) if score[j, i] > 0}, probability
+    return {int(j): int(i) for j, i in zip(rows, columns, strict=True) if score[j, i] > 0}
+
+
+def _all_near(partner: dict[int, int], like: ModelComparison, sought: int) -> bool:
+    """Whether each of the model's first `sought` modes has a partner near its frequency."""
+    near = {i for j, i in partner.items() if abs(np.log(like.ratio[j, i])) <= ALL_NEAR}
+    return near >= set(range(sought))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,11 +145,11 @@ class Matched:
 
 def match_modes(
     sets: Sequence[ModalSet], pairs: Sequence[tuple[int, int]], turned_to: Sequence[ReferenceModes],
-    model: ReferenceModes,
+    model: ReferenceModes, sought: int | None = None,
 ) -> Matched:
-    """The comparison and who is whose; `turned_to`: the model's modes as each set's nacelle has them."""
+    """The comparison and who is whose, as `paired`; `turned_to`: the model's modes as each set's nacelle has them."""
     like = model_comparison(sets, pairs, turned_to)
-    partner, probability = paired(like, model)
+    partner, probability = paired(like, model, sought)
     return Matched(model=model, like=like, partner=partner, probability=probability)
 
 

@@ -251,14 +251,14 @@ def classified(
                        highest_hz=passed_hz(campaign, settings), every=every)
     del sets
     sets = []
-    for s, one in zip(named.sets, found, strict=True):
+    for s, one, columns in zip(named.sets, found, named.standing, strict=True):
         stands = picked.get(one.block.start)
         if stands is None:
             sets.append(s)
             continue
         covariance_factors = None
         if stands.keys and settings.sub_records:
-            keys = tuple(stands.key_of.get(int(j)) for j in named.columns)
+            keys = tuple(stands.key_of.get(int(j)) for j in columns)
             covariance_factors = StoredFactors(read=partial(covariance_factors_of, blocks, one.block.start, keys))
         sets.append(replace(s, environment=with_independence(s, stands.choice, named.names, physical.modes),
                             covariance_factors=covariance_factors))

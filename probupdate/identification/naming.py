@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar, overload
@@ -17,6 +17,7 @@ from probupdate.identification.physical import PhysicalModes
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice
 from probupdate.io.result_table import plural
+from probupdate.modal.joined_modes import columns_of, held_for_two
 from probupdate.modal.modes import ModalSet, ModelMode, ModeRecord
 
 T = TypeVar("T")
@@ -25,7 +26,8 @@ T = TypeVar("T")
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NamedModes:
     """names: of every physical mode, '' for one that is left out; columns: of the result, by place among the physical
-    modes, -1 for a mode of interest that was not found; labels, records and sets of the columns."""
+    modes, -1 for a mode of interest that was not found; labels, records and sets of the columns; standing (n_set,
+    n_column): of each set the place among the physical modes, as one that changed amid the record has two."""
 
     names: tuple[str, ...]
     columns: tuple[int, ...]
@@ -34,6 +36,7 @@ class NamedModes:
     model_only: tuple[ModelMode, ...]
     notes: tuple[str, ...]
     sets: list[ModalSet]
+    standing: np.ndarray
 
 
 def name_modes(
@@ -43,12 +46,18 @@ def name_modes(
     """The campaign's modes matched with the model's, once, and given their names. highest_hz: up to where modes of the
     model can be missed; every: a column for each mode, also for one that stands in no block."""
     n_mode = len(physical.modes.labels)
-    seen, notes = _seen(sets, physical, every)
+    # a pair that turns with the nacelle is found in one direction before it turns and in another one after it
+    turns = any("nacelle_angle_deg" in s.environment for s in sets)
+    two = [] if turns else held_for_two(sets)
+    standing = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
+    sets = [s.of_modes(own) for s, own in zip(sets, standing, strict=True)]
+    seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})
     wanted: tuple[str, ...] = ()
     matched = None
     if reference is not None:
         wanted = reference.labels
-        matched = _matched(sets, physical, seen, reference if others is None else reference.joined(others), campaign)
+        model = reference if others is None else reference.joined(others)
+        matched = _matched(sets, physical, seen, model, len(wanted), campaign)
     columns, labels = _columns(seen, wanted, matched)
     own = [s.of_modes(columns) for s in sets]
     in_pair = {i for pair in physical.modes.pairs for i in pair}
@@ -57,19 +66,29 @@ def name_modes(
         own, labels, None if matched is None else matched.at(columns), in_pair=pair_columns, settings=settings,
         highest_hz=highest_hz, wanted=wanted)
     name = dict(zip(columns, labels, strict=True))
+    name |= {b: name[a] for a, b, _ in two if a in name}
+    for change in sorted({k for _, _, k in two}):
+        those = ", ".join(name[a] for a, _, k in two if k == change and a in name)
+        notes.append(f"from {sets[change].id} on {those} with other shapes near the same frequency: taken as the same "
+                     "modes, which changed then or are measured otherwise")
     return NamedModes(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels,
-                      records=records, model_only=lacking, notes=(*notes, *said), sets=own)
+                      records=records, model_only=lacking, notes=(*notes, *said), sets=own,
+                      standing=np.where(np.array(columns) < 0, -1, standing[:, columns]))
 
 
-def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[np.ndarray, list[str]]:
+def _seen(
+    sets: list[ModalSet], physical: PhysicalModes, every: bool, joined: Collection[int]
+) -> tuple[np.ndarray, list[str]]:
     """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the
-    others."""
+    others. `joined`: those that stand in the column of another."""
     n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
     seen = np.ones(n_mode, bool) if every else seen
+    seen[list(joined)] = False
     # the other direction of a single mode that turns with the nacelle is no mode that was lost
     mated = np.zeros(n_mode, bool)
+    mated[list(joined)] = True
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
     return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out"
@@ -78,14 +97,15 @@ def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[n
 
 
 def _matched(
-    sets: list[ModalSet], physical: PhysicalModes, seen: np.ndarray, model: ReferenceModes, campaign: Campaign
+    sets: list[ModalSet], physical: PhysicalModes, seen: np.ndarray, model: ReferenceModes, sought: int,
+    campaign: Campaign,
 ) -> Matched:
     # asked for some hundred blocks, of each mode for nearly the same
     at_block = lru_cache(maxsize=512)(
         lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
     pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
     shown = [s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets]
-    return match_modes(shown, pairs, _Each(at_block, len(sets)), model)
+    return match_modes(shown, pairs, _Each(at_block, len(sets)), model, sought)
 
 
 def _columns(

@@ -301,12 +301,12 @@ def physical_modes(
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
               "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
     found = _of_the_structure(candidates, found, wave_hz, highest_hz, notes)
-    groups, doubles = _grouped(candidates, found)
+    angle = np.array(angle_deg, float) if angle_deg is not None else None
+    groups, doubles = _grouped(candidates, found, turns=angle is not None and bool(np.isfinite(angle).any()))
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
               "few of its blocks and orders: left out as its double" for one, twin in doubles]
     if not groups:
         raise _nothing(where, n_block)
-    angle = np.array(angle_deg, float) if angle_deg is not None else None
     return _as_modes(candidates, groups, angle, sensors, tuple(notes))
 
 
@@ -426,17 +426,19 @@ def _inside(a: _Cluster, plane: np.ndarray) -> bool:
     return bool(subspace_mac(a.basis, plane).min() >= IN_PLANE)
 
 
-def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
+def _grouped(
+    c: Candidates, clusters: list[_Cluster], turns: bool
+) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
     """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those
     that are doubles of a heavier one, with that one.
 
     What has the direction of a heavier one, or lies in its plane, and half its weight at most is its double, from noise
     or from waves; what shares hardly a block with it is the same mode before or after a change. Where channels are too
-    few for a direction to say anything, clusters stay apart.
+    few for a direction to say anything, clusters stay apart. turns: where a nacelle looks is known.
     """
     groups: list[list[_Cluster]] = []
     doubles: list[tuple[_Cluster, _Cluster]] = []
-    for one in sorted(_with_planes(c, clusters), key=lambda x: -x.weight):
+    for one in sorted(_with_planes(c, clusters, turns), key=lambda x: -x.weight):
         home, twin = None, None
         for group in groups:
             first = group[0]
@@ -460,9 +462,9 @@ def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluste
     return groups, doubles
 
 
-def _with_planes(c: Candidates, clusters: list[_Cluster]) -> list[_Cluster]:
+def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_Cluster]:
     """Three or more single directions of one plane close by, as of a pair at a few headings of the nacelle, as one
-    cluster with that plane; or two of one frequency and different times."""
+    cluster with that plane; or, where a nacelle turns, two of one frequency and different times."""
     left = sorted(clusters, key=lambda x: -x.weight)
     result = [one for one in left if one.plane]
     left = [one for one in left if not one.plane]
@@ -476,7 +478,8 @@ def _with_planes(c: Candidates, clusters: list[_Cluster]) -> list[_Cluster]:
             plane = np.column_stack([first.basis, mate.basis])
             inside = [x for x in near if x is mate or _inside(x, plane)]
             # or of one mode that turned with the nacelle, at two headings
-            turned = abs(mate.ln_frequency - first.ln_frequency) <= TWIN_FREQUENCY and _apart_in_time(c, first, mate)
+            turned = (turns and abs(mate.ln_frequency - first.ln_frequency) <= TWIN_FREQUENCY
+                      and _apart_in_time(c, first, mate))
             if len(inside) >= 2 or turned:
                 members += inside
                 break

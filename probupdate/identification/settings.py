@@ -41,6 +41,13 @@ class IdentificationConstants:
     model_mac: float = stated(0.15, "-", "standard deviation of 1 - MAC that a poor model may miss")
     model_frequency: float = stated(
         0.20, "ln f", "standard deviation of ln f that a poor model may miss", "a design model may be 30 % off")
+    sure_frequency: float = stated(
+        0.02, "ln f", "standard deviation of ln f that a good model misses", "an updated model is within 2 %")
+    wrong_mac: float = stated(
+        0.5, "-", "standard deviation of 1 - MAC where channels are exchanged, reversed or turned")
+    all_near: float = stated(
+        0.03, "ln f", "where all modes that are looked for have one this near, and shapes say otherwise, frequencies "
+        "name them", "by chance once in hundreds for four modes 30 % apart")
     no_mac: float = stated(0.35, "-", "a mode less alike than this at its own frequency is rather none of the model's")
     own_shape: float = stated(1.0, "-", "weight of a mode's own MAC, beside its plane's, in which of a pair is which")
     least_size: float = stated(0.02, "-", "a mode that moves the sensors little is less likely by this factor at most")

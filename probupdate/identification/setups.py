@@ -149,7 +149,7 @@ def _named(
         here = replace(model, shape=model.shape[rows])
         sets += setup.data.sets
         at += [here] * len(setup.data.sets)
-    matched = match_modes(sets, found.modes.pairs, at, model)
+    matched = match_modes(sets, found.modes.pairs, at, model, len(wanted))
     place = {model.labels[i]: j for j, i in matched.partner.items() if model.labels[i] in wanted}
     known = [label for label in wanted if label in place]
     columns = [place[label] for label in known]

@@ -1,15 +1,17 @@
-"""Raw accelerations of a drawn structure: what is hidden in it, measured under ambient forces and written as a campaign.
-Modal oscillators driven by white forces at every mass (exact between samples), none of the package's own simulation."""
+"""Raw accelerations of a drawn structure, written as a campaign: modal oscillators driven by white forces at every
+mass, by an exact recursion between samples, and what the sensors make of that."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import h5py
 import numpy as np
-from records import Scene, World, modes
+from records import FAMILIES, Record, Scene
 from scipy import signal
+from worlds import modes
 
 START = np.datetime64("2026-01-01T00:00:00")
 # periods of the first mode that a block holds
@@ -18,22 +20,23 @@ N_PERIOD = 1200
 SETTLING = 8.0
 
 
-def write_campaign(scene: Scene, folder: Path, rng: np.random.Generator) -> Path:
+def write_campaign(record: Record, folder: Path) -> Path:
     """A campaign of one file for each block; the blocks follow each other as the scene's hours say, with gaps."""
-    world = scene.world
-    f, _ = modes(*scene.sound)
+    shutil.rmtree(folder, ignore_errors=True)
+    scene, world = record.scene, record.world
+    rng = np.random.default_rng([FAMILIES.index(record.family), record.number, 21])
+    f, _ = modes(*(scene.sound or scene.state(0)))
     damping = rng.uniform(0.004, 0.02, len(f))
     highest = f[min(world.n_mode, len(f)) - 1]
     rate = float(np.ceil(rng.uniform(2.6, 4.0) * highest * 10) / 10)
     minutes = int(np.clip(np.ceil(N_PERIOD / f[0] / 60), 1, 30))
     noise, weight = 10 ** rng.uniform(-2.5, -1.5), rng.uniform(0.3, 1.0, len(f))
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "acceleration").mkdir(exist_ok=True)
+    (folder / "acceleration").mkdir(parents=True)
     for k in range(scene.n):
-        record = _block(scene, k, rate, minutes, damping, weight, rng)
-        record += noise * np.sqrt(np.mean(record**2)) * rng.standard_normal(record.shape)
+        measured = _block(scene, k, rate, minutes, damping, weight, rng)
+        measured += noise * np.sqrt(np.mean(measured**2)) * rng.standard_normal(measured.shape)
         with h5py.File(folder / "acceleration" / f"{k:03d}.h5", "w") as file:
-            data = file.create_dataset("data", data=record.astype(np.float32))
+            data = file.create_dataset("data", data=measured.astype(np.float32))
             data.attrs["start"] = f"{_start(scene, k)}Z"
             data.attrs["sampling_rate_hz"] = rate
     lines = [f'name = "{world.kind}"', f"sampling_rate_hz = {rate}", f"block_minutes = {minutes}"]

@@ -20,13 +20,32 @@ SEEN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is measured: `state(k)` (K, M) of the structure at each of `n` blocks; `sensors(k, phi, f)` what the sensors
+    make of (n_channel, n) motions at the frequencies f (n,), None for sound ones; `environment(k)` what is recorded
+    beside it; `sound` (K, M) from which modes are followed (default: the first state)."""
+
+    world: World
+    state: Callable[[int], tuple[np.ndarray, np.ndarray]]
+    n: int
+    sensors: Callable[[int, np.ndarray, np.ndarray], np.ndarray] | None = None
+    environment: Callable[[int], dict[str, float]] | None = None
+    sound: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def hours(self) -> np.ndarray:
+        return 0.5 * np.arange(self.n) if self.n > 20 else 3.0 * np.arange(self.n)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """`places`: (cause, location) that would be right, empty where no row describes what is hidden; `size` hidden;
-    `time_profile` its time profile."""
+    `time_profile` its time profile; `scene` that `data` are the modes of."""
 
     family: str
     number: int
     world: World
+    scene: Scene
     data: ModalData
     places: frozenset[tuple[str, str]]
     hidden: str
@@ -49,10 +68,6 @@ def _true(world: World, rng: np.random.Generator) -> tuple[dict[str, float], np.
              for p in world.parts}
     scatter = 1 + 0.5 * MASS_SCATTER * rng.standard_normal(len(world.mass))
     return theta, world.mass * np.outer(scatter, scatter)
-
-
-def _hours(n: int) -> np.ndarray:
-    return 0.5 * np.arange(n) if n > 20 else 3.0 * np.arange(n)
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -80,19 +95,16 @@ def _followed(states: list[tuple[np.ndarray, np.ndarray]], world: World, chosen:
     return f, phi / np.abs(phi).max(axis=0)
 
 
-def measured(
-    world: World, rng: np.random.Generator, state: Callable[[int], tuple[np.ndarray, np.ndarray]], n: int, *,
-    sensors: Callable[[int, np.ndarray, np.ndarray], np.ndarray] | None = None, environment=None,
-    sound: tuple[np.ndarray, np.ndarray] | None = None, reference: bool = True,
-) -> ModalData:
-    """Sets of the structure in `state(k)` (K, M) at each block; modes are those of the first set, followed."""
+def measured(scene: Scene, rng: np.random.Generator) -> ModalData:
+    """Sets of the structure at each block; modes are those of the first set, followed."""
+    world, sensors, environment = scene.world, scene.sensors, scene.environment
     noise_f, noise_s = 10 ** rng.uniform(-3.3, -2.5), 10 ** rng.uniform(-2.7, -2.0)
-    sound = sound or state(0)
+    sound = scene.sound or scene.state(0)
     chosen = _seen(world, *sound)
     known: dict[bytes, tuple] = {}
     sets = []
-    for k in range(n):
-        here = state(k)
+    for k in range(scene.n):
+        here = scene.state(k)
         key = here[0].tobytes() + here[1].tobytes()
         if key not in known:
             way = [(sound[0] + t * (here[0] - sound[0]), sound[1] + t * (here[1] - sound[1]))
@@ -106,7 +118,7 @@ def measured(
             phi = phi / phi[np.argmax(np.abs(phi), axis=0), np.arange(phi.shape[1])]
         noisy = phi + noise_s * (rng.standard_normal(phi.shape) + 1j * rng.standard_normal(phi.shape))
         sets.append(ModalSet(
-            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(round(60 * _hours(n)[k]), "m")),
+            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(round(60 * scene.hours[k]), "m")),
             frequency_hz=f * (1 + noise_f * rng.standard_normal(len(f))), damping_ratio=np.full(len(f), 0.01),
             shape=noisy, frequency_std_hz=noise_f * f, shape_std=np.full(phi.shape, noise_s),
             environment=environment(k) if environment else {}))
@@ -120,9 +132,9 @@ def _length(rng: np.random.Generator) -> int:
 def _null(family, number, world, rng):
     theta, M = _true(world, rng)
     K = world.stiffness(theta)
-    data = measured(world, rng, lambda k: (K, M), _length(rng))
-    return Record(family=family, number=number, world=world, data=data, places=frozenset(), hidden="nothing", size=0.0,
-                  time_profile="")
+    scene = Scene(world=world, state=lambda k: (K, M), n=_length(rng))
+    return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng),
+                  places=frozenset(), hidden="nothing", size=0.0, time_profile="")
 
 
 def _harder_null(family, number, world, rng):
@@ -133,8 +145,8 @@ def _harder_null(family, number, world, rng):
         scatter = 1 + 2 * MASS_SCATTER * rng.standard_normal(len(M))
         M = M * np.outer(scatter, scatter)
     K = world.stiffness(theta)
-    data = measured(world, rng, lambda k: (K, M), _length(rng))
-    sets = []
+    scene = Scene(world=world, state=lambda k: (K, M), n=_length(rng))
+    data, sets = measured(scene, rng), []
     for s in data.sets:
         f, phi, f_std, phi_std = s.frequency_hz, s.shape, s.frequency_std_hz, s.shape_std
         if family == "null, unstated":
@@ -146,8 +158,8 @@ def _harder_null(family, number, world, rng):
             f = f * np.where(off, 1 + rng.choice([-1, 1], len(f)) * rng.uniform(0.01, 0.05, len(f)), 1.0)
             phi = np.where(off, phi + 0.2 * rng.standard_normal(phi.shape), phi)
         sets.append(replace(s, frequency_hz=f, shape=phi, frequency_std_hz=f_std, shape_std=phi_std))
-    return Record(family=family, number=number, world=world, data=replace(data, sets=tuple(sets)), places=frozenset(),
-                  hidden="nothing", size=0.0, time_profile="")
+    return Record(family=family, number=number, world=world, scene=scene, data=replace(data, sets=tuple(sets)),
+                  places=frozenset(), hidden="nothing", size=0.0, time_profile="")
 
 
 def _loss(family, number, world, rng):
@@ -167,10 +179,10 @@ def _lost(family, number, world, rng, theta, M, change, place, n, time_profile, 
     lost = world.stiffness({p: x * (1 + change.get(p, 0.0)) for p, x in theta.items()})
     # the first block after the step
     at = n // 2 if n < 10 else int(rng.integers(n // 4, 3 * n // 4))
-    data = measured(world, rng, lambda k: (lost if time_profile == "constant" or k >= at else sound, M), n,
-                    sound=(sound, M))
-    return Record(family=family, number=number, world=world, data=data, places=frozenset([place]),
-                  hidden=place[1], size=-loss, time_profile=time_profile)
+    scene = Scene(world=world, state=lambda k: (lost if time_profile == "constant" or k >= at else sound, M), n=n,
+                  sound=(sound, M))
+    return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng),
+                  places=frozenset([place]), hidden=place[1], size=-loss, time_profile=time_profile)
 
 
 def _two_sets(family, number, world, rng):
@@ -247,9 +259,9 @@ def _sensor(family, number, world, rng):
             return phase * phi
         return factor @ phi
 
-    data = measured(world, rng, lambda k: (K, M), n, sensors=sensors)
-    return Record(family=family, number=number, world=world, data=data, places=places, size=size,
-                  hidden=family, time_profile="step" if at else "constant")
+    scene = Scene(world=world, state=lambda k: (K, M), n=n, sensors=sensors)
+    return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng), places=places,
+                  size=size, hidden=family, time_profile="step" if at else "constant")
 
 
 def _temperature(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -276,9 +288,10 @@ def _environment(family, number, world, rng):
     column = "wave_height_m" if heavy else "air_temperature_c"
     known = not family.endswith("untold")
     places = {("stiffness with temperature", "all members")} if family == "temperature" else ()
-    data = measured(world, rng, state, n, environment=(lambda k: {column: float(value[k])}) if known else None)
-    return Record(family=family, number=number, world=world, data=data, places=frozenset(places), size=size,
-                  hidden=family, time_profile=column)
+    scene = Scene(world=world, state=state, n=n,
+                  environment=(lambda k: {column: float(value[k])}) if known else None)
+    return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng),
+                  places=frozenset(places), size=size, hidden=family, time_profile=column)
 
 
 def _outside(family, number, world, rng):
@@ -318,9 +331,9 @@ def _outside(family, number, world, rng):
         light = np.zeros_like(big)
         light[:-1, :-1], light[-1, -1] = M, m
         sound, whole = (alone, light), replace(world, rows=rows)
-    data = measured(whole, rng, state, n, sound=sound)
-    return Record(family=family, number=number, world=world, data=data, places=frozenset(), size=size,
-                  hidden=family, time_profile="step" if at else "constant")
+    scene = Scene(world=whole, state=state, n=n, sound=sound)
+    return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng),
+                  places=frozenset(), size=size, hidden=family, time_profile="step" if at else "constant")
 
 
 _MADE = {

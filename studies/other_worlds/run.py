@@ -1,6 +1,7 @@
 """The diagnosis on structures that are drawn at random: what it says of every record, counted.
 
 python studies/other_worlds/run.py OUT [--families ...] [--first 1] [--most 8] [--quick]     goes on where it stopped
+python studies/other_worlds/run.py OUT --raw ...        the same structures from raw accelerations, by `identify`
 python studies/other_worlds/run.py OUT --tables                                              counts what is there
 """
 
@@ -16,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np
+from campaigns import write_campaign
 from records import FAMILIES, Record, draw_record
 
 import probupdate
@@ -23,6 +25,9 @@ from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.run import _read_groups
 
 SURE = 0.95
+# families of which accelerations are made: the others are of what modal sets lack
+MEASURED = ("null", "null, masses", "loss step", "loss constant", "gain", "polarity", "swap", "turned", "clock",
+            "temperature", "temperature untold", "ground spring", "tuned mass")
 
 
 def judged(found, record: Record) -> str:
@@ -41,16 +46,19 @@ def judged(found, record: Record) -> str:
     return "wrong"
 
 
-def run_one(record: Record, folder: Path) -> dict:
-    """One line of records.jsonl."""
+def run_one(record: Record, folder: Path, raw: bool = False) -> dict:
+    """One line of records.jsonl; `raw`: from accelerations, by `identify`."""
     path = record.world.write(folder / "model")
+    campaign = write_campaign(record, folder / "campaign") if raw else None
     begun = time.process_time()
     line = {"family": record.family, "number": record.number, "kind": record.world.kind, "hidden": record.hidden,
             "size": record.size, "time_profile": record.time_profile}
     try:
         groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
-        prepared = prepare(path, groups=groups, sensors=record.world.sensors)
-        found = probupdate.diagnose(prepared, record.data, extend=False, seed=record.number)
+        prepared, data = prepare(path, groups=groups, sensors=record.world.sensors), record.data
+        if campaign is not None:
+            data = probupdate.identify(campaign, path, lowest=record.world.n_mode).data
+        found = probupdate.diagnose(prepared, data, extend=False, seed=record.number)
     except Exception as error:
         return line | {"judged": "error", "error": f"{type(error).__name__}: {error}",
                        "trace": traceback.format_exc(), "cpu_s": round(time.process_time() - begun, 2)}
@@ -73,7 +81,7 @@ def read_lines(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
-def run_all(out: Path, families: list[str], first: int, most: int) -> None:
+def run_all(out: Path, families: list[str], first: int, most: int, raw: bool = False) -> None:
     """records.jsonl, line by line, a number of all families before the next."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "records.jsonl"
@@ -82,7 +90,7 @@ def run_all(out: Path, families: list[str], first: int, most: int) -> None:
         for family in families:
             if (family, number) in done:
                 continue
-            line = run_one(draw_record(family, number), out)
+            line = run_one(draw_record(family, number), out, raw)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
 
@@ -116,10 +124,12 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--most", type=int, default=8, help="records of each family")
     parser.add_argument("--quick", action="store_true", help="one record of each family")
+    parser.add_argument("--raw", action="store_true", help="accelerations instead of modes")
     parser.add_argument("--tables", action="store_true")
     a = parser.parse_args()
+    families = [x for x in a.families if x in MEASURED] if a.raw else a.families
     if not a.tables:
-        run_all(a.out, a.families, a.first, 1 if a.quick else a.most)
+        run_all(a.out, families, a.first, 1 if a.quick else a.most, a.raw)
     sys.stdout.write(tables(a.out))
     return 0
 

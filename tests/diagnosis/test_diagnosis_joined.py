@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis.blocks import joined
+from probupdate.modal.joined_modes import joined
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import ModalData, ModeRecord
 from tests.diagnosis.conftest import CHANNELS
@@ -55,14 +55,15 @@ def test_a_channel_that_is_reversed_amid_the_record_is_named_where_its_modes_hav
     (finding,) = found.findings
     row.equal((found.verdict, finding.cause, finding.location, finding.time_profile, finding.time_profile_start),
               ("named", "sensor polarity", "y5", "step", data.sets[22].id))
-    assert any(note.startswith(f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2") for note in found.notes)
+    said = f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2 near the same frequency"
+    assert any(note.startswith(said) for note in found.notes)
     corrected, _ = joined(data)
     assert corrected.labels == NAMES and all(s.measured.all() for s in corrected.sets)
 
 
 def test_a_storey_that_loosens_is_named_where_its_modes_have_new_numbers(prepared, record, validation):
-    row = validation(what="a storey at 0.7 of its stiffness from set 20 on, two modes of the later sets with numbers of "
-                          "their own: cause; size in its standard deviations", reference="what was hidden")
+    row = validation(what="a storey at 0.7 of its stiffness from set 20 on, two modes of the later sets with numbers "
+                          "of their own: cause; size in its standard deviations", reference="what was hidden")
     data = split(record(4, storey=1, factor=0.7, from_block=20), 20, modes=(0, 1))
     found = probupdate.diagnose(prepared, data, extend=False)
     (finding,) = found.findings

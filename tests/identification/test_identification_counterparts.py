@@ -45,6 +45,35 @@ def test_names_stand_with_a_torsion_of_mac_two_thirds_and_modes_of_members_about
     assert probability.sum(axis=1).min() < 0.1
 
 
+def test_frequencies_name_modes_of_which_all_shapes_are_unlike(jacket, reference, validation):
+    """Channels exchanged from the start: by MAC alone a mode was called one of another frequency, beside its own. With
+    a poor model, whose frequencies are off too, wrong shapes are nobody's as before."""
+    row = validation(what="modes whose shapes are of channels in another order, frequencies within 1 % of the model's: "
+                          "those that have the right partner; with frequencies of a poor model, those that have one",
+                     reference="who is whose")
+    rng = np.random.default_rng(2)
+    shape = rng.standard_normal((8, 6)) * np.linspace(1.0, 2.0, 6)
+    f = np.array([1.0, 1.6, 1.9, 2.6, 3.3, 3.5])
+    model = ReferenceModes(labels=tuple("abcdef"), shape=shape, frequency_hz=f, pairs=())
+    wrong = shape[[1, 0, 3, 2, 5, 4, 7, 6]]
+    right, some = 0, 0
+    for off in (0.005 * rng.standard_normal(6), np.array([0.1, -0.12, 0.09, -0.1, 0.11, -0.1])):
+        sets = [replace(measured(jacket, rng), frequency_hz=f * (1 + off), shape=wrong + 0j,
+                        damping_ratio=np.full(6, 0.01), frequency_std_hz=np.full(6, np.nan),
+                        damping_ratio_std=np.full(6, np.nan), shape_std=np.full(shape.shape, np.nan))
+                for _ in range(4)]
+        partner, _ = paired(model_comparison(sets, (), [model] * 4), model)
+        if abs(off).max() < 0.05:
+            right = sum(partner.get(j) == j for j in range(6))
+        else:
+            some = len(partner)
+    row.count(right, total=6, least=6, of="right partner")
+    row.error(some, 2, "one of a poor model")
+    # as it was where the shapes are right
+    sets = [replace(s, shape=shape + 0j) for s in sets]
+    assert paired(model_comparison(sets, (), [model] * 4), model)[0] == {j: j for j in range(6)}
+
+
 def test_what_does_not_match_is_kept_and_said(jacket, reference, write_campaign):
     """A model that lacks the torsion, has one mode that nothing excites, and is found with its modes in another order:
     the same modes and numbers for every model."""

@@ -1,0 +1,112 @@
+"""A mode that an identification holds for two: where a channel is reversed or exchanged amid a record, or much stiffness
+is lost, shapes of later sets are unlike those before, and who follows shapes has a new mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from probupdate.modal.sets import ModalData, ModalSet
+from probupdate.modal.shape_criteria import mac
+
+# fewer sets show no change of one mode for another
+FEWEST = 8
+# the first is there in at least, and the second in at most such shares of the sets before the change, and the other
+# way round after it
+THERE, NOT_THERE = 0.8, 0.25
+# this near in ln f, or if as alike as far
+SAME_PLACE, MOVED, ALIKE_MAC = 0.02, 0.10, 0.5
+
+
+def joined(data: ModalData) -> tuple[ModalData, list[str]]:
+    """Such modes as one, by the name of the one that has one; and what to say of it. Two that have each a name are left
+    as they are: of a close pair now one is found and now the other."""
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    hours = hours_of(tuple(s.id for s in data.sets))
+    order = np.argsort(np.arange(len(data.sets)) if hours is None else hours, kind="stable")
+    sets = [data.sets[k] for k in order]
+    pairs = [(a, b, k) for a, b, k in held_for_two(sets)
+             if not data.labels or labels[a].isdigit() or labels[b].isdigit()]
+    if not pairs:
+        return data, []
+    kept = {(a, b): b if labels[a].isdigit() and not labels[b].isdigit() else a for a, b, _ in pairs}
+    left = [j for j in range(data.n_mode) if j not in {a + b - kept[a, b] for a, b, _ in pairs}]
+    standing = columns_of(len(sets), data.n_mode, {(a, b, k): kept[a, b] for a, b, k in pairs})
+    columns = {s.id: standing[k, left] for k, s in enumerate(sets)}
+    return (replace(data.of_modes(left), sets=tuple(s.of_modes(columns[s.id]) for s in data.sets)),
+            _notes(sets, labels, pairs))
+
+
+def held_for_two(sets: Sequence[ModalSet]) -> list[tuple[int, int, int]]:
+    """Modes (first, second, the set from which on the second is found instead) of sets in the order of time."""
+    from scipy import optimize
+
+    used = [k for k, s in enumerate(sets) if s.measured.any()]
+    if len(used) < FEWEST:
+        return []
+    there = np.array([sets[k].measured for k in used])
+    n_mode = there.shape[1]
+    change, cost = np.zeros((n_mode, n_mode), int), np.full((n_mode, n_mode), np.inf)
+    for a, b in zip(*np.nonzero(~np.eye(n_mode, dtype=bool)), strict=True):
+        k = _instead(there[:, a], there[:, b])
+        if k is not None:
+            change[a, b] = used[k]
+            cost[a, b] = _unlike([sets[i].of_modes([a]) for i in used[:k]], [sets[i].of_modes([b]) for i in used[k:]])
+    rows, columns = optimize.linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e6))
+    return [(int(a), int(b), int(change[a, b])) for a, b in zip(rows, columns, strict=True) if np.isfinite(cost[a, b])]
+
+
+def columns_of(n_set: int, n_mode: int, kept: Mapping[tuple[int, int, int], int]) -> np.ndarray:
+    """(n_set, n_mode) the mode that stands in each column of each set: of each (first, second, change) in the column of
+    the one that is kept the first before the change and the second from it on, in the other's -1, none."""
+    columns = np.tile(np.arange(n_mode), (n_set, 1))
+    for (a, b, change), keeps in kept.items():
+        columns[:, a + b - keeps] = -1
+        columns[:, keeps] = np.where(np.arange(n_set) < change, a, b)
+    return columns
+
+
+def _notes(sets: Sequence[ModalSet], labels: Sequence[str], pairs: Sequence[tuple[int, int, int]]) -> list[str]:
+    """What to say of them, a sentence for each change."""
+    said = []
+    for change in sorted({k for _, _, k in pairs}):
+        before, after = ([labels[pair[end]] for pair in pairs if pair[2] == change] for end in (0, 1))
+        said.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} near the same "
+                    "frequency: taken as the same modes, which changed then or are measured otherwise")
+    return said
+
+
+def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
+    """Hours since the first id where all of them are times (ISO 8601)."""
+    try:
+        times = np.array([np.datetime64(i.removesuffix("Z").removesuffix("+00:00"), "s") for i in ids])
+    except ValueError:
+        return None
+    return (times - times.min()) / np.timedelta64(1, "h")
+
+
+def _instead(first: np.ndarray, second: np.ndarray) -> int | None:
+    """The set from which on the second of two modes is found in place of the first, of both (n_set,) bool; None where
+    it is not so."""
+    n, fewest = len(first), max(3, int(np.ceil(0.1 * len(first))))
+    k = np.arange(fewest, n - fewest + 1)
+    share = []
+    for one in (first, second):
+        total = np.concatenate([[0], np.cumsum(one)])
+        share.append((total[k] / k, (total[-1] - total[k]) / (n - k)))
+    (a_before, a_after), (b_before, b_after) = share
+    good = (a_before >= THERE) & (b_after >= THERE) & (a_after <= NOT_THERE) & (b_before <= NOT_THERE)
+    return int(k[np.argmax(np.where(good, a_before - a_after + b_after - b_before, -9.0))]) if good.any() else None
+
+
+def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
+    """How much the modes of sets of one mode each differ; infinite where they may not be one."""
+    away = abs(np.log(np.nanmedian([s.frequency_hz[0] for s in after])
+                      / np.nanmedian([s.frequency_hz[0] for s in before])))
+    a, b = (np.column_stack([s.shape for s in sets if s.measured[0]]) for sets in (before, after))
+    alike = mac(a, b)
+    # frequencies alone are alike in shape to none
+    likeness = float(np.median(alike[np.isfinite(alike)])) if np.isfinite(alike).any() else 0.0
+    return away / SAME_PLACE + 1 - likeness if away <= SAME_PLACE or (away <= MOVED and likeness >= ALIKE_MAC) else np.inf
