@@ -13,7 +13,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
 from probupdate.diagnosis.time_profiles import TimeProfile
-from probupdate.effects.catalogue import Effect, FrequencyResponse
+from probupdate.effects.catalogue import Delay, Effect, FrequencyResponse, Gain
 from probupdate.runtime.arrays import frozen_array
 
 # a fit has settled when no parameter moves by more, in posterior standard deviations
@@ -45,6 +45,8 @@ DRIVER_SHARE = 0.3
 # prior standard deviation of the scatter of a block's effect about what its column says: the root mean square of half
 # an hour of a mode of 1 % damping at 0.3 Hz is known to a tenth
 COLUMN_SCATTER = 0.15
+# a structure's modes have hardly more damping
+MOST_DAMPING = 0.02
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -178,6 +180,7 @@ def _scatter(
     return (
         *problem.unrecorded,
         *_members_scatter(problem, included),
+        *_decays(problem, included),
         *((_number(problem, n), profile, DRIVER_SHARE * abs(n.size))
           for n in included for profile in driver_profiles(problem, n)),
     )
@@ -197,6 +200,23 @@ def driver_profiles(problem: DiagnosisProblem, included: IncludedEffect) -> tupl
     straight = np.linalg.qr(np.column_stack([np.ones(len(v)), v]))[0]
     return tuple(replace(own, value=frozen_array(value - straight @ (straight.T @ value)))
                  for value in (v**2 / np.max(np.abs(v)), *others))
+
+
+def _decays(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
+) -> tuple[tuple[int, TimeProfile, float], ...]:
+    """What a late clock does to the decay of modes: identification has a mode's motion t later as exp(lambda t) times
+    what it is, of which the catalogue's phase is the part without damping. Its channels look too small by the damping
+    times the phase, as by a gain, which is no other effect."""
+    blocks = problem.blocks
+    if not any(isinstance(n.effect.observe, Delay) for n in included):
+        return ()
+    gains = {frozenset(e.observe.rows): j for j, e in enumerate(problem.effects) if isinstance(e.observe, Gain)}
+    fastest = float(np.nanmax(np.nanmedian(blocks.frequency_hz, axis=0)))
+    return tuple((gains[frozenset(n.effect.observe.rows)], n.time_profile,
+                  MOST_DAMPING * 2e-3 * np.pi * fastest * abs(n.size))
+                 for n in included
+                 if isinstance(n.effect.observe, Delay) and frozenset(n.effect.observe.rows) in gains)
 
 
 def _members_scatter(
@@ -248,8 +268,8 @@ def _model_errors(
     problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
     """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
-    scale, of_sensors = error_scale(included.effect), included.effect.kind == "measurement"
-    return tuple(_model_error_std(problem, q, scale * included.size * e, of_sensors) for q, e in enumerate(effect))
+    scale = error_scale(included.effect)
+    return tuple(_model_error_std(problem, q, scale * included.size * e) for q, e in enumerate(effect))
 
 
 def error_scale(effect: Effect) -> float:
@@ -257,12 +277,10 @@ def error_scale(effect: Effect) -> float:
     return SENSOR_ERROR_SCALE if effect.kind == "measurement" else MODEL_ERROR_SCALE
 
 
-def _model_error_std(
-    problem: DiagnosisProblem, group: int, amount: np.ndarray, of_sensors: bool
-) -> np.ndarray:
+def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
     """Standard deviations (n_bin, n_response) of a signature whose error has the size `amount`: half of the variance
     where it is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each
-    shape; of sensors both together, as a late clock shifts a mode's decay with its phase)."""
+    shape)."""
     k, n_channel = len(problem.blocks.groups[group]), len(problem.blocks.channels)
     n_log = 1 if k == 1 else 3
     parts = [slice(0, n_log)]
@@ -270,13 +288,7 @@ def _model_error_std(
     result = np.empty_like(amount)
     for part in parts:
         own = amount[:, part] ** 2
-        result[:, part] = 0.5 * own + 0.5 * own.mean(axis=1, keepdims=True)
-    if of_sensors and n_channel:
-        for real, phase in zip(parts[1 : 1 + k], parts[1 + k :], strict=True):
-            both = 0.25 * (amount[:, real] ** 2 + amount[:, phase] ** 2).mean(axis=1, keepdims=True)
-            for part in (real, phase):
-                result[:, part] = 0.5 * amount[:, part] ** 2 + both
-    result = np.sqrt(result)
+        result[:, part] = np.sqrt(0.5 * own + 0.5 * own.mean(axis=1, keepdims=True))
     return np.maximum(result, 1e-9)
 
 
