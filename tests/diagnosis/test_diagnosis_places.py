@@ -15,13 +15,17 @@ from probupdate.structure.matrices import channel_places, load_matrices
 from tests.diagnosis.conftest import CHANNELS, N_STOREY
 
 
-def test_sensors_of_a_model_of_matrices_have_the_places_that_are_stated(frame_file, record, validation):
+@pytest.fixture(scope="module")
+def sensors():
+    return tuple(Sensor(channel=f"{axis}{storey}", level=f"storey {storey}", position_m=(0.0, 0.0, 3.0 * storey),
+                        direction=np.eye(3)["xy".index(axis)]) for storey in range(1, N_STOREY + 1) for axis in "xy")
+
+
+def test_sensors_of_a_model_of_matrices_have_the_places_that_are_stated(frame_file, record, sensors, validation):
     """A turned housing, a late clock and a wrong gain of one logger, which places alone make rows of."""
     row = validation(what="sensors of a model of matrices, with places: a housing turned by 14 degrees, a clock late "
                           "by 8 ms, a logger's gain of 1.25: cause; size in its standard deviations",
                      reference="what was hidden")
-    sensors = tuple(Sensor(channel=f"{axis}{storey}", level=f"storey {storey}", position_m=(0.0, 0.0, 3.0 * storey),
-                           direction=np.eye(3)["xy".index(axis)]) for storey in range(1, N_STOREY + 1) for axis in "xy")
     prepared = prepare(frame_file, sensors=sensors)
     rows = [CHANNELS.index("x3"), CHANNELS.index("y3")]
     c, s = np.cos(np.radians(14.0)), np.sin(np.radians(14.0))
@@ -47,6 +51,29 @@ def test_sensors_of_a_model_of_matrices_have_the_places_that_are_stated(frame_fi
         (finding,) = found.findings
         row.equal((finding.cause, finding.location[:9]), (cause, "x3 and y3"), "cause, place")
         row.error((finding.size - size) / finding.size_std, 3, "size", case=cause)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_a_late_clock_is_no_gain_beside_it(frame_file, record, sensors, validation, damping):
+    """What is late by t has exp(lambda t) of a mode's shape: of damping nothing, and as much as structures have, which
+    had been a gain of the same logger, named at 1.00."""
+    row = validation(what="three records each with a clock late by 12 ms from set 20 on, of modes of no damping and of "
+                          "2 %: those in which it alone is found, size in its standard deviations",
+                     reference="exp(lambda t) of the shapes", why="one alarm in thirty is allowed")
+    prepared, rows, alone = prepare(frame_file, sensors=sensors), [CHANNELS.index("x3"), CHANNELS.index("y3")], 0
+    for seed in range(3, 6):
+        sets = []
+        for k, one in enumerate(record(seed).sets):
+            shape = np.array(one.shape)
+            if k >= 20:
+                shape[rows] *= np.exp(2 * np.pi * one.frequency_hz * (1j - damping) * 12e-3)
+            sets.append(replace(one, shape=shape))
+        found = diagnose(prepared, ModalData(channels=CHANNELS, sets=tuple(sets)), seed=seed)
+        first = found.findings[0]
+        assert (first.cause, first.location[:9]) == ("clock offset", "x3 and y3")
+        row.error((first.size - 12.0) / first.size_std, 3, "size", case=seed)
+        alone += len(found.findings) == 1
+    row.count(alone, total=3, least=2, of="alone")
 
 
 def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
