@@ -251,7 +251,7 @@ def classified(
                        highest_hz=passed_hz(campaign, settings), every=every)
     del sets
     sets = []
-    for s, one, columns in zip(named.sets, found, named.standing, strict=True):
+    for s, one, columns in zip(named.sets, found, named.mode_in_column, strict=True):
         stands = picked.get(one.block.start)
         if stands is None:
             sets.append(s)

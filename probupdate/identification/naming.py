@@ -26,7 +26,7 @@ T = TypeVar("T")
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NamedModes:
     """names: of every physical mode, '' for one that is left out; columns: of the result, by place among the physical
-    modes, -1 for a mode of interest that was not found; labels, records and sets of the columns; standing (n_set,
+    modes, -1 for a mode of interest that was not found; labels, records and sets of the columns; mode_in_column (n_set,
     n_column): of each set the place among the physical modes, as one that changed amid the record has two."""
 
     names: tuple[str, ...]
@@ -36,7 +36,7 @@ class NamedModes:
     model_only: tuple[ModelMode, ...]
     notes: tuple[str, ...]
     sets: list[ModalSet]
-    standing: np.ndarray
+    mode_in_column: np.ndarray
 
 
 def name_modes(
@@ -49,8 +49,8 @@ def name_modes(
     # a pair that turns with the nacelle is found in one direction before it turns and in another one after it
     turns = any("nacelle_angle_deg" in s.environment for s in sets)
     two = [] if turns else held_for_two(sets)
-    standing = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
-    sets = [s.of_modes(own) for s, own in zip(sets, standing, strict=True)]
+    mode_in_column = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
+    sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column, strict=True)]
     seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})
     wanted: tuple[str, ...] = ()
     matched = None
@@ -73,7 +73,7 @@ def name_modes(
                      "modes, which changed then or are measured otherwise")
     return NamedModes(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels,
                       records=records, model_only=lacking, notes=(*notes, *said), sets=own,
-                      standing=np.where(np.array(columns) < 0, -1, standing[:, columns]))
+                      mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, columns]))
 
 
 def _seen(

@@ -1,5 +1,5 @@
-"""A mode that an identification holds for two: where a channel is reversed or exchanged amid a record, or much stiffness
-is lost, shapes of later sets are unlike those before, and who follows shapes has a new mode."""
+"""A mode that an identification holds for two: where a channel is reversed or exchanged amid a record, or much
+stiffness is lost, shapes of later sets are unlike those before, and who follows shapes has a new mode."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def joined(data: ModalData) -> tuple[ModalData, list[str]]:
         return data, []
     kept = {(a, b): b if labels[a].isdigit() and not labels[b].isdigit() else a for a, b, _ in pairs}
     left = [j for j in range(data.n_mode) if j not in {a + b - kept[a, b] for a, b, _ in pairs}]
-    standing = columns_of(len(sets), data.n_mode, {(a, b, k): kept[a, b] for a, b, k in pairs})
-    columns = {s.id: standing[k, left] for k, s in enumerate(sets)}
+    mode_in_column = columns_of(len(sets), data.n_mode, {(a, b, k): kept[a, b] for a, b, k in pairs})
+    columns = {s.id: mode_in_column[k, left] for k, s in enumerate(sets)}
     return (replace(data.of_modes(left), sets=tuple(s.of_modes(columns[s.id]) for s in data.sets)),
             _notes(sets, labels, pairs))
 
@@ -108,5 +108,6 @@ def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
     a, b = (np.column_stack([s.shape for s in sets if s.measured[0]]) for sets in (before, after))
     alike = mac(a, b)
     # frequencies alone are alike in shape to none
-    likeness = float(np.median(alike[np.isfinite(alike)])) if np.isfinite(alike).any() else 0.0
-    return away / SAME_PLACE + 1 - likeness if away <= SAME_PLACE or (away <= MOVED and likeness >= ALIKE_MAC) else np.inf
+    median_mac = float(np.median(alike[np.isfinite(alike)])) if np.isfinite(alike).any() else 0.0
+    same = away <= SAME_PLACE or (away <= MOVED and median_mac >= ALIKE_MAC)
+    return away / SAME_PLACE + 1 - median_mac if same else np.inf
