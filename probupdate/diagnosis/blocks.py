@@ -24,6 +24,8 @@ MODE_SHARE = 0.2
 STRAY, LEVEL_SHARE, LEVEL_LEAVES = 0.15, 0.2, 0.5
 # fewer blocks say nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
+# a mode without a counterpart is said from this share of the sets on
+PERSISTENT = 0.5
 # sets that lack one mode of a pair are said from this share on
 RARELY = 0.25
 # a covariate known in a smaller share of the blocks is none
@@ -206,9 +208,19 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
 
 
 def of_model(data: ModalData) -> tuple[ModalData, list[str]]:
-    """The modes that are compared with a model, each as one; and what to say of those that were two."""
+    """The modes that are compared with a model, each as one; and what to say of those that were two, or that are none
+    of the model's."""
     data, notes = joined(data)
-    return data.compared(), notes
+    return data.compared(), [*notes, *_unknown_modes(data)]
+
+
+def _unknown_modes(data: ModalData) -> list[str]:
+    """What to say of modes amid those that are compared that no mode of the model is."""
+    highest = max((r.frequency_hz for r in data.records if r.found and not r.label.isdigit()), default=0.0)
+    return [f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets, is none of the model's and is "
+            "not compared: the verdict does not cover what the model lacks there (a member, a tuned mass, a machine)"
+            for r in data.records if r.label.isdigit() and r.match == "none" and r.frequency_hz < highest
+            and r.found >= PERSISTENT * r.blocks]
 
 
 def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:

@@ -99,6 +99,21 @@ def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order
     assert joined(replace(made, labels=()))[0].n_mode == 1
 
 
+def test_a_mode_that_the_model_lacks_is_said(prepared, record):
+    """A tuned mass that is there all through the record adds one, and the verdict was *none* without a word."""
+    data = record(8)
+    extra = [s.of_modes([0, 1, 2, 3, 0]) for s in data.sets]
+    extra = [replace(s, frequency_hz=[*s.frequency_hz[:4], 0.8 * s.frequency_hz[3]]) for s in extra]
+    records = tuple(ModeRecord(label=label, match=match, found=40, blocks=40, frequency_hz=float(f)) for label, match, f
+                    in zip((*NAMES, "5"), (*["alike"] * 4, "none"), extra[0].frequency_hz, strict=True))
+    whole = ModalData(channels=data.channels, sets=tuple(extra), labels=(*NAMES, "5"), records=records)
+    said = f"mode 5 at {records[4].frequency_hz:.4g} Hz, in 40 of 40 sets, is none of the model's and is not compared"
+    found = probupdate.diagnose(prepared, whole, extend=False)
+    assert found.verdict == "none" and found.notes[0].startswith(said)
+    rare = replace(whole, records=(*records[:4], replace(records[4], found=10)))
+    assert not any("is none of the model's" in note for note in probupdate.diagnose(prepared, rare, extend=False).notes)
+
+
 def test_sets_that_lack_one_mode_of_a_pair_are_said(prepared, record):
     data = record(7)
     sets = tuple(s.of_modes([0, 1, 2, 3] if k < 25 else [0, -1, 2, 3]) for k, s in enumerate(data.sets))
