@@ -111,7 +111,8 @@ def test_a_mode_that_the_model_lacks_is_said(prepared, record):
     found = probupdate.diagnose(prepared, whole, extend=False)
     assert found.verdict == "none" and found.notes[0].startswith(said)
     rare = replace(whole, records=(*records[:4], replace(records[4], found=10)))
-    assert not any("is none of the model's" in note for note in probupdate.diagnose(prepared, rare, extend=False).notes)
+    notes = probupdate.diagnose(prepared, rare, extend=False).notes
+    assert not any("is none of the model's" in note for note in notes)
 
 
 def test_sets_that_lack_one_mode_of_a_pair_are_said(prepared, record):
