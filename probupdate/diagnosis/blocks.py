@@ -217,8 +217,8 @@ def of_model(data: ModalData) -> tuple[ModalData, list[str]]:
 def _unknown_modes(data: ModalData) -> list[str]:
     """What to say of modes amid those that are compared that no mode of the model is."""
     highest = max((r.frequency_hz for r in data.records if r.found and not r.label.isdigit()), default=0.0)
-    return [f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets, is none of the model's and is "
-            "not compared: the verdict does not cover what the model lacks there (a member, a tuned mass, a machine)"
+    return [f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets, is none of the model's and "
+            "is not compared: the verdict does not cover what the model lacks there (a member, a tuned mass, a machine)"
             for r in data.records if r.label.isdigit() and r.match == "none" and r.frequency_hz < highest
             and r.found >= PERSISTENT * r.blocks]
 

@@ -46,8 +46,8 @@ class IdentificationConstants:
     wrong_mac: float = stated(
         0.5, "-", "standard deviation of 1 - MAC where channels are exchanged, reversed or turned")
     all_near: float = stated(
-        0.03, "ln f", "where all modes that are looked for have one this near, and shapes say otherwise, frequencies "
-        "name them", "by chance once in hundreds for four modes 30 % apart")
+        0.05, "ln f", "where all modes that are looked for have one this near, and shapes say otherwise, frequencies "
+        "name them", "by chance once in a hundred for four modes 30 % apart")
     no_mac: float = stated(0.35, "-", "a mode less alike than this at its own frequency is rather none of the model's")
     own_shape: float = stated(1.0, "-", "weight of a mode's own MAC, beside its plane's, in which of a pair is which")
     least_size: float = stated(0.02, "-", "a mode that moves the sensors little is less likely by this factor at most")
