@@ -159,7 +159,7 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
         right = M @ right - change
         solution = None if full else _deflated(K, M, value[j], basis, right)
         if solution is None:
-            solution = _bordered(K - value[j] * M, M @ basis, right)
+            solution = _bordered(K - value[j] * M, M, M @ basis, right)
         d_phi[:, j] = solution - 0.5 * basis @ (basis.T @ dM_phi[:, j])
     return d_value, d_phi
 
@@ -197,8 +197,9 @@ def _deflated(K, M, value: float, basis, right):
     return solution if error < REFUSED else None
 
 
-def _bordered(matrix, border, right):
-    """v of [matrix, border; border^T, 0] [v; mu] = [right; 0], with pivoting."""
+def _bordered(matrix, mass, border, right):
+    """v of [matrix, border; border^T, 0] [v; mu] = [right; 0], with pivoting. Where an equal mode is left that nobody
+    asked for, so that there are many v, it is bordered too."""
     below = np.zeros((border.shape[1], right.shape[1]))
     if sparse.issparse(matrix):
         border = sparse.csc_matrix(border)
@@ -208,4 +209,9 @@ def _bordered(matrix, border, right):
     # is left of the matrix
     border = border * ((np.max(np.abs(matrix)) or 1.0) / np.max(np.abs(border), axis=0))
     whole = np.block([[matrix, border], [border.T, np.zeros((border.shape[1],) * 2)]])
-    return linalg.solve(whole, np.vstack([right, below]))[: len(right)]
+    factors, pivots, _ = linalg.lapack.dgetrf(whole)
+    rcond, _ = linalg.lapack.dgecon(factors, np.abs(whole).sum(axis=0).max())
+    if rcond < np.finfo(float).eps and border.shape[1] < len(right):
+        mate = linalg.svd(whole)[2][-1, : len(right)]
+        return _bordered(matrix, mass, np.column_stack([border, mass @ mate]), right)
+    return linalg.lapack.dgetrs(factors, pivots, np.vstack([right, below]))[0][: len(right)]

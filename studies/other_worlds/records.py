@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
@@ -40,7 +40,8 @@ class Scene:
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """`places`: (cause, location) that would be right, empty where no row describes what is hidden; `size` hidden;
-    `time_profile` its time profile; `scene` that `data` are the modes of."""
+    `time_profile` its time profile; `scene` that `data` are the modes of; `truth`: the parameters, where nothing is
+    hidden."""
 
     family: str
     number: int
@@ -51,6 +52,7 @@ class Record:
     hidden: str
     size: float
     time_profile: str
+    truth: dict[str, float] = field(default_factory=dict)
 
 
 def draw_record(family: str, number: int) -> Record:
@@ -134,7 +136,7 @@ def _null(family, number, world, rng):
     K = world.stiffness(theta)
     scene = Scene(world=world, state=lambda k: (K, M), n=_length(rng))
     return Record(family=family, number=number, world=world, scene=scene, data=measured(scene, rng),
-                  places=frozenset(), hidden="nothing", size=0.0, time_profile="")
+                  places=frozenset(), hidden="nothing", size=0.0, time_profile="", truth=theta)
 
 
 def _harder_null(family, number, world, rng):
@@ -159,7 +161,7 @@ def _harder_null(family, number, world, rng):
             phi = np.where(off, phi + 0.2 * rng.standard_normal(phi.shape), phi)
         sets.append(replace(s, frequency_hz=f, shape=phi, frequency_std_hz=f_std, shape_std=phi_std))
     return Record(family=family, number=number, world=world, scene=scene, data=replace(data, sets=tuple(sets)),
-                  places=frozenset(), hidden="nothing", size=0.0, time_profile="")
+                  places=frozenset(), hidden="nothing", size=0.0, time_profile="", truth=theta)
 
 
 def _loss(family, number, world, rng):

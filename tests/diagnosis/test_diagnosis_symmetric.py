@@ -229,3 +229,17 @@ def test_derivatives_of_equal_modes_are_finite_and_right_across_them():
     up, down = (np.linalg.eigvalsh(frame(1 + s * factor, 1 + s * factor) / MASS)[:4] for s in (step, -step))
     assert d_value[:, 0] == pytest.approx((up - down) / (2 * step), rel=1e-6)
     assert np.all(np.isfinite(d_phi)) and np.abs(d_phi).max() < 10 * np.abs(phi).max()
+
+
+def test_derivatives_of_a_mode_whose_equal_one_was_not_asked_for_are_those_beside_it(validation):
+    """Three modes of two equal chains: the third one's equations have many solutions, of which one was taken, with a
+    warning of scipy's."""
+    row = validation(what="derivatives of the third mode of two equal chains, of three modes asked for",
+                     reference="of four, without the turn into the fourth", why="rounding times condition")
+    K, M, factor = frame(np.ones(N_STOREY), np.ones(N_STOREY)), MASS * np.eye(2 * N_STOREY), np.eye(N_STOREY)[2]
+    value, phi = np.linalg.eigh(K / MASS)
+    phi, dK = phi / np.sqrt(MASS), frame(factor, factor)
+    three, four = (mode_derivatives(K, M, value[:n], phi[:, :n], np.stack([dK @ phi[:, :n]], 2),
+                                    np.zeros((2 * N_STOREY, n, 1)), ()) for n in (3, 4))
+    row.error(three[0] / four[0][:3] - 1, 1e-12, "eigenvalues")
+    row.error((three[1] - four[1][:, :3]) / np.abs(four[1]).max(), 1e-9, "shapes")
