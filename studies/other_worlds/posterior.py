@@ -45,8 +45,9 @@ def tables(lines: list[dict]) -> str:
     told = np.array([x for line in lines for x in line["share_of_prior"].values()]) < 0.7
     low, high = stats.binomtest(sum(inside), len(inside)).proportion_ci()
     rows = [f"records {len(lines)}, parameters {len(inside)}: 90 % intervals hold {np.mean(inside):.1%} "
-            f"({low:.0%} to {high:.0%}), z of {np.sqrt(np.mean(z**2)):.2f}; of {told.sum()} whose standard deviation is "
-            f"below 0.7 of the prior's {np.mean(np.array(inside)[told]):.1%}"]
+            f"({low:.0%} to {high:.0%}), z of {np.sqrt(np.mean(z**2)):.2f}",
+            f"of {told.sum()} whose standard deviation is below 0.7 of the prior's: "
+            f"{np.mean(np.array(inside)[told]):.1%}"]
     for kind in dict.fromkeys(line["kind"] for line in lines):
         own = [x for line in lines if line["kind"] == kind for x in line["inside"].values()]
         rows.append(f"{kind}: {sum(own)} of {len(own)}")
