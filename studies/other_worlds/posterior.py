@@ -26,6 +26,7 @@ import probupdate
 def held(family: str, number: int, folder: Path) -> dict:
     """Of each parameter where in its posterior the truth lies, by the draws' quantiles and in standard deviations."""
     record, begun = draw_record(family, number), time.process_time()
+    folder = folder / f"{family.replace(', ', '_')}-{number}"
     path = record.world.write(folder / "model")
     data = probupdate.identify(write_campaign(record, folder / "campaign"), path, lowest=record.world.n_mode).data
     update = probupdate.update(path, data).to_frame().set_index("name")
