@@ -46,11 +46,12 @@ def name_modes(
     """The campaign's modes matched with the model's, once, and given their names. highest_hz: up to where modes of the
     model can be missed; every: a column for each mode, also for one that stands in no block."""
     n_mode = len(physical.modes.labels)
-    # a pair that turns with the nacelle is found in one direction before it turns and in another one after it
+    # a pair that turns with the nacelle is found in one direction before it turns and in another one after it; modes of
+    # several setups are those of all of them
     turns = any("nacelle_angle_deg" in s.environment for s in sets)
-    two = [] if turns else held_for_two(sets)
+    two = [] if turns or every else held_for_two(sets)
     mode_in_column = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
-    sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column, strict=True)]
+    sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column.tolist(), strict=True)]
     seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})
     wanted: tuple[str, ...] = ()
     matched = None
@@ -73,7 +74,7 @@ def name_modes(
                      "modes, which changed then or are measured otherwise")
     return NamedModes(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels,
                       records=records, model_only=lacking, notes=(*notes, *said), sets=own,
-                      mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, columns]))
+                      mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, list(columns)]))
 
 
 def _seen(

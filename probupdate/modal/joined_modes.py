@@ -34,7 +34,7 @@ def joined(data: ModalData) -> tuple[ModalData, list[str]]:
     kept = {(a, b): b if labels[a].isdigit() and not labels[b].isdigit() else a for a, b, _ in pairs}
     left = [j for j in range(data.n_mode) if j not in {a + b - kept[a, b] for a, b, _ in pairs}]
     mode_in_column = columns_of(len(sets), data.n_mode, {(a, b, k): kept[a, b] for a, b, k in pairs})
-    columns = {s.id: mode_in_column[k, left] for k, s in enumerate(sets)}
+    columns = {s.id: mode_in_column[k, left].tolist() for k, s in enumerate(sets)}
     return (replace(data.of_modes(left), sets=tuple(s.of_modes(columns[s.id]) for s in data.sets)),
             _notes(sets, labels, pairs))
 
