@@ -38,7 +38,8 @@ def test_accelerations_of_drawn_structures_to_their_verdict(family, number, tmp_
     late clock there was a gain."""
     row = validation(what="accelerations of a truss and a beam drawn at random, by `identify` and `diagnose`: a "
                           "channel reversed amid the record, two exchanged throughout, a clock late from a block on, "
-                          "nothing: blocks used, what is found", reference="what was hidden (rates in `studies/other_worlds`)")
+                          "nothing: blocks used, what is found",
+                     reference="what was hidden (rates in `studies/other_worlds`)")
     record = draw_record(family, number)
     campaign, path = write_campaign(record, tmp_path / "campaign"), record.world.write(tmp_path / "model")
     found = probupdate.identify(campaign, path, lowest=record.world.n_mode)
