@@ -150,7 +150,8 @@ def with_independence(s: ModalSet, choice: Choice, names: tuple[str, ...], modes
     pair got."""
     known = {}
     for g, group in enumerate(modes.groups):
-        if len(group) > 1 and all(names[i] for i in group):
+        # what is one mode, before and after a change, is no pair
+        if len(group) > 1 and all(names[i] for i in group) and len({names[i] for i in group}) == len(group):
             # fore-aft first, and numbers ascending
             known["independence_" + "_".join(sorted(names[i] for i in group))] = float(choice.independence[g])
     return dict(s.environment) | known

@@ -313,5 +313,7 @@ def _set_content(s: ModalSet) -> dict:
         "shape_re": _nulls(np.real(s.shape).T),
         "shape_im": _nulls(np.imag(s.shape).T),
         "shape_std": _nulls(s.shape_std.T),
-        "environment": {k: (v if isinstance(v, str) or np.isfinite(v) else None) for k, v in s.environment.items()},
+        # a number that was not known comes back from a file as None
+        "environment": {k: (v if v is None or isinstance(v, str) or np.isfinite(v) else None)
+                        for k, v in s.environment.items()},
     }

@@ -21,6 +21,7 @@ from records import draw_record
 from scipy import stats
 
 import probupdate
+from probupdate.errors import ProbupdateError
 
 
 def held(family: str, number: int, folder: Path) -> dict:
@@ -41,6 +42,7 @@ def held(family: str, number: int, folder: Path) -> dict:
 
 
 def tables(lines: list[dict]) -> str:
+    failed, lines = [x for x in lines if "failed" in x], [x for x in lines if "failed" not in x]
     inside = [x for line in lines for x in line["inside"].values()]
     z = np.array([x for line in lines for x in line["z"].values()])
     told = np.array([x for line in lines for x in line["share_of_prior"].values()]) < 0.7
@@ -52,6 +54,7 @@ def tables(lines: list[dict]) -> str:
     for kind in dict.fromkeys(line["kind"] for line in lines):
         own = [x for line in lines if line["kind"] == kind for x in line["inside"].values()]
         rows.append(f"{kind}: {sum(own)} of {len(own)}")
+    rows += [f"{x['family']} {x['number']} failed: {x['failed']}" for x in failed]
     return "\n".join(rows) + "\n"
 
 
@@ -67,7 +70,10 @@ def main() -> int:
     lines = [json.loads(x) for x in path.read_text().splitlines()] if path.is_file() else []
     for number in range(a.first, a.first + a.most):
         if all((x["family"], x["number"]) != (a.family, number) for x in lines):
-            lines.append(held(a.family, number, a.out))
+            try:
+                lines.append(held(a.family, number, a.out))
+            except ProbupdateError as error:
+                lines.append({"family": a.family, "number": number, "failed": str(error)})
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
     sys.stdout.write(tables(lines))
