@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, chain_problem, linear_problem
 
-from probupdate.errors import InputError
+from probupdate.errors import ConvergenceError, InputError
 from probupdate.updating import alpha as alpha_module
+from probupdate.updating import laplace
 from probupdate.updating.alpha import ALPHAS, alpha_path, choose
 from probupdate.updating.laplace import maximum_a_posteriori, trust_region
 from probupdate.updating.tikhonov import update
@@ -104,6 +105,21 @@ def test_the_maximum_states_how_far_its_gradient_is_from_zero():
     assert top.projected_gradient < 1e-4
     rough = trust_region(problem, problem.parameters.initial)
     assert np.abs(rough - top.theta) / np.sqrt(np.diag(top.covariance)) == pytest.approx(0, abs=1e-3)
+
+
+def test_a_climb_that_does_not_end_is_at_a_maximum_where_two_ways_end_as_high(monkeypatch):
+    """As on a crease, where two modes of the model are equal and slopes jump: an `update` of a mast alike both ways had
+    ended without one. Two ways that end elsewhere are none."""
+    problem = chain_problem(noise=0.01)
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    restless = laplace._climb
+    monkeypatch.setattr(laplace, "_climb", lambda *a: (*restless(*a)[:2], False))
+    found = maximum_a_posteriori(problem, [problem.parameters.initial])
+    assert np.abs(found.theta - top.theta) / np.sqrt(np.diag(top.covariance)) == pytest.approx(0, abs=1e-3)
+    away = np.clip(top.theta + 0.5 * problem.parameters.std, problem.parameters.lower, problem.parameters.upper)
+    monkeypatch.setattr(laplace, "trust_region", lambda *a: away)
+    with pytest.raises(ConvergenceError, match="maximum was not reached"):
+        maximum_a_posteriori(problem, [problem.parameters.initial])
 
 
 def test_an_alpha_that_leaves_the_data_no_weight_is_told():
