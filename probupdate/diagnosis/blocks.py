@@ -158,9 +158,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
     shapes of single modes to compare.
     """
-    data, more = joined(data)
     sets, few, notes = _usable(data, where)
-    notes += more
     sets, hours, more = _by_time(sets)
     notes += more
     frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))

@@ -36,6 +36,7 @@ from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
 from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
+from probupdate.modal.joined_modes import joined
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
@@ -164,6 +165,7 @@ def diagnose_without_model(
     `sensors`: where channels are; without them only gains along the record can be judged. `campaign_check`: findings in
     the raw records (see `campaign_tests.campaign_tests`), listed and counted. `effects`: a user's own of sensors.
     """
+    data, as_one = joined(data)
     blocks = with_derived(gather(data))
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
@@ -181,8 +183,8 @@ def diagnose_without_model(
                                                         progress)
     steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
-    detectable_sizes, p_value, notes = list(_detectable_sizes(followed, found,
-                                                              time_profiles)), found.p_value, list(blocks.notes)
+    detectable_sizes = list(_detectable_sizes(followed, found, time_profiles))
+    p_value, notes = found.p_value, [*as_one, *blocks.notes]
     if steady is not None:
         findings += steady.findings
         detectable_sizes += steady.detectable_sizes

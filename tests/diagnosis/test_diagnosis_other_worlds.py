@@ -15,7 +15,6 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import diagnosis_problem
 from probupdate.diagnosis.run import _read_groups
-from probupdate.modal.modes import read_modes, write_modes
 from probupdate.runtime.executors import SERIAL
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
@@ -48,12 +47,6 @@ def test_accelerations_of_drawn_structures_to_their_verdict(family, number, tmp_
     groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
     prepared = prepare(path, groups=groups, sensors=record.world.sensors)
     verdict = probupdate.diagnose(prepared, found.data, extend=False, seed=number)
-    # in sets that have their columns, and a pair's angle only where there is a pair
-    write_modes(found.data, tmp_path / "modes.json")
-    back = read_modes(tmp_path / "modes.json")
-    write_modes(back, tmp_path / "again.json")
-    keys = {key for s in back.sets for key in s.environment if key.startswith("independence")}
-    assert all(len(set(key.split("_")[1:])) == 2 for key in keys)
     # of two loggers either may be the late one
     causes = {("clock offset", "late")} if family == "clock" else record.places
     row.equal({(f.cause, "late" if f.cause == "clock offset" else f.location) for f in verdict.findings}, set(causes),

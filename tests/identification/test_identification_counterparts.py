@@ -1,6 +1,7 @@
 """Which mode of the model each measured one is: names under errors of the model, and what has no counterpart."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.counterparts import model_comparison, paired
 from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.naming import with_independence
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.tracking import Choice
 from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, read_modes, write_modes
 from probupdate.verbs import sought
 
@@ -72,6 +75,15 @@ def test_frequencies_name_modes_of_which_all_shapes_are_unlike(jacket, reference
     # as it was where the shapes are right
     sets = [replace(s, shape=shape + 0j) for s in sets]
     assert paired(model_comparison(sets, (), [model] * 4), model)[0] == {j: j for j in range(6)}
+
+
+def test_a_mode_before_and_after_a_change_is_no_pair_with_itself(jacket, reference):
+    """Both stand in one column; the angle of such a pair had been written as null, for a pair X2 X2."""
+    one = measured(jacket, np.random.default_rng(3))
+    choice = Choice(criterion=np.zeros(0), pole=np.arange(5), share=np.ones(5), independence=np.array([0.9, 0.8]))
+    paired_modes = SimpleNamespace(groups=((0, 1), (3, 4)))
+    known = with_independence(one, choice, ("FA1", "SS1", "T1", "FA2", "FA2"), paired_modes)
+    assert known == {"independence_FA1_SS1": 0.9}
 
 
 def test_what_does_not_match_is_kept_and_said(jacket, reference, write_campaign):

@@ -113,6 +113,17 @@ def test_minimal_file_and_null_rows(tmp_path):
     assert not data.sets[1].measured[0] and np.all(np.isnan(data.sets[1].shape))
 
 
+def test_a_condition_that_was_not_known_is_written_again(tmp_path):
+    """It is null in the file and None after that, at which the second writing had ended in a traceback."""
+    data = sample_data()
+    one = dataclasses.replace(data.sets[0], environment={"independence_X1_Y1": np.nan, "state": "idling", "t": 2.0})
+    write_modes(dataclasses.replace(data, sets=(one,), reference_set=None), tmp_path / "a.json")
+    write_modes(read_modes(tmp_path / "a.json"), tmp_path / "b.json")
+    for name in ("a.json", "b.json"):
+        (known,) = json.loads((tmp_path / name).read_text())["sets"]
+        assert known["environment"] == {"independence_X1_Y1": None, "state": "idling", "t": 2.0}
+
+
 def test_frequencies_alone_need_no_shapes(tmp_path):
     data = read_modes(write(tmp_path, {"channels": [], "sets": [{"id": "1", "frequency_hz": [1.0, 2.5]}]}))
     assert data.sets[0].shape.shape == (0, 2) and data.sets[0].frequency_hz.tolist() == [1.0, 2.5]
