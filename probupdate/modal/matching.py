@@ -45,16 +45,22 @@ SPARE = 1
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModeGroup:
-    """Measured modes that are compared together: one, or the two (or more) of a close cluster, ascending in f."""
+    """Measured modes that are compared together: one, or the two (or more) of a close cluster, ascending in f.
+
+    mates: of one that was measured alone of a close pair, the computed mode beside its own; it is compared with the
+    combination of the two that is nearest, as it turns within their plane.
+    """
 
     measured: tuple[int, ...]
     computed: tuple[int, ...]
+    mates: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Matching:
     """groups: every mode that is used. criterion (n_measured, n_computed) holds MAC, or for members of a cluster the
-    MAC of the computed shape with its best match in the measured plane; rows of NaN for modes not measured.
+    MAC of the computed shape with its best match in the measured plane, and of one of a close pair measured alone that
+    with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
     """
 
@@ -114,17 +120,18 @@ def match(
     clusters: list[tuple[int, ...]] | None = None,
     min_mac: float = MIN_MAC,
     refuse: bool = True,
+    planes: bool = True,
 ) -> Matching:
     """Pair measured with computed modes one to one by the largest sum of criteria.
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
-    measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
-    can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two computed
-    ones to choose from, where close modes have one shape, and where only one of a close pair was measured. `refuse`
-    False: all but the first are no error, for a picture of a poor model.
+    measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
+    measured, its computed mode has a mate, unless `planes` is False. Raises InputError where no mode can be used, where
+    the set is not this model's, where frequencies are in another unit, where a mode has two computed ones to choose
+    from, and where close modes have one shape. `refuse` False: all but the first are no error, for a picture of a poor
+    model.
     """
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
-    given = clusters
     clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
     measured = np.real(rotate_to_real(modal_set.shape))
     computed = solution.shape[rows]
@@ -132,10 +139,9 @@ def match(
     if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
         return _by_frequency(modal_set, solution.frequency_hz)
     used, left_out = _usable(modal_set, measured, name)
-    if refuse:
-        _refuse_half_clusters(modal_set.id, clusters, used, name)
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
+    halves = {p[0] for p, c in zip(present, clusters, strict=True) if len(p) == 1 < len(c)}
     clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
     if refuse:
         _refuse_equal_shapes(modal_set.id, clusters, measured, name)
@@ -146,7 +152,15 @@ def match(
         refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
-    groups, unlike = _alike(clusters, partner, criterion, min_mac, name, modal_set.id)
+    mates: dict[int, int] = {}
+    if planes:
+        absent = [name[k] for k in np.flatnonzero(~modal_set.measured)]
+        labelled = {j for j in partner if across(name[j]) in absent}
+        mates = _mates(clusters, partner, (halves, labelled), measured, computed, solution.frequency_hz)
+        left_out += _as_halves(modal_set.id, mates, partner, name, solution.frequency_hz)
+    for j, k in mates.items():
+        criterion[j, [partner[j], k]] = _share_within(measured[:, j], computed[:, [partner[j], k]])
+    groups, unlike = _alike(clusters, partner, mates, criterion, min_mac, name, modal_set.id)
     left_out += unlike
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
         _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
@@ -157,9 +171,7 @@ def match(
             f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
             "check channel names, signs and units of the shapes, or identify these modes",
         )
-    if refuse and given is None:
-        _refuse_lonely(modal_set, groups, criterion, visible, name, solution.frequency_hz)
-    highest = max(i for group in groups for i in group.computed)
+    highest = max(i for group in groups for i in (*group.computed, *group.mates))
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]),
@@ -204,8 +216,8 @@ def _partners(criterion: np.ndarray, used: Sequence[int]) -> dict[int, int]:
 
 
 def _alike(
-    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], criterion: np.ndarray, min_mac: float,
-    name: Sequence[str], set_id: str,
+    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray,
+    min_mac: float, name: Sequence[str], set_id: str,
 ) -> tuple[list[ModeGroup], list[str]]:
     """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
     groups: list[ModeGroup] = []
@@ -225,7 +237,8 @@ def _alike(
                 "too few channels to compare shapes by"
             left_out.append(f"{names} of set {set_id}: no computed mode resembles {name[worst]} ({reason})")
             continue
-        groups.append(ModeGroup(measured=cluster, computed=tuple(sorted(int(partner[j]) for j in cluster))))
+        groups.append(ModeGroup(measured=cluster, computed=tuple(sorted(int(partner[j]) for j in cluster)),
+                                mates=tuple(mates[j] for j in cluster if j in mates)))
     return groups, left_out
 
 
@@ -261,14 +274,59 @@ def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, 
     return result
 
 
-def _refuse_half_clusters(
-    set_id: str, clusters: Sequence[tuple[int, ...]], used: Sequence[int], name: Sequence[str]
-) -> None:
+def _mates(
+    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], known: tuple[set[int], set[int]],
+    measured: np.ndarray, computed: np.ndarray, frequency_hz: np.ndarray,
+) -> dict[int, int]:
+    """measured mode -> the computed mode that is nearest to its own in frequency and no other measured mode's, of modes
+    that are one of a close pair: by other sets (the first of `known`), or close in the model, and by labels (the
+    second) or turned in the computed pair's plane."""
+    (halves, labelled), found = known, {}
     for cluster in clusters:
-        absent = [name[j] for j in cluster if j not in used]
-        if absent and len(absent) < len(cluster):
-            present = next(name[j] for j in cluster if j in used)
-            _refuse_half_a_pair(set_id, present, absent, "they are compared as a plane in the other sets")
+        j = cluster[0]
+        if len(cluster) > 1 or j not in partner:
+            continue
+        i, other = partner[j], {*partner.values(), *found.values()}
+        k = int(nearest_free(frequency_hz[None], computed[None], np.array([[*other - {i}]], int),
+                             np.array([i]))[0])
+        if k == i or _share_within(computed[:, k], computed[:, [i]]) >= SAME:
+            continue
+        close = abs(frequency_hz[k] - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz[k] + frequency_hz[i])
+        turned = j in labelled or _share_within(measured[:, j], computed[:, [k]]) >= TURNED
+        if j in halves or close and turned:
+            found[j] = k
+    return found
+
+
+def nearest_free(frequency_hz: np.ndarray, shape: np.ndarray, taken: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Of each of n solutions the mode nearest in frequency to mode `own` (n,) that is not among `taken` (n, n_taken)
+    and moves the channels, (n,): `own` itself where there is none. frequency_hz (n, n_mode), shape (n, n_channel,
+    n_mode)."""
+    row = np.arange(len(own))
+    visible = np.linalg.norm(shape, axis=1)
+    away = np.abs(frequency_hz - frequency_hz[row, own][:, None])
+    away[visible < SEEN * visible[row, own][:, None]] = np.inf
+    away[row[:, None], taken] = np.inf
+    away[row, own] = np.inf
+    nearest = np.argmin(away, axis=1)
+    return np.where(np.isfinite(away[row, nearest]), nearest, own)
+
+
+def _share_within(shape: np.ndarray, plane: np.ndarray) -> float:
+    """The share of the shape (n_channel,) squared that lies within the plane (n_channel, n): of one column, the MAC."""
+    known = np.isfinite(shape)
+    left = shape[known] - plane[known] @ np.linalg.lstsq(plane[known], shape[known], rcond=None)[0]
+    return float(1 - left @ left / (shape[known] @ shape[known]))
+
+
+def _as_halves(set_id: str, mates, partner, name, frequency_hz) -> list[str]:
+    found = []
+    for j, k in mates.items():
+        low, high = sorted((partner[j], k))
+        found.append(f"the mate of {name[j]} in set {set_id}, which was not measured: {name[j]} is one of a close pair "
+                     f"(computed modes {low + 1} and {high + 1} at {frequency_hz[low]:.4g} and "
+                     f"{frequency_hz[high]:.4g} Hz) and is compared with the nearest combination of the two")
+    return found
 
 
 def _refuse_equal_shapes(
@@ -322,11 +380,13 @@ def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, 
     places = [slice(end - len(group.measured), end) for group, end in zip(groups, ends, strict=True)]
     for group, here in zip(groups, places, strict=True):
         for i in group.computed:
+            # a mate instead of its own is no other choice
+            blocked = [i, *group.mates]
             # a mode that hardly moves the channels has a shape there by chance, one far off in frequency is another's
             away = np.min(np.abs(np.log(frequency_hz[:, None] / modal_set.frequency_hz[list(group.measured)])), axis=1)
             trial = np.where((visible < SEEN * visible[i]) | (away > away[i] + APART), -1.0, score)
             trial[:, column] = score[:, column]
-            trial[here, i] = -1.0
+            trial[here, blocked] = -1.0
             other = assign(trial)
             # which member of a group has which of its modes is no difference
             changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
@@ -362,35 +422,6 @@ def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, 
                          f"so that two pairings are about as alike: {found}", "check that they are two different "
                          "modes, measure more channels, or leave one out (null)")
     raise InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
-
-
-def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
-    """A mode measured alone whose computed mode has a close one beside it that no measured mode is paired with."""
-    taken = {i for group in groups for i in group.computed}
-    for group in groups:
-        if len(group.measured) > 1:
-            continue
-        (j,), (i,) = group.measured, group.computed
-        close = np.abs(frequency_hz - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz + frequency_hz[i])
-        mates = [int(k) for k in np.flatnonzero(close & (visible >= SEEN * visible[i])) if k not in taken]
-        other = across(name[j])
-        unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
-        for k in mates:
-            if other is not None and other in unmeasured:
-                _refuse_half_a_pair(modal_set.id, name[j], [other], f"computed modes {i + 1} and {k + 1} are at "
-                                    f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")
-            if criterion[j, k] >= TURNED:
-                found = (f"computed modes {i + 1} and {k + 1} at {frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz "
-                         f"have MACs of {criterion[j, i]:.2f} and {criterion[j, k]:.2f} with it")
-                _refuse_half_a_pair(modal_set.id, name[j], ["its mate"], found)
-
-
-def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: str) -> None:
-    raise InputError(
-        f"set {set_id}, {present}", f"is one of a close pair of which {' and '.join(absent)} was not measured "
-        f"({reason}): a single one turns within the pair's plane by chance",
-        f"identify both, use another set, or leave {present} out too (null)",
-    )
 
 
 def pair_in_order(measured: np.ndarray, computed: np.ndarray) -> np.ndarray:

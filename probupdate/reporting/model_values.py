@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match
-from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
@@ -88,14 +88,20 @@ def _matched_modes(
     frequency = np.full(data.n_mode, np.nan)
     shape = np.full((len(data.channels), data.n_mode), np.nan)
     moved = np.full((len(drawn), 3, data.n_mode), np.nan)
-    for j, i in _ordered(matching.groups).items():
+    measured = np.real(rotate_to_real(chosen.shape))
+    for j, own in _ordered(matching.groups).items():
         # ... and then only what an update would accept is drawn
-        if matching.criterion[j, i] >= MIN_MAC:
-            frequency[j] = solution.frequency_hz[i]
-            shape[:, j] = solution.shape[rows, i]
-            moved[:, :, j] = drawn[:, :, i]
+        if matching.criterion[j, own[0]] >= MIN_MAC:
+            turn, known = np.ones(1), np.isfinite(measured[:, j])
+            if len(own) > 1:
+                turn = np.linalg.lstsq(solution.shape[rows[known]][:, own], measured[known, j], rcond=None)[0]
+                turn = turn / np.linalg.norm(turn)
+            frequency[j] = np.linalg.norm(turn * solution.frequency_hz[own])
+            shape[:, j] = solution.shape[rows][:, own] @ turn
+            moved[:, :, j] = drawn[:, :, own] @ turn
     return ShapedModes(frequency_hz=frequency, shape=shape, displacement=moved)
 
 
-def _ordered(groups: tuple[ModeGroup, ...]) -> Mapping[int, int]:
-    return {j: i for group in groups for j, i in zip(group.measured, group.computed, strict=True)}
+def _ordered(groups: tuple[ModeGroup, ...]) -> Mapping[int, list[int]]:
+    """measured mode -> the computed ones whose combination it is compared with: one, or of one of a pair two."""
+    return {j: [i, *group.mates] for group in groups for j, i in zip(group.measured, group.computed, strict=True)}

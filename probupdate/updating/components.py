@@ -196,7 +196,7 @@ def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterato
     """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
     n_mode = problem.matching.n_mode
     solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
-    taken = {i for cluster in problem._clusters(solution.shape) for i in cluster}
+    taken = {int(i) for i in problem._assign(solution.shape[None])[0][0]}
     highest = max(taken)
     share = float(np.median([s / f for g in problem.groups for s, f in
                              zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))

@@ -16,7 +16,7 @@ import numpy as np
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import Matching, assign, channel_rows, match
+from probupdate.modal.matching import Matching, assign, channel_rows, match, nearest_free
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
@@ -27,6 +27,10 @@ from probupdate.updating.settings import CONSTANTS
 __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 
 SEARCH = CONSTANTS.search
+# frequencies this near, as a share, are equal: derivatives of their shapes are rounding's
+EQUAL = 1e-7
+# step of central differences, in standard deviations of the prior
+STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,16 +160,17 @@ class Problem:
         theta = np.atleast_2d(np.asarray(theta, float))
         solved = self.model.solve_many(theta, self.matching.n_mode)
         computed, criterion = self._assign(solved.shape)
-        frequency = np.take_along_axis(solved.frequency_hz, computed, axis=1)
-        response = np.log(frequency) if self.weights.frequencies == "log" else frequency
-        parts, mac, start = [response], np.empty(computed.shape), 0
-        for group in self.groups:
+        frequency, parts = np.empty(computed.shape), []
+        mac, start = np.empty(computed.shape), 0
+        members = self._with_mates(computed, solved.frequency_hz, solved.shape)
+        for group, columns in zip(self.groups, members, strict=True):
             k = group.size
-            columns = computed[:, start : start + k]
+            own = np.take_along_axis(solved.frequency_hz, columns, axis=1)
             shape = np.take_along_axis(solved.shape[:, group.rows], columns[:, None, :], axis=2)
+            frequency[:, start : start + k], shape = group.combined(own, shape)
             if group.shapes != "none":
                 parts.append(group.aligned(shape).transpose(0, 2, 1).reshape(len(theta), -1))
-            if k == 1:
+            if k == 1 and not group.n_mates:
                 mac[:, start] = np.take_along_axis(criterion[:, start], columns, axis=1)[:, 0]
             else:
                 q, _ = np.linalg.qr(shape)
@@ -173,9 +178,10 @@ class Problem:
                     np.linalg.svd(group.plane.T @ q, compute_uv=False)[:, -1:] ** 2
                 )
             start += k
+        response = np.log(frequency) if self.weights.frequencies == "log" else frequency
         return Prediction(
-            response=np.concatenate(parts, axis=1) + self.mean, computed=computed, frequency_hz=frequency, mac=mac,
-            fallback=solved.fallback,
+            response=np.concatenate([response, *parts], axis=1) + self.mean, computed=computed,
+            frequency_hz=frequency, mac=mac, fallback=solved.fallback,
         )
 
     def _assign(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -205,44 +211,73 @@ class Problem:
             computed[row] = _ascending_in_groups(assign(criterion[row]), self.groups)
         return computed, criterion
 
+    def _with_mates(self, computed: np.ndarray, frequency_hz: np.ndarray, shape: np.ndarray) -> list[np.ndarray]:
+        """The computed modes of each group, (n, size + n_mates): those assigned to it, (n, n_used) of all, and of one
+        of a pair its mate. frequency_hz (n, n_mode), shape (n, n_channel, n_mode)."""
+        taken, found, start = computed, [], 0
+        for group in self.groups:
+            own = computed[:, start : start + group.size]
+            if group.n_mates:
+                mate = nearest_free(frequency_hz, shape[:, group.rows], taken, own[:, 0])
+                taken, own = np.column_stack([taken, mate]), np.column_stack([own, mate])
+            found.append(own)
+            start += group.size
+        return found
+
     def predict(self, theta: np.ndarray) -> np.ndarray:
         """Lambda_M(theta) (n_response,), with what the model is expected to miss."""
         return self.predict_many(theta).response[0]
 
     def sensitivity(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lambda_M (n_response,) and S (n_response, n_param), Eq. 5, exact, through the alignment of shapes."""
-        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode).shape)
-        solution = self.model.solve(
-            theta, self.matching.n_mode, derivatives=True, clusters=tuple(c for c in clusters if len(c) > 1)
-        )
+        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode))
+        solution = self.model.solve(theta, self.matching.n_mode, derivatives=True, clusters=self._turning(clusters))
         response, slope = self._response_slope(solution, clusters)
+        # how equal modes turn into each other has no derivative, what is compared of one of them has
+        of_equal = [g.n_mates > 0 and np.ptp(solution.frequency_hz[list(c)]) < EQUAL * solution.frequency_hz[c[0]]
+                    for g, c in zip(self.groups, clusters, strict=True) for _ in range(g.size)]
+        if any(of_equal):
+            rows = np.flatnonzero(of_equal)
+            slope[rows] = self._by_differences(theta, rows)
         return response + self.mean, slope
 
-    def _clusters(self, shape: np.ndarray) -> tuple[tuple[int, ...], ...]:
-        """The computed modes (n_channel, n_mode) of each group."""
-        computed, _ = self._assign(shape[None])
-        clusters, start = [], 0
-        for group in self.groups:
-            clusters.append(tuple(int(i) for i in computed[0, start : start + group.size]))
-            start += group.size
-        return tuple(clusters)
+    def _by_differences(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Central differences of some responses (n_row, n_param), within the bounds."""
+        step = np.diag(STEP * self.parameters.std)
+        up, down = (np.clip(theta + s, self.parameters.lower, self.parameters.upper) for s in (step, -step))
+        change = self.predict_many(up).response - self.predict_many(down).response
+        return (change[:, rows] / np.diag(up - down)[:, None]).T
+
+    def _clusters(self, solution: ModalSolution) -> tuple[tuple[int, ...], ...]:
+        """The computed modes of each group."""
+        computed, _ = self._assign(solution.shape[None])
+        members = self._with_mates(computed, solution.frequency_hz[None], solution.shape[None])
+        return tuple(tuple(int(i) for i in own[0]) for own in members)
+
+    def _turning(self, clusters: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+        """Those whose rotation into each other no response needs: one of a pair alone needs it."""
+        return tuple(c for c, group in zip(clusters, self.groups, strict=True) if group.size > 1)
 
     def _response_slope(self, solution: ModalSolution, clusters) -> tuple[np.ndarray, np.ndarray]:
         """Responses (n_response,) and their derivatives (n_response, n) with respect to whatever the solution's are."""
-        response = [solution.frequency_hz[list(c)] for c in clusters]
         frequency_slope, shape_slope = solution.both_derivatives
-        slope = [frequency_slope[list(c)] for c in clusters]
+        response, slope, shapes = [], [], []
+        for group, columns in zip(self.groups, clusters, strict=True):
+            members = list(columns)
+            own = solution.frequency_hz[members], solution.shape[group.rows][:, members]
+            frequency, shape = group.combined(own[0][None], own[1][None])
+            change = group.combined_derivative(*own, frequency_slope[members], shape_slope[group.rows][:, members])
+            response.append(frequency[0])
+            slope.append(change[0])
+            shapes.append((shape, change[1]))
         if self.weights.frequencies == "log":
             slope = [change / f[:, None] for change, f in zip(slope, response, strict=True)]
             response = [np.log(f) for f in response]
-        for group, columns in zip(self.groups, clusters, strict=True):
+        for group, (shape, change) in zip(self.groups, shapes, strict=True):
             if group.shapes == "none":
                 continue
-            members = list(columns)
-            shape = solution.shape[group.rows][:, members]
-            change = shape_slope[group.rows][:, members]
-            response.append(group.aligned(shape[None])[0].T.ravel())
-            slope.append(group.aligned_derivative(shape, change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
+            response.append(group.aligned(shape)[0].T.ravel())
+            slope.append(group.aligned_derivative(shape[0], change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
         return np.concatenate(response), np.concatenate(slope)
 
     def with_error(self, theta: np.ndarray) -> Problem:
@@ -251,10 +286,10 @@ class Problem:
         if unknown is None or not unknown.sources:
             return self
         n_mode = self.matching.n_mode
-        clusters = self._clusters(self.model.solve(theta, n_mode).shape)
+        clusters = self._clusters(self.model.solve(theta, n_mode))
         # modes above the measured ones are not asked for their derivatives
         n_mode = min(n_mode, max(max(c) for c in clusters) + 1)
-        solution = unknown.changes(theta, n_mode, tuple(c for c in clusters if len(c) > 1))
+        solution = unknown.changes(theta, n_mode, self._turning(clusters))
         _, slope = self._response_slope(solution, clusters)
         return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
 
@@ -319,7 +354,8 @@ class Problem:
                                  else self.parameters.correlation.tolist()))),
             "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
             "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes),
-            "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode))),
+            "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode,
+                                   *(g.measured for g in self.matching.groups if g.mates)))),
         }
 
     def fingerprint(self) -> str:
@@ -381,12 +417,14 @@ def build_problem(
         clusters = [(j,) for j in range(data.n_mode)]
     solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
     try:
-        matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
+        matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters,
+                         planes=weights.shapes != "components")
     except InputError as error:
         likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
         raise error if likely is None else with_mistake(error, likely) from None
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
-    groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels) for g in matching.groups)
+    groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels, len(g.mates))
+                   for g in matching.groups)
     problem = Problem(
         model=model, set_id=modal_set.id, mode_labels=labels, matching=matching, groups=groups, weights=weights
     )

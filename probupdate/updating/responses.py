@@ -6,7 +6,10 @@ Frequencies stand in Hz or as logarithms. Shapes are taken in one of four ways (
 "mac": like "plane", but each shape or plane counts as one datum (1 - MAC over its expectation under the standard
 deviations); "none": frequencies only, shapes serve the pairing.
 A single mode's computed shape is scaled to the measured one, a cluster's shapes are combined linearly to the measured
-plane: fitting k x k numbers to a group of k modes takes as many degrees of freedom from its residual.
+plane: fitting k x k numbers to a group of k modes takes as many degrees of freedom from its residual. One of a close
+pair that was measured alone lies somewhere in the plane of the computed pair: the combination Y t of the two that is
+nearest is its shape, and the Rayleigh quotient sum t_i^2 f_i^2 / sum t_i^2 (of unit modal masses) its frequency
+squared, which an error of the measured shape changes to second order only.
 """
 
 from __future__ import annotations
@@ -141,6 +144,8 @@ class ResponseGroup:
     `changes` (k + n k, n_column): the set's own covariance factors of the k frequencies (as responses) and of the
     basis, mode by mode; None where the standard deviations are independent. frequency_discrepancy_hz (k,),
     shape_discrepancy (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
+    n_mates: 1 of a mode that was measured alone of a close pair and is compared with a combination of two computed
+    ones.
     """
 
     frequency_hz: np.ndarray
@@ -153,6 +158,7 @@ class ResponseGroup:
     frequencies: str = "hz"
     shapes: str = "plane"
     changes: np.ndarray | None = None
+    n_mates: int = 0
 
     @property
     def own_changes(self) -> np.ndarray:
@@ -169,7 +175,7 @@ class ResponseGroup:
     @property
     def n_effective(self) -> int:
         """Expected chi-square of a true model at the truth."""
-        shapes = {"none": 0, "mac": 1}.get(self.shapes, self.basis.size - self.size**2)
+        shapes = {"none": 0, "mac": 1}.get(self.shapes, self.basis.size - self.size * (self.size + self.n_mates))
         return self.size + shapes
 
     @cached_property
@@ -209,6 +215,32 @@ class ResponseGroup:
     def complement(self) -> np.ndarray:
         """Orthonormal basis (n, n - k) of what is orthogonal to the plane: where a residual carries information."""
         return linalg.null_space(self.basis.T)
+
+    def combined(self, frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (m, k) and shapes (m, n, k) that are compared, of the computed (m, k + n_mates) and
+        (m, n, k + n_mates): of one of a pair its combination, else as they are."""
+        if not self.n_mates:
+            return frequency_hz, shape
+        _, turn, _ = align(shape / self.shape_std[:, None], self.scaled_basis)
+        return np.sqrt(np.sum((turn[:, :, 0] * frequency_hz) ** 2, axis=1, keepdims=True)
+                       / np.sum(turn**2, axis=1)), shape @ turn
+
+    def combined_derivative(
+        self, frequency_hz: np.ndarray, shape: np.ndarray, d_frequency: np.ndarray, d_shape: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """d combined: (k, n_param) and (n, k, n_param) from frequencies (c,) and shapes (n, c) of c = k + n_mates modes
+        with their changes (c, n_param) and (n, c, n_param), rotation within the pair included."""
+        if not self.n_mates:
+            return d_frequency, d_shape
+        over, d_over = shape / self.shape_std[:, None], d_shape / self.shape_std[:, None, None]
+        aligned, turn, inverse = align(over[None], self.scaled_basis)
+        t, residual = turn[0, :, 0], (self.scaled_basis - aligned[0])[:, 0]
+        moved = np.einsum("njp,j->np", d_over, t)
+        d_t = inverse[0] @ (np.einsum("njp,n->jp", d_over, residual) - over.T @ moved)
+        whole, square = t @ t, (t * frequency_hz) @ (t * frequency_hz) / (t @ t)
+        d_square = 2 * ((t**2 * frequency_hz) @ d_frequency + (t * (frequency_hz**2 - square)) @ d_t) / whole
+        d_combined = (moved + over @ d_t) * self.shape_std[:, None]
+        return d_square[None] / (2 * np.sqrt(square)), d_combined[:, None]
 
     def aligned(self, shape: np.ndarray) -> np.ndarray:
         """Computed shapes (m, n, k) combined to the measured basis: the responses of shapes (m, n, k).
@@ -294,7 +326,8 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(np.zeros(0)))
 
 
-def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
+def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels,
+                   n_mates: int = 0) -> ResponseGroup:
     """The measured side of modes that `matching.match` grouped; raises InputError where a standard deviation is
     missing."""
     where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
@@ -316,6 +349,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     basis, to_basis = _basis(shape, largest)
     common: dict[str, Any] = dict(
         frequency_hz=frozen_array(frequency), rows=rows[kept], frequencies=weights.frequencies, shapes=weights.shapes,
+        n_mates=n_mates,
     )
     if weights.covariance:
         phase = np.nansum(modal_set.shape[:, members].conj() * turned, axis=0)
