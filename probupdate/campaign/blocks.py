@@ -21,6 +21,8 @@ from probupdate.runtime.arrays import frozen_array
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
 LONGEST_REPAIR_S = 1.0
 REPAIRED_NS = round(1e9 * LONGEST_REPAIR_S)
+# why a block at the start or the end of a recording cannot be used
+PART = "part of a recording"
 # samples beyond it, in SI units, count as lost
 LARGEST_SI = 1e9
 # room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
@@ -181,11 +183,12 @@ def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int
 def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pieces) -> Block:
     n_sample = round(length.total_seconds() * campaign.sampling_rate_hz)
     notes = []
+    covered = np.zeros(n_sample, bool)
     if len(pieces) == 1 and len(pieces[0][1]) == n_sample:
         data = np.array(pieces[0][1], dtype=float)
+        covered[:] = True
     else:
         data = np.full((n_sample, len(campaign.sensors)), np.nan)
-        covered = np.zeros(n_sample, bool)
         for first, piece in pieces:
             rows = slice(first, first + len(piece))
             free = ~covered[rows]
@@ -214,6 +217,10 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         seconds, bad = longest.max() / campaign.sampling_rate_hz, np.flatnonzero(longest)
         who = "all channels" if len(bad) == len(longest) else ", ".join(campaign.channels[k] for k in bad)
         excluded = f"gap of {seconds:.1f} s in {who}"
+        there = np.flatnonzero(covered)
+        # before the first file of it or after the last one nothing was recorded, and nothing is missing
+        if there.size and max(there[0], n_sample - 1 - there[-1]) >= longest.max():
+            excluded = f"{PART}: {(np.ptp(there) + 1) / campaign.sampling_rate_hz / 60:.3g} min in it"
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
         data=_sealed(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, block_files, block_starts, read_block
+from probupdate.campaign.blocks import PART, Block, block_files, block_starts, read_block
 from probupdate.campaign.clocks import delays
 from probupdate.campaign.findings import (
     Compared,
@@ -220,12 +220,15 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
     span = round((starts[-1] - starts[0]) / pd.Timedelta(minutes=campaign.block_minutes)) + 1
     if len(starts) < span:
         found.append(f"{span - len(starts)} of {span} blocks between the first and the last have no record")
-    gone = head["excluded"] != ""
+    part = head["excluded"].str.startswith(PART)
+    gone = (head["excluded"] != "") & ~part
     if advice := uncovered(campaign):
         found.append(f"no record covers a whole block: {advice}")
     elif gone.any():
         found.append(f"{plural(int(gone.sum()), 'block')} with gaps too long to repair: "
                      f"{', '.join(head['id'][gone][:6])}" + (" and more" if gone.sum() > 6 else ""))
+    if part.any() and not advice:
+        found.append(f"{plural(int(part.sum()), 'block')} at the ends of recordings, shorter than the others, not used")
     if overlaps:
         found.append(f"files overlap in {plural(overlaps, 'block')}; the file that starts first is used")
     return found

@@ -344,6 +344,8 @@ def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[s
     left = list(steps)
     while left:
         c, at, factor, std, alternatives = left[0]
+        inverse = [channels[s[0]] for s in steps if abs(s[1] - at) <= 1 and s[0] != c
+                   and abs(s[2] * factor - 1) < 3 * np.hypot(s[3] * factor, std * s[2])]
         group = [s for s in left if abs(s[1] - at) <= 1 and abs(s[2] - factor) < 2 * np.hypot(s[3], std)
                  and (s[0] != c or s is left[0])]
         left = [s for s in left if s not in group]
@@ -357,6 +359,8 @@ def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[s
         message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} "
                    f"times what it was, from {ids[at]} on"
                    + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
+                   + (f"; that of {inverse[0]} by the inverse, as if the two were exchanged"
+                      if len(inverse) == 1 == len(names) else "")
                    + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
                    "identify the records before and after apart")
         one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], alternatives=others,

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csgraph
 
+from probupdate.campaign.blocks import PART
 from probupdate.errors import InputError
+from probupdate.io.result_table import plural
 from probupdate.modal.joined_modes import hours_of, joined
 from probupdate.modal.matching import close_clusters
 from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
@@ -226,7 +228,11 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
     InputError where they show no noise."""
     notes = []
     sets = [s for s in data.sets if np.any(s.measured)]
-    empty = [s.id for s in data.sets if not np.any(s.measured)]
+    unused = [s for s in data.sets if not np.any(s.measured)]
+    part = sum(str(s.environment.get("excluded", "")).startswith(PART) for s in unused)
+    if part:
+        notes.append(f"{plural(part, 'block')} at the ends of recordings, shorter than the others, not used")
+    empty = [s.id for s in unused if not str(s.environment.get("excluded", "")).startswith(PART)]
     if empty:
         notes.append(f"{len(empty)} {'set' if len(empty) == 1 else 'sets'} left out without a mode: "
                      f"{', '.join(empty[:3])}{', ...' * (len(empty) > 3)}")

@@ -25,6 +25,8 @@ PROFILE_WORDS = {
 # a push of a parameter that its prior expects once in ten times
 # and less than this, in prior standard deviations, is not worth a word
 SURPRISING, LEAST_SHIFT = 1.645, 0.5
+# chance alone makes as much so seldom that "nothing" asks for a word more
+SELDOM = 0.01
 # standard deviations from which a mode is said to show what a sensor does to it
 SHOWN = 2.0
 
@@ -147,6 +149,9 @@ def verdict_words(content: Mapping) -> str:
     p = probability_words(content.get("p_value"))
     with_model = bool(content.get("parameters"))
     parted = "Model and measurement disagree" if with_model else "The record deviates from normal variation"
+    if verdict == "none" and content.get("p_value") is not None and content["p_value"] < SELDOM:
+        return (f"Nothing was found beyond tolerances, though chance alone seldom differs as much ({p}): what stands "
+                "out is within them (see the notes); effects below the minimum detectable sizes would not be seen.")
     if verdict == "none":
         return (f"Nothing was found beyond tolerances and chance ({p}); effects below the minimum detectable sizes "
                 "would not be seen.")

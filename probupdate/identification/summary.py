@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.blocks import PART
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
 from probupdate.identification.block_poles import STAY, TAKEN_OUT, common_quantity
@@ -26,7 +27,8 @@ def summarise(
     lines = [f"{len(used)} of {len(found)} blocks identified, {len(poles)} poles"]
     other = Counter(s.quantity for s in campaign.sensors if s.quantity != common_quantity(campaign.sensors))
     lines += [f"{plural(n, 'channel')} of {name} converted to acceleration" for name, n in other.items()]
-    reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
+    reasons = Counter(next((word for word in ("gap", PART) if one.excluded.startswith(word)), one.excluded)
+                      for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
     lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))

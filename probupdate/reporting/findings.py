@@ -69,11 +69,13 @@ def _of_fit(run: Run) -> list[Finding]:
                         action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
                         "--discrepancy and update again.")]
     if too_close(update):
-        return [Finding(
-            level="caution", short="the stated standard deviations are too wide for these data",
-            text=full_sentence(fit_sentence(update)),
-            action="Update with the standard deviations of the identification (--weights measured) where those assumed "
-            "are wider: intervals become as narrow as the data allow.")]
+        assumed = update.settings.get("weights", "").startswith("frequencies: CoV")
+        action = ("Update with the standard deviations of the identification (--weights measured) where those "
+                  "assumed are wider: intervals become as narrow as the data allow." if assumed else
+                  "Compare the standard deviations of the modes with their scatter between sets, and state those that "
+                  "it shows where they are smaller.")
+        return [Finding(level="caution", short="the stated standard deviations are too wide for these data",
+                        text=full_sentence(fit_sentence(update)), action=action)]
     return []
 
 

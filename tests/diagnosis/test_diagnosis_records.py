@@ -127,6 +127,10 @@ def test_a_set_without_a_mode_and_one_without_its_deviation_are_named(prepared, 
     first, empty = data.sets[0], replace(data.sets[1], frequency_hz=np.full_like(data.sets[1].frequency_hz, np.nan))
     found = probupdate.diagnose(prepared, replace(data, sets=(first, empty)), sampler=False)
     assert any(f"1 set left out without a mode: {empty.id}" in note for note in found.notes)
+    end = replace(empty, environment={"excluded": "part of a recording: 8 min in it"})
+    found = probupdate.diagnose(prepared, replace(data, sets=(first, end)), sampler=False)
+    assert any(note.startswith("1 block at the ends of recordings") for note in found.notes)
+    assert not any("without a mode" in note for note in found.notes)
     zero = replace(data.sets[1], frequency_std_hz=np.zeros_like(empty.frequency_hz), covariance_factors=None)
     with pytest.raises(InputError, match=f"set {zero.id} has a frequency or shape with no standard deviation"):
         probupdate.diagnose(prepared, replace(data, sets=(first, zero)), sampler=False)

@@ -58,6 +58,13 @@ def test_the_verdict_of_the_page_mentions_a_finding_before_its_numbers(full_run,
     assert not any("disagree" in f.text for f in findings(replace(full_run, diagnosis=diagnosis_of("none"))))
 
 
+def test_nothing_found_is_no_matter_of_chance_where_chance_seldom_makes_as_much(diagnosis_of):
+    none = diagnosis_of("none")
+    assert "beyond tolerances and chance (p = 0.4)" in wording.verdict_words(none | {"p_value": 0.4})
+    seldom = wording.verdict_words(none | {"p_value": 0.00075})
+    assert "chance alone seldom differs as much (p = 0.00075)" in seldom and "tolerances and chance" not in seldom
+
+
 def test_what_to_do_does_not_send_a_size_that_was_found_into_an_update_that_leaves_it_at_its_bound(
     full_run, diagnosis_of
 ):

@@ -90,6 +90,17 @@ def test_widths_that_are_too_wide_are_not_green(sound):
     assert [n.level for n in notices if "too wide" in n.text] == ["caution"]
 
 
+def test_standard_deviations_that_were_measured_are_not_recommended_again(sound):
+    close = replace(sound.update, map_misfit=0.05 * sound.update.n_effective)
+
+    def advice(weights: str) -> str:
+        run = replace(sound, update=replace(close, settings={"weights": weights}))
+        return next(f.action for f in findings(run) if "too wide" in f.short)
+
+    assert "--weights measured" in advice("frequencies: CoV 0.015, 0.017; shape components: ...")
+    assert "scatter between sets" in advice("frequencies: standard deviations of the file; shape components: ...")
+
+
 def test_after_is_one_estimate_with_its_own_interval(run):
     """However skewed a posterior: the value that stands beside an interval lies in it."""
     after = estimate(run.update, run.posterior)
