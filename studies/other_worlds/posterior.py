@@ -43,6 +43,8 @@ def held(family: str, number: int, folder: Path) -> dict:
 
 def tables(lines: list[dict]) -> str:
     failed, lines = [x for x in lines if "failed" in x], [x for x in lines if "failed" not in x]
+    if not lines:
+        return "".join(f"{x['family']} {x['number']} failed: {x['failed']}\n" for x in failed)
     inside = [x for line in lines for x in line["inside"].values()]
     z = np.array([x for line in lines for x in line["z"].values()])
     told = np.array([x for line in lines for x in line["share_of_prior"].values()]) < 0.7

@@ -9,7 +9,8 @@ from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, m
 
 import probupdate
 from probupdate.modal.matching import match
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, mac
+from probupdate.reporting.model_values import model_values
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.set_wise_updates import update_sets
 
@@ -124,3 +125,13 @@ def test_its_own_turn_counts_as_fitted(validation):
         n = problem.n_effective
         found.append(problem.misfit(problem.predict(CHAIN_TRUTH)))
     row.error((np.mean(found) - n) / np.std(found) * np.sqrt(len(found)), below=4)
+
+
+@pytest.mark.parametrize("angle", [0.4, np.pi / 4])
+def test_it_is_drawn_as_it_is_compared(angle):
+    data = replace(without(measured_chain(ALIKE.parameters.initial, model=ALIKE), 1, angle), labels=LABELS)
+    drawn = model_values(ALIKE, data, None).states["initial"]
+    compared = build_problem(ALIKE, data).predict_many(ALIKE.parameters.initial).frequency_hz[0]
+    own = ALIKE.solve(ALIKE.parameters.initial, 2).frequency_hz
+    assert own[0] < compared[0] < own[1] and drawn.frequency_hz[[0, 2, 3]] == pytest.approx(compared)
+    assert mac(np.real(data.sets[0].shape[:, 0]), drawn.shape[:, 0])[0, 0] == pytest.approx(1)
