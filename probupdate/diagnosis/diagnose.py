@@ -49,6 +49,8 @@ POWER = 1.2815515655446004
 # a cause is named from this probability among its competing hypotheses; a residual as unlikely as this is not
 # explained
 SURE, ADEQUATE = 0.95, 0.01
+# chance alone makes a largest score as high so seldom that it is no explanation, however improbable each cause
+NOT_BY_CHANCE = 1e-3
 # of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
 # frequencies beside shapes
 DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0, 16.0)
@@ -109,9 +111,9 @@ def examine(
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))
     far, foreign = [*_far(parameters), *_no_weather(problem, fitted)], _foreign(findings)
-    beyond = _beyond_sense(found)
-    unexplained = (fits < ADEQUATE or explored.one_more or silent or _bent(problem, fitted) or far or beyond
-                   or foreign or not fitted.settled)
+    beyond, beyond_chance = _beyond_sense(found), not findings and first.p_value < NOT_BY_CHANCE
+    unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or _bent(problem, fitted) or far
+                   or beyond or foreign or not fitted.settled)
     verdict = "unexplained" if unexplained else verdict_of(findings)
     included = () if verdict == "unexplained" else tuple(findings)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}

@@ -151,7 +151,8 @@ def verdict_words(content: Mapping) -> str:
     parted = "Model and measurement disagree" if with_model else "The record deviates from normal variation"
     if verdict == "none" and content.get("p_value") is not None and content["p_value"] < SELDOM:
         return (f"Nothing was found beyond tolerances, though chance alone seldom differs as much ({p}): what stands "
-                "out is within them (see the notes); effects below the minimum detectable sizes would not be seen.")
+                "out is within them, or no cause is more probable than chance (see the notes); effects below the "
+                "minimum detectable sizes would not be seen.")
     if verdict == "none":
         return (f"Nothing was found beyond tolerances and chance ({p}); effects below the minimum detectable sizes "
                 "would not be seen.")

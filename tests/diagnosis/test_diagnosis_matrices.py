@@ -174,6 +174,20 @@ def test_beside_the_most_effects_a_score_counts_where_one_more_promises_to_be_pr
     assert bool(by_chance) == (verdict == "named")
 
 
+@pytest.mark.parametrize(("gain", "limit", "verdict"), [
+    (1.12, 1e-3, "unexplained"), (1.12, 0.0, "none"), (1.0, 1e-3, "none")])
+def test_what_chance_alone_does_not_make_is_unexplained_however_improbable_each_cause(
+    prepared, record, monkeypatch, gain, limit, verdict
+):
+    """Prior odds of every cause of e^-60: none is more probable than chance, which does not explain the record."""
+    monkeypatch.setattr(hypotheses, "log_prior", lambda problem, candidates: -60.0 * len(candidates))
+    monkeypatch.setattr("probupdate.diagnosis.diagnose.NOT_BY_CHANCE", limit)
+    found = diagnose(prepared, record(5, gain=("y4", gain)))
+    assert found.verdict == verdict and not found.findings
+    assert (found.p_value < 2e-3) == (gain != 1.0)
+    assert any("more probable than chance" in note for note in found.notes) == (gain != 1.0)
+
+
 def test_two_large_effects_are_tried_together_only_where_there_is_room(prepared, record, monkeypatch):
     asked = []
     monkeypatch.setattr(hypotheses, "tried_together", lambda *given: asked.append(given) or ())
