@@ -305,8 +305,10 @@ def rate_findings(campaign: Campaign, ratio: RateRatio) -> tuple[list[str], str 
         if between > 0 and abs(a.n_sample / rate - between) < 0.3 * between:
             ratios.append(a.n_sample / rate / between)
     if len(ratios) >= 3:
-        middle = float(np.median(ratios))
-        alike = np.abs(np.array(ratios) - middle) < 0.1 * abs(middle - 1)
+        middle, length = float(np.median(ratios)), float(np.median([f.n_sample for f in campaign.files])) / rate
+        apart = abs(middle - 1)
+        # a clock that is wrong is so by the same in every file, to a second in its start; gaps are not
+        alike = np.abs(np.array(ratios) - middle) < min(0.1 * apart, max(0.02 * apart, 1 / length))
         few = 2.5 / np.median([f.n_sample for f in campaign.files])
         if abs(middle - 1) > max(few, 2e-5) and alike.mean() > 0.6:
             found.append(f"suspect: files hold {middle:.5g} times the samples that fit between their starts: the true "

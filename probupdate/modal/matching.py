@@ -139,6 +139,8 @@ def match(
     if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
         return _by_frequency(modal_set, solution.frequency_hz)
     used, left_out = _usable(modal_set, measured, name)
+    # a mode that the sets' common clusters do not have takes no computed one from those that they do
+    used = [j for j in used if any(j in c for c in clusters)]
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
     halves = {p[0] for p, c in zip(present, clusters, strict=True) if len(p) == 1 < len(c)}

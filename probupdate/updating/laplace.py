@@ -18,6 +18,9 @@ MAX_ITERATION = 200
 # in -2 ln posterior, two ways that end as high: a twentieth of a standard deviation
 CREASE = 2.5e-3
 TOLERANCE = CONSTANTS.map_tolerance
+# modes nearer than this share may trade their places on the first step; starts about such a model, and how far off in
+# prior standard deviations
+NEARLY_EQUAL, N_BESIDE, BESIDE = 1e-3, 4, 0.3
 # a step is lengthened to at most so many times itself where steps shrink slowly
 LONGEST = 2.0
 SAME_HEIGHT = CONSTANTS.same_height
@@ -68,11 +71,13 @@ def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Laplace:
-    """Bounded Gauss-Newton from every start; the highest maximum wins.
+    """Bounded Gauss-Newton from every start; the highest maximum wins. Where the initial model has equal modes that are
+    compared as a plane, a few starts about it join them (`_beside_equal`).
 
     Starts at which the model has no modes are left out. Raises ConvergenceError, with the best parameters as estimate,
     where no start settles, and what the model says where it has modes at none.
     """
+    starts = [*starts, *_beside_equal(problem)]
     ends = [end for end in (_climb(problem, np.asarray(start, float)) for start in starts) if np.isfinite(end[1])]
     if not ends:
         problem.predict(np.asarray(starts[0], float))
@@ -95,6 +100,18 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })
     return _laplace(problem, theta, tuple(others))
+
+
+def _beside_equal(problem: Problem) -> list[np.ndarray]:
+    """Starts about the initial parameters where two modes that are compared as a plane are equal there, as of a model
+    alike both ways: which of them is the lower is rounding's, and a climb from there goes to one side alone."""
+    parameters = problem.parameters
+    solution = problem.model.solve(parameters.initial, problem.matching.n_mode)
+    pairs = [solution.frequency_hz[list(c)] for c in problem._clusters(solution) if len(c) > 1]
+    if not any(np.ptp(f) < NEARLY_EQUAL * f[0] for f in pairs):
+        return []
+    draws = np.random.default_rng(1).standard_normal((N_BESIDE, len(parameters)))
+    return list(np.clip(parameters.initial + BESIDE * parameters.std * draws, parameters.lower, parameters.upper))
 
 
 def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray] | np.ndarray) -> tuple[Laplace, ...]:

@@ -10,7 +10,9 @@ from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, m
 import probupdate
 from probupdate.modal.matching import match
 from probupdate.modal.modes import ModalData, mac
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.model_values import model_values
+from probupdate.structure.functions import FunctionModel
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.set_wise_updates import update_sets
 
@@ -135,3 +137,41 @@ def test_it_is_drawn_as_it_is_compared(angle):
     own = ALIKE.solve(ALIKE.parameters.initial, 2).frequency_hz
     assert own[0] < compared[0] < own[1] and drawn.frequency_hz[[0, 2, 3]] == pytest.approx(compared)
     assert mac(np.real(data.sets[0].shape[:, 0]), drawn.shape[:, 0])[0, 0] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_from_a_model_of_equal_modes_the_update_finds_the_side_that_one_alone_shows(mode):
+    """Pairs as planes do not say which way is the stiffer; one first mode alone does."""
+    parameters = Parameters(tuple(Parameter(name=name, unit="-", initial=0.0, std=0.2, lower=-0.8, upper=0.8)
+                                  for name in ("kx", "ky")))
+
+    def modes(theta):
+        kx, ky = 1 + theta
+        column = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+        square, shape = np.linalg.eigh(np.kron(np.diag([1000.0 * kx, 1000.0 * ky]), column))
+        return np.sqrt(square) / (2 * np.pi), shape
+
+    model = FunctionModel(name="equal", parameters=parameters, channels=tuple("abcdef"), function=modes, version="1")
+    truth = np.array([-0.10, 0.06])
+    frequency, shape = modes(truth)
+    frequency, shape = np.array(frequency[:4]), np.array(shape[:, :4])
+    frequency[1 - mode], shape[:, 1 - mode] = np.nan, np.nan
+    data = ModalData(channels=model.channels, sets=(modal_set(frequency, shape, std=0.003 * np.ones(4)),))
+    record = probupdate.update(model, data)
+    assert record.map_theta == pytest.approx(truth, abs=2e-3)
+    # the other side is a maximum too, and said
+    assert record.other_maxima
+
+
+def test_sets_with_both_follow_a_set_with_one_at_any_angle():
+    alike = measured_chain([0.7, 1.06, 0.97, 0.0], model=ALIKE)
+    sets = [replace(without(alike, 1, 0.4).sets[0], id="half")]
+    for angle in (0.0, np.pi / 4, 0.9, np.pi / 2):
+        one = alike.sets[0]
+        sets.append(replace(one, id=f"{angle:.1f}", shape=turned(np.real(one.shape), (0, 1), angle)))
+    data = ModalData(channels=CHANNELS, sets=tuple(sets))
+    reference = build_problem(ALIKE, data)
+    clusters = [group.measured for group in reference.matching.groups]
+    assert clusters == [(0,), (2, 3)]
+    found = update_sets(ALIKE, data, weights=Weights(), clusters=clusters, iterations=3)
+    assert found.ids == tuple(one.id for one in sets)
