@@ -138,9 +138,7 @@ def match(
     components = np.isfinite(measured).sum(axis=0)
     if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
         return _by_frequency(modal_set, solution.frequency_hz)
-    used, left_out = _usable(modal_set, measured, name)
-    # a mode that the sets' common clusters do not have takes no computed one from those that they do
-    used = [j for j in used if any(j in c for c in clusters)]
+    used, left_out = _usable(modal_set, measured, name, clusters)
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
     halves = {p[0] for p, c in zip(present, clusters, strict=True) if len(p) == 1 < len(c)}
@@ -154,12 +152,10 @@ def match(
         refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
-    mates: dict[int, int] = {}
-    if planes:
-        absent = [name[k] for k in np.flatnonzero(~modal_set.measured)]
-        labelled = {j for j in partner if across(name[j]) in absent}
-        mates = _mates(clusters, partner, (halves, labelled), measured, computed, solution.frequency_hz)
-        left_out += _as_halves(modal_set.id, mates, partner, name, solution.frequency_hz)
+    absent = [name[k] for k in np.flatnonzero(~modal_set.measured)]
+    known = halves, {j for j in partner if across(name[j]) in absent}
+    mates = _mates(clusters, partner, known, measured, computed, solution.frequency_hz) if planes else {}
+    left_out += _as_halves(modal_set.id, mates, partner, name, solution.frequency_hz)
     for j, k in mates.items():
         criterion[j, [partner[j], k]] = _share_within(measured[:, j], computed[:, [partner[j], k]])
     groups, unlike = _alike(clusters, partner, mates, criterion, min_mac, name, modal_set.id)
@@ -180,8 +176,11 @@ def match(
     )
 
 
-def _usable(modal_set: ModalSet, measured: np.ndarray, name: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Modes that can be compared, and what to say of those that cannot. measured (n_channel, n_mode), real shapes."""
+def _usable(
+    modal_set: ModalSet, measured: np.ndarray, name: Sequence[str], clusters: Sequence[tuple[int, ...]]
+) -> tuple[list[int], list[str]]:
+    """Modes that can be compared, and what to say of those that cannot. measured (n_channel, n_mode), real shapes. A
+    mode that the sets' common clusters do not have takes no computed one from those that they do."""
     used: list[int] = []
     left_out: list[str] = []
     for j in range(modal_set.frequency_hz.size):
@@ -189,7 +188,7 @@ def _usable(modal_set: ModalSet, measured: np.ndarray, name: Sequence[str]) -> t
             left_out.append(f"{name[j]} was not identified in set {modal_set.id}")
         elif np.isfinite(measured[:, j]).sum() < 2:
             left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
-        else:
+        elif any(j in c for c in clusters):
             used.append(j)
     return used, left_out
 
