@@ -6,6 +6,7 @@ What is not as the format says is refused with the file, the set and the key.
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -136,6 +137,11 @@ def _read_modes(path: Path) -> ModalData:
     channels = _texts(path, content, "channels")
     if len(set(channels)) < len(channels):
         raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
+    labels = _texts(path, content, "labels")
+    twice = [label for label, n in Counter(labels).items() if label and n > 1]
+    if twice:
+        raise InputError(f"{path}, labels", f"{twice[0]} stands for {labels.count(twice[0])} modes",
+                         "give every mode a name of its own")
     factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
     sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
@@ -143,7 +149,7 @@ def _read_modes(path: Path) -> ModalData:
     return ModalData(
         channels=channels,
         sets=sets,
-        labels=_texts(path, content, "labels"),
+        labels=labels,
         reference_set=_text_or_none(path, content, "reference_set"),
         records=_records(path, content, "mode_records", ModeRecord),
         model_only=_records(path, content, "model_only", ModelMode),

@@ -166,6 +166,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
         (lambda c: c["sets"].append(dict(c["sets"][0])), "share one id"),
         (lambda c: c.update(labels=["a", "b"]), "labels"),
+        (lambda c: c.update(labels=["X1", "X1"]), "labels: X1 stands for 2 modes; give every mode a name of its own"),
         (lambda c: c.update(reference_set="zz"), "reference_set"),
     ],
 )
