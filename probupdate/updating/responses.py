@@ -221,7 +221,8 @@ class ResponseGroup:
         (m, n, k + n_mates): of one of a pair its combination, else as they are."""
         if not self.n_mates:
             return frequency_hz, shape
-        _, turn, _ = align(shape / self.shape_std[:, None], self.scaled_basis)
+        # of least norm: where no second mode is left, the pair is twice the one
+        turn = np.linalg.pinv(shape / self.shape_std[:, None]) @ self.scaled_basis
         return np.sqrt(np.sum((turn[:, :, 0] * frequency_hz) ** 2, axis=1, keepdims=True)
                        / np.sum(turn**2, axis=1)), shape @ turn
 
@@ -233,10 +234,11 @@ class ResponseGroup:
         if not self.n_mates:
             return d_frequency, d_shape
         over, d_over = shape / self.shape_std[:, None], d_shape / self.shape_std[:, None, None]
-        aligned, turn, inverse = align(over[None], self.scaled_basis)
-        t, residual = turn[0, :, 0], (self.scaled_basis - aligned[0])[:, 0]
+        back = np.linalg.pinv(over)
+        t = (back @ self.scaled_basis)[:, 0]
+        residual = self.scaled_basis[:, 0] - over @ t
         moved = np.einsum("njp,j->np", d_over, t)
-        d_t = inverse[0] @ (np.einsum("njp,n->jp", d_over, residual) - over.T @ moved)
+        d_t = back @ back.T @ (np.einsum("njp,n->jp", d_over, residual) - over.T @ moved)
         whole, square = t @ t, (t * frequency_hz) @ (t * frequency_hz) / (t @ t)
         d_square = 2 * ((t**2 * frequency_hz) @ d_frequency + (t * (frequency_hz**2 - square)) @ d_t) / whole
         d_combined = (moved + over @ d_t) * self.shape_std[:, None]

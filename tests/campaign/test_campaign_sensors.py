@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -13,12 +14,12 @@ from scipy import signal
 import probupdate
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.checking import check
-from probupdate.campaign.findings import channel_findings
+from probupdate.campaign.findings import channel_findings, rate_findings
 from probupdate.campaign.gain_steps import _findings, gain_steps, parts_of_block
 from probupdate.campaign.heading import Sway, block_sway, heading_findings, heading_offset
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, natural_groups, rigid_candidates, wrong_gains
-from probupdate.campaign.rotor_lines import line_scores, rotor_lines_against_scada
+from probupdate.campaign.rotor_lines import RateRatio, line_scores, rotor_lines_against_scada
 from probupdate.campaign.samples import channel_table
 from probupdate.modal.modes import Sensor
 from probupdate.virtual.simulation import simulate
@@ -126,6 +127,27 @@ def test_two_gains_that_change_by_the_inverse_of_one_another_may_be_an_exchange(
     # at another time, or with one of two, it is none
     assert said((0, 0, 1.9), (1, 4, 0.53)) == {"x2": False, "x4": False}
     assert said((0, 1, 1.9), (1, 1, 0.53), (2, 1, 0.53)) == {"x2": False, "x4, y1": False}
+
+
+def test_files_back_to_back_show_a_wrong_clock_and_gaps_do_not():
+    def said(seconds, starts):
+        files = tuple(SimpleNamespace(start=pd.Timestamp("2021-05-04") + pd.Timedelta(seconds=a),
+                                      n_sample=round(n * RATE)) for a, n in zip(starts, seconds, strict=True))
+        found, _ = rate_findings(SimpleNamespace(sampling_rate_hz=RATE, files=files),
+                                 RateRatio(ratio=np.nan, std=np.nan, rows=0))
+        return found
+
+    # of a logger that runs at 22 Hz and says 20, its starts to the second
+    (one,) = said([660] * 6, [600, 1200, 1801, 2400, 2999, 3600])
+    assert "1.1 times the samples" in one and "22 Hz" in one
+    assert not said([600] * 6, np.arange(6) * 600.0)
+    rng = np.random.default_rng(7501)
+    alarms = 0
+    for _ in range(300):
+        seconds = rng.uniform(300, 1200, 7)
+        alarms += bool(said(seconds, np.cumsum([0.0, *(seconds + rng.uniform(20, 300, 7))[:-1]])))
+    # a chance of 1 % makes more than this in one of a thousand tests; it is 0.2 %
+    assert alarms <= 9
 
 
 @pytest.fixture(scope="module")
