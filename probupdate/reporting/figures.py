@@ -9,6 +9,7 @@ from probupdate.reporting.figures_diagnosis import (
     prior_shifts,
     residual_layout,
     residual_map,
+    sizes_found,
 )
 from probupdate.reporting.figures_identification import against_conditions, argand, mac_map, mpc_map, stabilisation
 from probupdate.reporting.figures_measurement import (
@@ -45,6 +46,6 @@ __all__ = [
            "frequency_errors",
     "mac_map", "marginals", "mode_residuals", "mode_shapes", "mpc_map", "poles", "predictive_frequencies",
     "prior_shifts", "residual_layout", "residual_map", "selection_steps", "sensor_layout", "shapes_by_channel",
-    "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history",
+    "sizes_found", "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history",
     "variance_shares", "wind_and_state",
 ]

@@ -16,13 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
 
-from probupdate.diagnosis.wording import SHARES, column_words
+from probupdate.diagnosis.wording import SHARES, column_words, name_of, time_profile_words
 from probupdate.reporting.elements import number
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,
     GREEN,
     GREY,
+    HALF_IN,
     INK,
     ORANGE,
     PALE,
@@ -55,6 +56,36 @@ STATE_LOOKS: Mapping[str, Look] = {
 
 def _known(values: Sequence) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], float)
+
+
+@styled
+def sizes_found(findings: Sequence[Mapping], hidden: Sequence[str] = ()) -> Figure:
+    """What was found, where, since when and how sure: the size of every finding with its 90 % interval, from none at
+    all; above, where it is known, what was hidden."""
+    figure = new_figure(HALF_IN, 0.4 + 0.22 * len(hidden) + 1.25 * len(findings))
+    for axes, f in zip(figure.subplots(len(findings), squeeze=False)[:, 0], findings, strict=True):
+        # one draws a share in per cent
+        scale = 100.0 if size_unit(f).startswith("%") else 1.0
+        size = np.nan if f["size"] is None else scale * f["size"]
+        axes.axvline(0, color=INK, lw=1.2)
+        axes.errorbar(size, 0, xerr=BAND * scale * (f["size_std"] or 0.0), color=KIND_COLOURS[f["kind"]], fmt="s", ms=7,
+                      capsize=4)
+        axes.set_yticks([])
+        axes.margins(x=0.25)
+        label_axes(axes, f"size [{size_unit(f) or '-'}]", "finding")
+        when = time_profile_words(f["time_profile"], f["since"])
+        axes.set_title(f"{name_of(f)}, {when}\nprobability {f['posterior_probability']:.2f}{_gain_of(f)}", fontsize=8,
+                       loc="left")
+    if hidden:
+        figure.suptitle("\n".join(f"hidden: {words}" for words in hidden), fontsize=8, x=0.02, ha="left")
+    return figure
+
+
+def _gain_of(finding: Mapping) -> str:
+    """The gain on held-out blocks, where it was measured."""
+    gain = finding.get("gain") or {}
+    elpd, error = gain.get("heldout_elpd"), gain.get("heldout_elpd_se")
+    return "" if elpd is None or error is None else f", gain on held-out blocks {elpd:+.0f} ± {error:.0f}"
 
 
 @styled

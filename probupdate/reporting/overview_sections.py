@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
+from probupdate.diagnosis import wording
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
 from probupdate.reporting import figures
@@ -58,6 +61,8 @@ def verdict_section(run: Run) -> Section:
         items.append(Items(title="What to do", statements=actions, width="half"))
     if cautions:
         items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst(found), width="half"))
+    if run.diagnosis is not None and run.diagnosis["findings"]:
+        items.append(_found_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
     if run.update is not None:
         items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
@@ -262,6 +267,17 @@ def _known_table(run: Run, update: UpdateRecord) -> Table:
              "Standardised shift: of the value after, in standard deviations of the prior.")
     return Table(caption="What is known of each parameter", columns=tuple(columns), rows=tuple(rows),
                  note=note, marked=frozenset(k for k, s in enumerate(found) if s.kind == BOUND))
+
+
+def _found_picture(diagnosis: Mapping, hidden: Sequence[str]) -> Picture:
+    beside = ", beside what was hidden in this virtual campaign" if hidden else ""
+    extended = diagnosis.get("extended_model")
+    return Picture(
+        svg=figures.svg_text(figures.sizes_found(diagnosis["findings"], hidden), "found"), width="half",
+        caption=f"What the diagnosis found{beside}: sizes with their 90 % intervals, as changes from the model as it "
+        "is (a factor of 0.75 is −25 %)." + (f" The extended model, {extended}, has them in it." if extended else ""),
+        alt=" ".join([f"Found: {'; '.join(wording.found_words(diagnosis))}.",
+                      *([f"Hidden: {'; '.join(hidden)}."] if hidden else [])]))
 
 
 def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Picture:

@@ -35,6 +35,7 @@ def _built(run) -> dict[str, Figure]:
     states = shown["states"]
     return {
         "causes": figures.causes(content["findings"]),
+        "sizes_found": figures.sizes_found(content["findings"], ("leg stiffness, leg B, bay 4: factor 0.75",)),
         "mode_residuals": figures.mode_residuals(shown["modes"], states),
         "residual_map": figures.residual_map(shown["channels"], states),
         "residual_layout": figures.residual_layout(shown["sensors"], shown["channels"], states),
@@ -94,7 +95,7 @@ NAMES = (
     "contraction", "parameter_shifts", "predictive_frequencies", "shapes_by_channel",
     "traces_and_ranks", "estimate_paths", "stabilisation", "mac_map", "mpc_map", "argand", "against_conditions",
     "causes", "mode_residuals", "residual_map", "residual_layout", "calendar", "against_covariates",
-    "prior_shifts", "detectable_sizes", "variance_shares",
+    "prior_shifts", "detectable_sizes", "variance_shares", "sizes_found",
 )
 
 
@@ -133,7 +134,7 @@ def test_every_axis_is_labelled_with_its_unit(built, name):
             assert any(text.strip() for text in said), f"{name}: the {which} axis has no label"
         for label in (axes.get_xlabel(), axes.get_ylabel()):
             words = ("mode", "criterion", "parameter", "density", "iteration", "number of blocks", "channel",
-                     "candidate", "cause, place", "mode (i: out of phase)", "")
+                     "candidate", "cause, place", "finding", "mode (i: out of phase)", "")
             assert "[" in label or label in words, f"{name}: '{label}' has no unit"
 
 

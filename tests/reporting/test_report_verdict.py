@@ -9,6 +9,7 @@ import pytest
 
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.elements import Items, Table
+from probupdate.reporting.figures_diagnosis import sizes_found
 from probupdate.reporting.findings import findings
 from probupdate.reporting.identifiability import (
     BOUND,
@@ -117,13 +118,33 @@ def test_after_is_one_estimate_with_its_own_interval(run):
     assert bare.low is None and bare.name == "MAP" and np.array_equal(bare.theta, run.update.map_theta)
 
 
+def errors_picture(run):
+    return next(i for i in verdict_section(run).items if getattr(i, "kind", "") == "picture" and "How far" in i.caption)
+
+
+def test_the_first_picture_is_what_was_found_beside_what_was_hidden(run):
+    """What, where, how large, how sure; of a run in which nothing is found it is how the frequencies fit."""
+    hidden = ("leg stiffness, leg B, bay 4: factor 0.75, from hour 12 on",)
+    assert run.diagnosis["findings"]
+    first = next(i for i in verdict_section(replace(run, truth={**(run.truth or {}), "effects": hidden})).items
+                 if getattr(i, "kind", "") == "picture")
+    assert first.alt.startswith("Found: ") and f"Hidden: {hidden[0]}." in first.alt
+    drawn = sizes_found(run.diagnosis["findings"], hidden)
+    titles = [axes.get_title(loc="left") for axes in drawn.axes]
+    for title, finding in zip(titles, run.diagnosis["findings"], strict=True):
+        assert finding["cause"] in title and f"probability {finding['posterior_probability']:.2f}" in title
+    assert hidden[0] in drawn.get_suptitle()
+    none = replace(run, diagnosis=run.diagnosis | {"findings": []})
+    assert next(i for i in verdict_section(none).items if getattr(i, "kind", "") == "picture") == errors_picture(none)
+
+
 def test_why_eq_7_fits_closer_is_said_at_the_figure(run):
-    picture = next(i for i in verdict_section(run).items if getattr(i, "kind", "") == "picture")
+    picture = errors_picture(run)
     printed = run.update.scheme("step")
     exact = replace(printed, frequency_hz=run.update.measured_hz)
     closer = replace(run, update=replace(run.update, schemes=tuple(
         exact if s.key == "step" else s for s in run.update.schemes)))
-    words = next(i for i in verdict_section(closer).items if getattr(i, "kind", "") == "picture").caption
+    words = errors_picture(closer).caption
     assert "forgets more of the prior" in words and "initial within" in picture.alt
 
 
