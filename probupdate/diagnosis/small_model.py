@@ -31,7 +31,7 @@ N_KNOWN = 6
 # modes of the mean over all angles from which the lowest ones at an angle are made
 N_CORE = 80
 # angles at which derivatives are taken at once
-PLACES = 12
+PLACES = 18
 # modes a snapshot holds beyond those looked for: modes may trade places
 SPARE = 1
 # the highest of the modes looked through are there to be distinguished from others, and may be less exact

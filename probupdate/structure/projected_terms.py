@@ -101,13 +101,18 @@ class ProjectedTerms:
         result = np.zeros((len(weights), vectors.shape[1], onto.shape[1]))
         sums = sparse.csr_array(sparse.csr_array(weights[:, :own]) @ self.entry)
         sums.sort_indices()
-        # the rows that have entries, of the symmetric sums one below the other
+        # the rows that have entries, of the symmetric sums one below the other; what is symmetric has the same columns
         sum_of, row = np.repeat(np.arange(len(weights)), np.diff(sums.indptr)), self.column[sums.indices]
         first = np.flatnonzero(np.diff(sum_of * size + row, prepend=-1))
-        touched = sparse.csr_array((sums.data, self.row[sums.indices], np.append(first, sums.nnz)),
-                                   shape=(len(first), size)) @ (self.basis @ vectors)
-        there, row, ends = self.basis @ onto, row[first], np.searchsorted(sum_of[first], np.arange(len(weights) + 1))
-        for p in range(len(weights)):
+        number = np.zeros(size, self.row.dtype)
+        number[row] = 1
+        felt = self.basis[np.flatnonzero(number)]
+        number = np.cumsum(number, dtype=number.dtype) - 1
+        touched = sparse.csr_array((sums.data, number[self.row[sums.indices]], np.append(first, sums.nnz)),
+                                   shape=(len(first), len(felt))) @ (felt @ vectors)
+        there, row = felt @ onto, number[row[first]]
+        ends = np.searchsorted(sum_of[first], np.arange(len(weights) + 1))
+        for p in np.flatnonzero(np.diff(ends)):
             part = slice(ends[p], ends[p + 1])
             result[p] = touched[part].T @ there[row[part]]
         for p, k in zip(*np.nonzero(weights[:, own:]), strict=True):
