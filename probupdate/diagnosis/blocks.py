@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from probupdate.errors import InputError
 from probupdate.io.result_table import plural
 from probupdate.modal.joined_modes import hours_of, joined
 from probupdate.modal.matching import close_clusters
-from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
+from probupdate.modal.modes import ModalData, ModalSet, ModeRecord, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
@@ -153,12 +153,14 @@ def _refuse_zero_shapes(where: str, shape: np.ndarray) -> None:
                          "leave shapes that were not measured out (null)")
 
 
-def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None) -> Blocks:
+def gather(
+    data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None, alone: Sequence[str] = ()
+) -> Blocks:
     """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left.
 
     `expected_hz`: where a model has each mode, by label; a mode that is not there is left out. Modes are compared
     together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
-    shapes of single modes to compare.
+    shapes of single modes to compare. `alone`: modes that are compared by themselves whatever they are close to.
     """
     sets, few, notes = _usable(data, where)
     sets, hours, more = _by_time(sets)
@@ -192,7 +194,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     if expected_hz is not None:
         places.append(np.array([expected_hz[name] for name in names]))
     # one channel shows no plane of two shapes
-    groups = _groups(np.array(places), names) if len(kept_channels) > 1 else tuple((j,) for j in np.argsort(places[0]))
+    groups = _groups(np.array(places), names, alone if len(kept_channels) > 1 else names)
     angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):
@@ -207,20 +209,26 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     )
 
 
-def of_model(data: ModalData) -> tuple[ModalData, list[str]]:
-    """The modes that are compared with a model, each as one; and what to say of those that were two, or that are none
-    of the model's."""
+def of_model(data: ModalData, beside: Collection[str] = ()) -> tuple[ModalData, list[str]]:
+    """The modes that are compared with a model, each as one, and those `beside` them; and what to say of those that
+    were two, or that are none of the model's."""
     data, notes = joined(data)
-    return data.compared(), [*notes, *_unknown_modes(data)]
+    compared = set(data.compared().labels)
+    kept = [j for j, label in enumerate(data.labels) if label in compared or label in beside]
+    return data.of_modes(kept) if beside else data.compared(), [*notes, *map(unmatched_words, unmatched(data))]
 
 
-def _unknown_modes(data: ModalData) -> list[str]:
-    """What to say of modes amid those that are compared that no mode of the model is."""
-    highest = max((r.frequency_hz for r in data.records if r.found and not r.label.isdigit()), default=0.0)
-    return [f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets, is none of the model's and "
-            "is not compared: the verdict does not cover what the model lacks there (a member, a tuned mass, a machine)"
-            for r in data.records if r.label.isdigit() and r.match == "none" and r.frequency_hz < highest
+def unmatched(data: ModalData) -> list[ModeRecord]:
+    """Modes found in most sets, below the highest that the model has, that no mode of the model is."""
+    highest = max((r.frequency_hz for r in data.records if r.found and r.match in ("alike", "unlike")), default=0.0)
+    return [r for r in data.records if r.label.isdigit() and r.match == "none" and r.frequency_hz < highest
             and r.found >= PERSISTENT * r.blocks]
+
+
+def unmatched_words(r: ModeRecord) -> str:
+    return (f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets, is none of the model's and "
+            "is not compared: the verdict does not cover what the model lacks there (a member, a tuned mass, a "
+            "machine)")
 
 
 def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:
@@ -333,13 +341,14 @@ def _best_known(seen: np.ndarray) -> np.ndarray:
     return kept
 
 
-def _groups(places_hz: np.ndarray, labels: tuple[str, ...]) -> tuple[tuple[int, ...], ...]:
-    """Modes (single ones and pairs, ascending) that are close in any row of `places_hz` (n_place, n_mode)."""
-    apart = _apart(places_hz)
-    near = np.zeros(apart.shape, bool)
+def _groups(places_hz: np.ndarray, labels: tuple[str, ...], alone: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    """Modes (single ones and pairs, ascending) that are close in any row of `places_hz` (n_place, n_mode), those
+    `alone` by themselves."""
+    apart, together = _apart(places_hz), np.flatnonzero([label not in alone for label in labels])
+    near = np.eye(len(labels), dtype=bool)
     for row in places_hz:
-        for cluster in close_clusters(row):
-            near[np.ix_(cluster, cluster)] = True
+        for cluster in close_clusters(row[together]):
+            near[np.ix_(together[list(cluster)], together[list(cluster)])] = True
     _, number = csgraph.connected_components(near, directed=False)
     parts = [p for q in np.unique(number)
              for p in pairs_of(tuple(map(int, np.flatnonzero(number == q))), apart, labels)]

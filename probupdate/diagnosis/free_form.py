@@ -35,7 +35,7 @@ from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.results import Finding
 from probupdate.diagnosis.search import drawn_scores, search
-from probupdate.diagnosis.small_model import SmallModel
+from probupdate.diagnosis.small_model import SmallModel, TunedMass
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
@@ -85,21 +85,21 @@ def most_promising(
         of_kind = [int(k) for k in order if parts[k][0].cause == cause]
         hung = bool(of_kind) and parts[of_kind[0]][1].tuned_hz is not None
         kept |= {*of_kind[: N_KEPT // 2 if hung else N_KEPT]}
-        for k in _at_different_places(parts, of_kind, FITTED):
+        for k in at_different_places(parts, of_kind, FITTED):
             c = int(np.argmax(gain[k]))
             begun += [included(k, profiles[c], size[k, c])] if gain[k, c] > 0 else []
             kept.add(k)
-    stepped = hung_at_first_steps(problem, fitted, parts, runs)
+    stepped = hung_at_first_steps(problem, fitted.design.noise, parts, runs)
     kept |= {*[*stepped][: N_KEPT // 2]}
     constant = next(profile for profile in profiles if profile.kind == "constant")
-    for k in _at_different_places(parts, [*stepped], N_BEGUN):
+    for k in at_different_places(parts, [*stepped], N_BEGUN):
         # steps may lead to a mass of a few kilograms that shares a mode: from where they began a fit may lead elsewhere
         begun += [included(k, constant, own) for own in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
         kept.add(k)
     return sorted(kept), begun
 
 
-def _at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
+def at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
     """The first of these parts; of masses on springs the first of each place that move both ways, and one way."""
     first: dict[tuple, int] = {}
     for k in order:
@@ -112,7 +112,7 @@ def _at_different_places(parts: Sequence[Part], order: Sequence[int], most: int)
 
 
 def hung_at_first_steps(
-    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], runs: Executor = SERIAL
+    problem: DiagnosisProblem, noise: Noise, parts: Sequence[Part], runs: Executor = SERIAL
 ) -> dict[int, float]:
     """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
     explain, the most telling first, and the masses to which they lead: at the blocks of one heading, from where the
@@ -120,11 +120,11 @@ def hung_at_first_steps(
 
     A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
     else is bent to follow (beside a step what was there before it holds the fit). Those that move both ways go one
-    step, at every place and every second frequency; where they explain most they go some more, and those that move
-    along one direction too.
+    step, at every place and every second frequency (where none does, those that move one way); where they explain most
+    they go some more, and those that move along one direction too.
     """
     rows = at_one_heading(problem)
-    shared = problem.taken(rows), fitted.design.noise.taken(rows)
+    shared = problem.taken(rows), noise.taken(rows)
     hung: dict[tuple[str, str], list[int]] = {}
     for k, part in enumerate(parts):
         if part[1].tuned_hz is not None:
@@ -134,7 +134,8 @@ def hung_at_first_steps(
         found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
         return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
 
-    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS for k in own[::2]], 1)
+    both_ways = any(way == BOTH_WAYS for _, way in hung)
+    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS or not both_ways for k in own[::2]], 1)
     again = [k for _, k, _, _ in first[:N_AGAIN]]
     best: dict[str, float] = {}
     for _, k, _, hz in first:
@@ -157,16 +158,24 @@ def _stepped(
     """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
     modes there."""
     constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
-    small = problem.predictor.small.attached([part[1]])
-    (hung,) = small.tuned
-    alone = replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
-                    updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small))
-    n = IncludedEffect(effect=part[0], time_profile=constant, size=BEGUN_AT * part[0].prior_scale)
+    alone, hung, n = with_hung(problem, part, constant, BEGUN_AT * part[0].prior_scale)
     try:
-        theta, (n,), misfit = first_steps(alone, np.array(small.parameters.initial), [n], noise, count)
+        theta, (n,), misfit = first_steps(alone, np.array(alone.predictor.parameters.initial), [n], noise, count)
     except ConvergenceError:
         return None
     return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
+
+
+def with_hung(
+    problem: DiagnosisProblem, part: Part, profile: TimeProfile, size: float
+) -> tuple[DiagnosisProblem, TunedMass, IncludedEffect]:
+    """The problem with a mass on springs, whose frequency is one more of the parameters; that mass in the model, and
+    along a time profile to begin a fit with."""
+    small = problem.predictor.small.attached([part[1]])
+    (hung,) = small.tuned
+    return (replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
+                    updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small)),
+            hung, IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size))
 
 
 def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
@@ -217,7 +226,7 @@ def _content(outcome: Outcome) -> dict:
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            **by_place(found), "modes": modes_moved(outcome, number), **_tuned(outcome, n),
+            **by_place(found), "modes": modes_moved(outcome, number), **tuned(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
@@ -259,7 +268,7 @@ def by_place(found: Finding) -> dict:
                              if p > POSSIBLE]}
 
 
-def _tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
+def tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
     """The frequency of a mass on springs as fitted, and its standard deviation."""
     problem, fitted = outcome.problem, outcome.fitted
     small = problem.predictor.small

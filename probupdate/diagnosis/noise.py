@@ -41,6 +41,14 @@ class Noise:
         return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight),
                        stray=tuple(frozen_array(s[chosen], bool) for s in self.stray))
 
+    def of_groups(self, numbers: Sequence[int]) -> Noise:
+        """Of only these groups."""
+        def of(rows: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+            return tuple(rows[q] for q in numbers) if rows else ()
+
+        return replace(self, covariance=of(self.covariance), precision=of(self.precision), weight=of(self.weight),
+                       degrees=of(self.degrees), stray=of(self.stray))
+
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses
         whose scale was estimated together."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -273,14 +273,19 @@ def build_predictor(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Mod
     return replace(start, axes=axes, known={})
 
 
-def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> dict[str, float]:
+def expected_frequencies(
+    small: SmallModel, blocks: Blocks, theta: np.ndarray, unmatched: Collection[str] = ()
+) -> dict[str, float]:
     """Where the model at theta has each measured mode, in Hz by label, each paired by itself: NaN where it looks like
-    none of the model's, not there where the sensors see no mode that is left. Raises as `build_predictor`."""
-    start = _without_axes(small, blocks, tuple((j,) for j in range(len(blocks.labels))))
+    none of the model's, not there where the sensors see no mode that is left. Those `unmatched` are not paired and are
+    where they were measured. Raises as `build_predictor`."""
+    of_model = [j for j, name in enumerate(blocks.labels) if name not in unmatched]
+    start = _without_axes(small, blocks, [(j,) for j in of_model])
     modes = small.at(theta).solve()
     shape, members = start._paired(small.at(theta), modes)
-    found, seen = {}, _seen(shape)
-    for name, plane, (i,) in zip(blocks.labels, start.planes, members, strict=True):
+    found, seen = {name: float(np.nanmedian(hz)) for name, hz in zip(blocks.labels, blocks.frequency_hz.T, strict=True)
+                   if name in unmatched}, _seen(shape)
+    for name, plane, (i,) in zip((blocks.labels[j] for j in of_model), start.planes, members, strict=True):
         if not seen[i]:
             continue
         if not len(shape):

@@ -3,7 +3,7 @@ sizes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -204,17 +204,20 @@ def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
     return bool(largest < BEYOND_EDGE * (1 + np.sqrt(p / n)) ** 2 * np.median(square[there]))
 
 
-def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisProblem, np.ndarray]:
-    """The problem of a diagnosis and the parameters it starts from."""
+def diagnosis_problem(
+    prepared: Prepared, data: ModalData, unmatched: Collection[str] = ()
+) -> tuple[DiagnosisProblem, np.ndarray]:
+    """The problem of a diagnosis and the parameters it starts from. `unmatched`: modes that are none of the model's,
+    each a group of its own, which the model must be given something for."""
     theta = np.array(prepared.small.parameters.initial)
-    data, joined_modes = of_model(data)
+    data, joined_modes = of_model(data, unmatched)
     measured = gather(data)
-    expected = expected_frequencies(prepared.small, measured, theta)
+    expected = expected_frequencies(prepared.small, measured, theta, unmatched)
     if measured.channels:
         found = np.array([expected.get(label, np.nan) for label in measured.labels])
         ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
-    blocks = gather(data, expected_hz=expected)
+    blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
     predictor = build_predictor(prepared.small, blocks, theta)
     effects = prepared.effects_on(blocks.channels)
     with_columns, columns = with_derived(blocks), _columns(effects)

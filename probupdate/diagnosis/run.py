@@ -19,6 +19,7 @@ from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
+from probupdate.diagnosis.unmatched import unmatched_modes, with_unmatched
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
@@ -116,7 +117,8 @@ def _whole(
 ) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, runs=runs, progress=progress)
-    found = outcome.diagnosis
+    beyond = unmatched_modes(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
+    found = with_unmatched(outcome.diagnosis, beyond)
     few = outcome.problem.blocks.few
     if extended and few and found.findings:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
@@ -129,7 +131,7 @@ def _whole(
                             seed=seed, runs=runs, progress=progress)
         found = replace(found, extended_model=more.model, extension=more.content)
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
-    if extended and found.verdict == "unexplained" and not few:
+    if extended and found.verdict == "unexplained" and not few and "free_form" not in details:
         content = _unknown_cause(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
         details |= {"free_form": content} if content else {}
     return replace(found, splits=found.splits or splits(outcome), details=details)

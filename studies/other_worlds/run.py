@@ -73,8 +73,21 @@ def run_one(record: Record, folder: Path, raw: bool = False) -> dict:
                       "alternatives": [[a.cause, a.location, round(a.posterior_probability, 3)]
                                        for a in f.alternatives]} for f in found.findings],
         "nearest": found.details.get("nearest", []), "notes": list(found.notes),
+        "parts": [{k: part[k] for k in ("cause", "location", "size", "size_std", "frequency_hz", "frequency_std_hz")}
+                  for part in found.details.get("free_form", {}).get("parts", []) if "has_mode" in part],
+        **({"hung": hung(record)} if record.hidden == "tuned mass" else {}),
         "cpu_s": round(time.process_time() - begun, 2),
     }
+
+
+def hung(record: Record) -> dict:
+    """Mass, frequency of its own and channel (where it hangs at one) of a tuned mass."""
+    K, M = record.scene.state(record.scene.n)
+    dof = int(np.argmin(K[-1, :-1]))
+    seen = np.abs(record.world.rows[:, dof])
+    channel = record.world.sensors[int(np.argmax(seen))].channel if seen.max() > 0 else ""
+    return {"size": float(M[-1, -1]), "frequency_hz": float(np.sqrt(K[-1, -1] / M[-1, -1]) / (2 * np.pi)),
+            "channel": channel}
 
 
 def read_lines(path: Path) -> list[dict]:
@@ -114,7 +127,23 @@ def tables(out: Path) -> str:
         near = sum(abs(off) < 2 for off in sized)
         rows.append(f"| {family} | {len(own)} | {counts} | {sure} | {near} of {len(sized)} | "
                     f"{np.median([x['cpu_s'] for x in own]):.1f} |")
-    return "\n".join(rows) + "\n"
+    return "\n".join([*rows, *_hung_rows(lines)]) + "\n"
+
+
+def _hung_rows(lines: list[dict]) -> list[str]:
+    """Tuned masses whose own mode was identified as one that the model lacks: where they were found, and how large."""
+    own = [x for x in lines if x.get("hung") and any("is none of the model's" in note for note in x["notes"])]
+    found = [(x["hung"], x["parts"][0]) for x in own if x["parts"]]
+    if not own:
+        return []
+    near = [part["location"].startswith(f"channel {there['channel']},") for there, part in found]
+
+    def within(key: str, std: str) -> int:
+        return sum(abs(part[key] - there[key]) < 2 * part[std] for there, part in found)
+
+    return ["", f"tuned masses whose own mode was identified and is none of the model's: {len(own)}; searched and found: "
+                f"{len(found)}, at the channel where they hang {sum(near)}, mass within 2 std "
+                f"{within('size', 'size_std')}, frequency within 2 std {within('frequency_hz', 'frequency_std_hz')}"]
 
 
 def main() -> int:

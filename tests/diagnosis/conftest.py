@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.structure.parameter_table import read_parameters
 
-N_STOREY, N_BLOCK = 5, 40
+N_STOREY, N_BLOCK, HEIGHT = 5, 40, 3.0
 CHANNELS = tuple(f"{axis}{storey}" for storey in range(1, N_STOREY + 1) for axis in "xy")
 STIFFNESS_X, STIFFNESS_Y, MASS = 2.0e6, 2.06e6, 1000.0
 
@@ -41,6 +43,19 @@ def frame_file(tmp_path_factory):
     np.savez(folder / "model.npz", **arrays)
     (folder / "model.toml").write_text("".join(tables))
     return folder / "model.npz"
+
+
+@pytest.fixture(scope="session")
+def pictured_frame(frame_file, tmp_path_factory):
+    """The frame made ready with a picture: its storeys one above the other."""
+    with np.load(frame_file) as found:
+        arrays = {name: found[name] for name in found.files}
+    node = np.column_stack([np.zeros((N_STOREY, 2)), HEIGHT * (1 + np.arange(N_STOREY))])
+    arrays |= {"node_position_m": node, "dof_node": np.repeat(np.arange(N_STOREY), 2),
+               "dof_direction": np.tile([0, 1], N_STOREY), "line": np.column_stack([np.arange(4), np.arange(1, 5)])}
+    path = tmp_path_factory.mktemp("pictured") / "model.npz"
+    np.savez(path, **arrays)
+    return prepare(path, parameters=read_parameters(frame_file.with_name("model.toml")))
 
 
 @pytest.fixture(scope="session")

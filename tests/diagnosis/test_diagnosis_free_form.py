@@ -14,7 +14,6 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
 from probupdate.diagnosis.hypotheses import log_prior
-from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.wording import free_form_words
 from probupdate.errors import ConvergenceError
@@ -22,23 +21,12 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
 from probupdate.structure.load import reference_model
-from probupdate.structure.parameter_table import read_parameters
-from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
-
-HEIGHT = 3.0
+from tests.diagnosis.conftest import CHANNELS, HEIGHT, MASS, N_BLOCK, N_STOREY, storeys
 
 
-@pytest.fixture(scope="module")
-def frame(frame_file, tmp_path_factory):
-    """The frame with a picture: its storeys one above the other."""
-    with np.load(frame_file) as found:
-        arrays = {name: found[name] for name in found.files}
-    node = np.column_stack([np.zeros((N_STOREY, 2)), HEIGHT * (1 + np.arange(N_STOREY))])
-    arrays |= {"node_position_m": node, "dof_node": np.repeat(np.arange(N_STOREY), 2),
-               "dof_direction": np.tile([0, 1], N_STOREY), "line": np.column_stack([np.arange(4), np.arange(1, 5)])}
-    path = tmp_path_factory.mktemp("pictured") / "model.npz"
-    np.savez(path, **arrays)
-    return prepare(path, parameters=read_parameters(frame_file.with_name("model.toml")))
+@pytest.fixture(name="frame", scope="module")
+def _frame(pictured_frame):
+    return pictured_frame
 
 
 def block(rng, number, value, phi):
@@ -334,7 +322,7 @@ def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
     hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
     known = examine(frame, hung_record(5, mass=400.0, hz=hz, storey=3, from_block=0))
     parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", heights=5)
-    first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null, parts)))
+    first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
     assert parts[first][0].location.startswith("z = 12 m, along 0 deg")
 
 

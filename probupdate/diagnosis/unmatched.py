@@ -1,0 +1,261 @@
+"""Modes that are in most sets and none of the model's, searched for with all other data.
+
+Either the model lacks a mass on springs (a tuned mass, a machine, a second structure), which must have that mode with
+its frequency and shape and leave all other modes as they are measured; or the mode is of something else, whose
+frequency and shape say nothing. The second is the price of the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from probupdate.diagnosis.adequacy import adequacy
+from probupdate.diagnosis.blocks import unmatched, unmatched_words
+from probupdate.diagnosis.diagnose import ADEQUATE, Outcome
+from probupdate.diagnosis.elementary import FITTED, Part, hung_near, place_and_direction
+from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
+from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, noise_of, with_candidates
+from probupdate.diagnosis.free_form import (
+    BEGUN_AT,
+    POSSIBLE,
+    at_different_places,
+    hung_at_first_steps,
+    modes_moved,
+    tuned,
+    with_hung,
+)
+from probupdate.diagnosis.gain import measures
+from probupdate.diagnosis.mode_numbers import modes_with
+from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DiagnosisProblem, IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.search import drawn_scores, search
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.errors import ConvergenceError
+from probupdate.modal.joined_modes import joined
+from probupdate.modal.modes import ModalData, ModeRecord
+from probupdate.modal.shape_criteria import mac
+from probupdate.runtime.executors import SERIAL, Executor
+from probupdate.runtime.progress import Progress, silent
+
+# frequencies at which a mass on springs is tried over the measured one, in ln f: they move from there
+NEAR = (-0.1, 0.0, 0.1)
+# probability from which a mass on springs is said to be what has the mode
+PROBABLE = 0.5
+# probability with which sets before the first that has a mode have missed it, below which it began there
+BY_CHANCE = 0.01
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hung:
+    """A mass on springs fitted with a mode that is none of the model's as one more group: ln evidence of all modes."""
+
+    part: Part
+    problem: DiagnosisProblem
+    fitted: Fit
+    log_evidence: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Unmatched:
+    """What is said of one mode: `probability` that a mass on springs has it, over something else anywhere; p of what is
+    left beside it (`adequacy_p`); `content` of diagnosis.json, empty where it does not explain the mode."""
+
+    record: ModeRecord
+    probability: float
+    adequacy_p: float
+    content: dict
+
+
+def unmatched_modes(
+    prepared: Prepared, known: Outcome, data: ModalData, *, seed: int = 1, runs: Executor = SERIAL,
+    progress: Progress = silent,
+) -> list[Unmatched]:
+    """Every mode that is none of the model's, by itself, beside what the diagnosis of all others (`known`) found."""
+    ids = set(known.problem.blocks.ids)
+    data = replace(joined(data)[0], sets=tuple(s for s in data.sets if s.id in ids))
+    records = unmatched(data)
+    compared = len(known.problem.blocks.labels)
+    if known.problem.blocks.few or compared >= prepared.small.n_search:
+        return []
+    result = []
+    for number, record in enumerate(records):
+        progress("modes that the model lacks", number, len(records))
+        hz = tuple(float(record.frequency_hz * np.exp(shift)) for shift in NEAR)
+        parts = hung_near(prepared, hz)
+        if parts:
+            result.append(_explained(prepared, known, data, record, parts, seed=seed, runs=runs))
+    return result
+
+
+def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
+    """The diagnosis with what is said of modes that are none of the model's: where a mass on springs has one, the model
+    lacks it, whatever else was found."""
+    if not modes:
+        return found
+    notes = {unmatched_words(one.record): _words(one) for one in modes}
+    explained = [one for one in modes if one.content]
+    details = dict(found.details)
+    if explained:
+        details["free_form"] = explained[0].content | {
+            "parts": [part for one in explained for part in one.content["parts"]]}
+    return replace(found, details=details, notes=tuple(notes.get(note, note) for note in found.notes),
+                   verdict="unexplained" if explained and found.verdict == "none" else found.verdict)
+
+
+def _words(one: Unmatched) -> str:
+    known = unmatched_words(one.record)
+    if one.content:
+        return (f"{known.split(', is none')[0]}, is none of the model's: a mass on springs has it, with probability "
+                f"{one.probability:.3g} over something else")
+    if one.probability < PROBABLE:
+        return f"{known}; no mass on springs at any of the places tried has its frequency and shape"
+    return (f"{known}; a mass on springs comes near it, but leaves more than chance allows "
+            f"(p = {one.adequacy_p:.2g})")
+
+
+def _explained(
+    prepared: Prepared, known: Outcome, data: ModalData, record: ModeRecord, parts: Sequence[Part], *, seed: int,
+    runs: Executor,
+) -> Unmatched:
+    problem, _ = diagnosis_problem(prepared, data, (record.label,))
+    problem = replace(problem, effects=known.problem.effects, which=known.problem.which,
+                      time_profiles=known.problem.time_profiles)
+    profile = _since(problem, record.label)
+    there = np.flatnonzero(profile.value > 0)
+    stepped = hung_at_first_steps(problem.taken(there), _noise(problem).taken(there), parts, runs)
+    begun = [(parts[k], size) for k in at_different_places(parts, [*stepped], FITTED)
+             for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
+    shared = problem, _beside(known), profile
+    found = [one for one in runs.in_order(_fitted, begun, shared=shared) if one is not None]
+    if not found:
+        return Unmatched(record=record, probability=0.0, adequacy_p=0.0, content={})
+    best = max(found, key=lambda one: one.log_evidence)
+    noise, number = best.fitted.design.noise, _group(best.problem, record.label)
+    # one place and direction begun twice is one
+    value: dict[str, float] = {}
+    for one in found:
+        evidence = marginal_evidence(one.problem, one.fitted.theta, one.fitted.included, noise)
+        value[one.part[0].location] = max(value.get(one.part[0].location, -np.inf), evidence)
+    with_it = float(special.logsumexp([*value.values()]) - np.log(len(parts)))
+    others = [q for q in range(len(noise.weight)) if q != number]
+    without = marginal_evidence(known.problem, known.fitted.theta, known.fitted.included, noise.of_groups(others))
+    without += anywhere(best.problem, noise, number)
+    probability = float(special.expit(with_it - without))
+    scored = with_candidates(best.problem, best.fitted)
+    left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
+    p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
+    content = _content(known, best, record, value) if probability >= PROBABLE and p >= ADEQUATE else {}
+    return Unmatched(record=record, probability=probability, adequacy_p=p,
+                     content=content and {**content, "complete": True, "adequacy_p": p})
+
+
+def _group(problem: DiagnosisProblem, label: str) -> int:
+    return next(q for q in range(len(problem.blocks.groups)) if problem.blocks.group_name(q) == label)
+
+
+def _beside(known: Outcome) -> tuple[IncludedEffect, ...]:
+    """What was found beside the mode; what does not explain the record is nothing."""
+    return () if known.diagnosis.verdict == "unexplained" else known.fitted.included
+
+
+def _since(problem: DiagnosisProblem, label: str) -> TimeProfile:
+    """The step with which a mode begins, the constant where sets before its first one may have missed it by chance."""
+    blocks = problem.blocks
+    found = blocks.have((blocks.labels.index(label),))
+    first = int(np.argmax(found))
+    missed = 1.0 - float(np.mean(found[first:]))
+    steps = [profile for profile in problem.time_profiles if profile.kind == "step"]
+    if steps and first and missed**first < BY_CHANCE:
+        return min(steps, key=lambda profile: abs(profile.at - first))
+    return next(profile for profile in problem.time_profiles if profile.kind == "constant")
+
+
+def _noise(problem: DiagnosisProblem) -> Noise:
+    """From the sets' own scatter: whatever is expected of them does not change from one set to the next."""
+    return noise_of(problem, tuple(np.where(used[:, None], y, 0.0) for y, used in zip(*problem.measured, strict=True)))
+
+
+def _fitted(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], profile: TimeProfile, part: Part, size: float
+) -> Hung | None:
+    """None where the model has no modes on the way."""
+    wider, _, n = with_hung(problem, part, profile, size)
+    try:
+        fitted = fitted_without_candidates(wider, wider.predictor.parameters.initial, (*included, n))
+    except ConvergenceError:
+        return None
+    return Hung(part=part, problem=wider, fitted=fitted, log_evidence=log_evidence(wider, fitted))
+
+
+def anywhere(problem: DiagnosisProblem, noise: Noise, number: int) -> float:
+    """ln p of a group of one mode that is of something else, as `log_evidence` counts: any frequency among those
+    compared is as probable, any direction of its shape too."""
+    y, used = problem.measured[0][number], problem.measured[1][number]
+    (own,) = problem.blocks.groups[number]
+    hz = np.nanmedian(problem.blocks.frequency_hz, axis=0)
+    others = np.log(np.delete(hz, own))
+    reach = max(float(np.ptp(np.append(others, np.log(hz[own])))), 1.0)
+    axis = problem.predictor.axes[number][:, 0]
+    n = len(axis)
+    root = np.zeros((y.shape[1], y.shape[1]))
+    # normal densities that are where it was measured as dense as the uniform ones
+    root[0, 0] = reach / np.sqrt(2 * np.pi)
+    if n > 1:
+        half_sphere = np.pi ** (n / 2) / special.gamma(n / 2)
+        std = (np.linalg.norm(axis) ** (n - 1) * half_sphere) ** (1 / (n - 1)) / np.sqrt(2 * np.pi)
+        root[1 : 1 + n, 1 : 1 + n] = std * (np.eye(n) - np.outer(axis, axis) / (axis @ axis))
+        root[1 + n :, 1 + n :] = DISCREPANCY_PHASE * np.eye(n)
+    weight = np.where(used, noise.weight[number], 0.0)
+    y = y - np.array([np.average(y[:, 0], weights=weight), *np.zeros(y.shape[1] - 1)])
+    P = noise.precision[number]
+    score = root.T @ P @ (weight @ y)
+    information = np.eye(len(root)) + weight.sum() * root.T @ P @ root
+    misfit = float(np.sum((y @ P) * y, axis=1) @ weight - score @ np.linalg.solve(information, score))
+    there = weight[weight > 0]
+    log_noise = len(there) * np.linalg.slogdet(noise.covariance[number])[1] - y.shape[1] * np.sum(np.log(there))
+    return float(-0.5 * (misfit + np.linalg.slogdet(information)[1] + log_noise))
+
+
+def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, float]) -> dict:
+    """What `free_form` says of elementary parts, of the mass on springs that has a mode; what it gains in the modes
+    that the model has."""
+    problem, fitted = best.problem, best.fitted
+    n, std = fitted.included[-1], sizes_std(problem, fitted)[-1]
+    total = special.logsumexp([*value.values()])
+    places: dict[str, float] = {}
+    for location, own in value.items():
+        place = ", ".join(place_and_direction(location))
+        places[place] = places.get(place, 0.0) + float(np.exp(own - total))
+    here = ", ".join(place_and_direction(best.part[0].location))
+    number = _group(problem, record.label)
+    used = problem.measured[1][number]
+    expected = np.mean((problem.measured[0][number] - fitted.residuals[number])[used], axis=0)
+    axes = problem.predictor.axes[number]
+    computed = modes_with(expected, axes)
+    outcome = replace(known, problem=problem, fitted=fitted)
+    step = n.time_profile.kind == "step"
+    row = {
+        "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": std, "unit": n.effect.unit,
+        "time_profile": n.time_profile.name, "since": problem.blocks.ids[n.time_profile.at] if step else "",
+        "elementary": True,
+        "posterior_probability": places.pop(here),
+        "alternatives": [{"cause": n.effect.cause, "location": place, "posterior_probability": p}
+                         for place, p in sorted(places.items(), key=lambda pair: -pair[1]) if p > POSSIBLE],
+        **tuned(outcome, n),
+        "has_mode": {"label": record.label, "frequency_hz": record.frequency_hz,
+                     "computed_hz": float(np.exp(computed.tensor[0, 0])),
+                     "mac": float(mac(axes, computed.shape)[0, 0])},
+    }
+    # how it moves the modes that the model has, and predicts them
+    one = _fitted(known.problem, _beside(known), n.time_profile, best.part, n.size)
+    if one is None:
+        return {"parts": [row]}
+    moved = modes_moved(replace(known, problem=one.problem, fitted=one.fitted), len(one.fitted.included) - 1)
+    gain = measures(known.problem, known.null, one.fitted, noise=known.null.design.noise)
+    return {"parts": [row | {"modes": moved}], "gain": gain}
