@@ -29,19 +29,22 @@ LOOKS_LIKE = 0.5
 # a computed mode's frequency this far off (in ln f) counts little less for a pairing than a shape without score
 # correlation
 CLOSENESS = 0.2
+# what shape and closeness of a mode that the model lacks count in a pairing where nothing is there that has it
+AFTER_ALL_OTHERS = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModalPredictor:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
     axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
-    ones are known."""
+    ones are known. `lacked`: numbers of groups that the model by itself has nothing for."""
 
     small: SmallModel
     rows: np.ndarray
     planes: tuple[np.ndarray, ...]
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
+    lacked: frozenset[int] = frozenset()
     known: dict[tuple, list] = field(default_factory=dict, repr=False)
 
     @property
@@ -63,10 +66,12 @@ class ModalPredictor:
             measured = np.array([expected.mean() for expected in self.log_frequency])
             return shape, [(int(i),) for i in pair_in_order(measured, log)]
         seen = _seen(shape)
-        for plane, expected in zip(self.planes, self.log_frequency, strict=True):
+        for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
             near = np.exp(-0.5 * ((log - expected.mean()) / CLOSENESS) ** 2)
-            score += [np.where(seen, share + near, -1.0)] * plane.shape[1]
+            # without what has it, a mode that the model lacks takes none that another one is
+            counts = AFTER_ALL_OTHERS if q in self.lacked and not local.has_tuned else 1.0
+            score += [counts * np.where(seen, share + near, -1.0)] * plane.shape[1]
             sizes.append(plane.shape[1])
         chosen = assign(np.array(score))
         groups, start = [], 0
@@ -264,9 +269,13 @@ def _increments(effects: tuple[Effect, ...], names: tuple[str, ...]) -> np.ndarr
     return amounts
 
 
-def build_predictor(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> ModalPredictor:
-    """Pair the measured groups with the model's modes at theta; raises InputError for channels it does not have."""
-    start = _without_axes(small, blocks, blocks.groups)
+def build_predictor(
+    small: SmallModel, blocks: Blocks, theta: np.ndarray, unmatched: Collection[str] = ()
+) -> ModalPredictor:
+    """Pair the measured groups with the model's modes at theta, those `unmatched` after all others; raises InputError
+    for channels it does not have."""
+    lacked = frozenset(q for q in range(len(blocks.groups)) if blocks.group_name(q) in unmatched)
+    start = replace(_without_axes(small, blocks, blocks.groups), lacked=lacked)
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
     axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(start.planes, groups, strict=True))

@@ -218,7 +218,7 @@ def diagnosis_problem(
         ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
     blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
-    predictor = build_predictor(prepared.small, blocks, theta)
+    predictor = build_predictor(prepared.small, blocks, theta, unmatched)
     effects = prepared.effects_on(blocks.channels)
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)

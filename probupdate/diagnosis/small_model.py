@@ -230,6 +230,11 @@ class LocalModel:
         return result
 
     @property
+    def has_tuned(self) -> bool:
+        """Whether any tuned mass is there."""
+        return bool(self._hung)
+
+    @property
     def size(self) -> int:
         """Degrees of freedom."""
         return self._hung[-1][1].stop if self._hung else self.small.at_channels.shape[1]

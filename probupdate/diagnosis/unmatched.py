@@ -38,8 +38,7 @@ from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.joined_modes import joined
-from probupdate.modal.modes import ModalData, ModeRecord
-from probupdate.modal.shape_criteria import mac
+from probupdate.modal.modes import ModalData, ModeRecord, mac
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -182,12 +181,14 @@ def _noise(problem: DiagnosisProblem) -> Noise:
 
 
 def _fitted(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect], profile: TimeProfile, part: Part, size: float
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], profile: TimeProfile, part: Part, size: float,
+    theta: np.ndarray | None = None,
 ) -> Hung | None:
-    """None where the model has no modes on the way."""
+    """From theta, or where the prior expects the parameters; None where the model has no modes on the way."""
     wider, _, n = with_hung(problem, part, profile, size)
     try:
-        fitted = fitted_without_candidates(wider, wider.predictor.parameters.initial, (*included, n))
+        fitted = fitted_without_candidates(wider, wider.predictor.parameters.initial if theta is None else theta,
+                                           (*included, n))
     except ConvergenceError:
         return None
     return Hung(part=part, problem=wider, fitted=fitted, log_evidence=log_evidence(wider, fitted))
@@ -241,7 +242,7 @@ def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, fl
     outcome = replace(known, problem=problem, fitted=fitted)
     step = n.time_profile.kind == "step"
     row = {
-        "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": std, "unit": n.effect.unit,
+        "cause": n.effect.cause, "location": here, "size": n.size, "size_std": std, "unit": n.effect.unit,
         "time_profile": n.time_profile.name, "since": problem.blocks.ids[n.time_profile.at] if step else "",
         "elementary": True,
         "posterior_probability": places.pop(here),
@@ -253,7 +254,7 @@ def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, fl
                      "mac": float(mac(axes, computed.shape)[0, 0])},
     }
     # how it moves the modes that the model has, and predicts them
-    one = _fitted(known.problem, _beside(known), n.time_profile, best.part, n.size)
+    one = _fitted(known.problem, _beside(known), n.time_profile, best.part, n.size, fitted.theta)
     if one is None:
         return {"parts": [row]}
     moved = modes_moved(replace(known, problem=one.problem, fitted=one.fitted), len(one.fitted.included) - 1)

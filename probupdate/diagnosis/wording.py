@@ -96,8 +96,8 @@ def part_words(part: Mapping) -> str:
         words += f", by itself at {part['frequency_hz']:.3g} ± {part['frequency_std_hz']:.1g} Hz"
     if "has_mode" in part:
         own = part["has_mode"]
-        words += (f"; it has mode {own['label']} at {own['frequency_hz']:.4g} Hz (computed {own['computed_hz']:.4g} Hz, "
-                  f"MAC {own['mac']:.2f})")
+        words += (f"; it has mode {own['label']} at {own['frequency_hz']:.4g} Hz (computed "
+                  f"{own['computed_hz']:.4g} Hz, MAC {own['mac']:.2f})")
     words += f"; it moves {moved}" if moved else ""
     others = [f"{name_of(a)} ({a['posterior_probability']:.2g})" for a in part.get("alternatives", ())]
     return words + (f"; or {', or '.join(others)}" if others else "")
@@ -160,9 +160,10 @@ def verdict_words(content: Mapping) -> str:
     if verdict == "none":
         return (f"Nothing was found beyond tolerances and chance ({p}); effects below the minimum detectable sizes "
                 "would not be seen.")
-    if verdict == "unexplained" and content.get("p_value", 0) >= SELDOM and any("has_mode" in x for x in _parts(content)):
-        return (f"The modes that the model has agree with it ({p}), but it lacks one that is in most sets, and no listed "
-                "cause has it: numbers from an update of this model carry an unknown error.")
+    lacking = any("has_mode" in part for part in _parts(content))
+    if verdict == "unexplained" and lacking and (content.get("p_value") or 0.0) >= SELDOM:
+        return (f"The modes that the model has agree with it ({p}), but it lacks one that is in most sets, and no "
+                "listed cause has it: numbers from an update of this model carry an unknown error.")
     if verdict == "unexplained":
         rest = "and not all of it has a listed cause" if findings else "and no listed cause explains it"
         meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""

@@ -141,8 +141,8 @@ def _hung_rows(lines: list[dict]) -> list[str]:
     def within(key: str, std: str) -> int:
         return sum(abs(part[key] - there[key]) < 2 * part[std] for there, part in found)
 
-    return ["", f"tuned masses whose own mode was identified and is none of the model's: {len(own)}; searched and found: "
-                f"{len(found)}, at the channel where they hang {sum(near)}, mass within 2 std "
+    return ["", f"tuned masses whose own mode was identified and is none of the model's: {len(own)}; searched and "
+                f"found: {len(found)}, at the channel where they hang {sum(near)}, mass within 2 std "
                 f"{within('size', 'size_std')}, frequency within 2 std {within('frequency_hz', 'frequency_std_hz')}"]
 
 

@@ -26,7 +26,7 @@ LABELS = ("A", "B", "C", "D", "E", "F", "7")
 
 
 def sets_of(rng, state):
-    """Blocks of a frame in which seven modes were identified; `state`: number of the block -> f (7,), shapes (10, 7)."""
+    """Blocks of a frame in which seven modes were identified. `state`: block's number -> f (7,), shapes (10, 7)."""
     sets = []
     for b in range(N_BLOCK):
         f, phi = state(b)
@@ -87,7 +87,7 @@ def test_a_mode_that_the_model_lacks_is_a_mass_on_springs(pictured_frame, mass, 
     data, hz = hung(5, mass=mass, storey=storey, from_block=from_block)
     found = diagnose_files(ModelSource(model=pictured_frame), data, extend=False)
     (part,) = found.details["free_form"]["parts"]
-    place, direction, _ = part["location"].rsplit(", ", 2)
+    place, direction = part["location"].rsplit(", ", 1)
     row.equal((found.verdict, part["cause"], place, direction, part["since"]),
               ("unexplained", PART_CAUSES[3], f"(0.0, 0.0, {HEIGHT * (storey + 1):.1f}) m", "along 0 deg",
                data.sets[from_block].id if from_block else ""), "part")
@@ -141,12 +141,12 @@ def test_the_price_of_a_mode_of_something_else(pictured_frame, validation):
     row.error(anywhere(problem, noise, q) / expected - 1, 1e-8, "ln p, relative")
 
 
-@pytest.mark.parametrize("number", [2, pytest.param(15, marks=pytest.mark.long), pytest.param(16, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [2, *(pytest.param(number, marks=pytest.mark.long) for number in (15, 16))])
 def test_accelerations_of_structures_with_a_tuned_mass(number, tmp_path, validation):
     """Of a truss, a beam and storeys drawn at random, whose models have no picture: the mass hangs at a channel."""
-    row = validation(what="accelerations of a truss with a tuned mass (long: of a beam and, from a block on, of storeys "
-                          "too), by `identify` and `diagnose`: verdict, channel, onset; mass and frequency in their "
-                          "standard deviations", reference="what was hidden")
+    row = validation(what="accelerations of a truss with a tuned mass (long: of a beam and, from a block on, of "
+                          "storeys too), by `identify` and `diagnose`: verdict, channel, onset; mass and frequency in "
+                          "their standard deviations", reference="what was hidden")
     record = draw_record("tuned mass", number)
     path = record.world.write(tmp_path / "model")
     campaign = write_campaign(record, tmp_path / "campaign")
