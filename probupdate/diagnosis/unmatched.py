@@ -62,11 +62,13 @@ class Hung:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Unmatched:
-    """What is said of one mode: `probability` that a mass on springs has it, over something else anywhere; p of what is
-    left beside it (`adequacy_p`); `content` of diagnosis.json, empty where it does not explain the mode."""
+    """What is said of one mode: probabilities that a mass on springs has it (`of_mass`) and that it is the model's own,
+    which was not recognised (`of_model`), the rest being something else; p of what a mass leaves (`adequacy_p`);
+    `content` of diagnosis.json, empty where a mass does not explain the mode."""
 
     record: ModeRecord
-    probability: float
+    of_mass: float
+    of_model: float
     adequacy_p: float
     content: dict
 
@@ -110,9 +112,12 @@ def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
 def _words(one: Unmatched) -> str:
     known = unmatched_words(one.record)
     if one.content:
-        return (f"{known.split(', is none')[0]}, is none of the model's: a mass on springs has it, with probability "
-                f"{one.probability:.3g} over something else")
-    if one.probability < PROBABLE:
+        return (f"{known.split(', is none')[0]}, is none of the model's: a mass on springs has it, with "
+                f"probability {one.of_mass:.3g} over one of the model's own and something else")
+    if one.of_model >= PROBABLE:
+        return (f"{known.split(', is none')[0]}, was taken for none of the model's and is not compared; with all other "
+                f"data it is one that no measured mode was recognised as (probability {one.of_model:.3g})")
+    if one.of_mass < PROBABLE:
         return f"{known}; no mass on springs at any of the places tried has its frequency and shape"
     return (f"{known}; a mass on springs comes near it, but leaves more than chance allows "
             f"(p = {one.adequacy_p:.2g})")
@@ -133,25 +138,36 @@ def _explained(
     shared = problem, _beside(known), profile
     found = [one for one in runs.in_order(_fitted, begun, shared=shared) if one is not None]
     if not found:
-        return Unmatched(record=record, probability=0.0, adequacy_p=0.0, content={})
+        return Unmatched(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
     best = max(found, key=lambda one: one.log_evidence)
-    noise, number = best.fitted.design.noise, _group(best.problem, record.label)
+    noise = best.fitted.design.noise
     # one place and direction begun twice is one
     value: dict[str, float] = {}
     for one in found:
         evidence = marginal_evidence(one.problem, one.fitted.theta, one.fitted.included, noise)
         value[one.part[0].location] = max(value.get(one.part[0].location, -np.inf), evidence)
     with_it = float(special.logsumexp([*value.values()]) - np.log(len(parts)))
-    others = [q for q in range(len(noise.weight)) if q != number]
-    without = marginal_evidence(known.problem, known.fitted.theta, known.fitted.included, noise.of_groups(others))
-    without += anywhere(best.problem, noise, number)
-    probability = float(special.expit(with_it - without))
+    of_mass, of_model, _ = special.softmax([with_it, *_without(known, problem, noise, record.label)])
     scored = with_candidates(best.problem, best.fitted)
     left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
-    content = _content(known, best, record, value) if probability >= PROBABLE and p >= ADEQUATE else {}
-    return Unmatched(record=record, probability=probability, adequacy_p=p,
+    content = _content(known, best, record, value) if of_mass >= PROBABLE and p >= ADEQUATE else {}
+    return Unmatched(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p,
                      content=content and {**content, "complete": True, "adequacy_p": p})
+
+
+def _without(known: Outcome, problem: DiagnosisProblem, noise: Noise, label: str) -> tuple[float, float]:
+    """ln evidence of all modes without a mass: where that of this label is the model's own, one that is left by all
+    others, and where it is of something else."""
+    number = _group(problem, label)
+    others = noise.of_groups([q for q in range(len(noise.weight)) if q != number])
+    elsewhere = marginal_evidence(known.problem, known.fitted.theta, known.fitted.included, others)
+    try:
+        own = fitted_without_candidates(problem, known.fitted.theta, _beside(known))
+        of_model = marginal_evidence(problem, own.theta, own.included, noise)
+    except ConvergenceError:
+        of_model = -np.inf
+    return of_model, elsewhere + anywhere(problem, noise, number)
 
 
 def _group(problem: DiagnosisProblem, label: str) -> int:

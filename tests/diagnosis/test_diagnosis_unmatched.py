@@ -14,7 +14,7 @@ from probupdate.diagnosis.elementary import PART_CAUSES
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, diagnosis_problem
 from probupdate.diagnosis.run import ModelSource, diagnose_files
-from probupdate.diagnosis.unmatched import _group, _noise, anywhere, unmatched_modes
+from probupdate.diagnosis.unmatched import _group, _noise, anywhere, unmatched_modes, with_unmatched
 from probupdate.modal.modes import ModalData, ModalSet, ModeRecord
 from tests.diagnosis.conftest import CHANNELS, HEIGHT, MASS, N_BLOCK, N_STOREY, storeys
 
@@ -112,7 +112,22 @@ def test_a_mode_of_something_else_is_none(pictured_frame, seed, validation):
     row.equal((found.verdict, "free_form" in found.details), ("none", False), "verdict")
     assert any("no mass on springs" in note for note in found.notes)
     known = examine(pictured_frame, data)
-    row.error(unmatched_modes(pictured_frame, known, data)[0].probability, 1e-3, "probability")
+    row.error(unmatched_modes(pictured_frame, known, data)[0].of_mass, 1e-3, "probability")
+
+
+def test_a_mode_of_the_model_that_was_not_recognised_is_none_of_something_else(pictured_frame, validation):
+    """The fifth mode of the frame, of a number by its identification: a light mass tuned to it would have it too."""
+    row = validation(what="nothing hidden in a frame, one of its modes taken for none of the model's: verdict; "
+                          "probability that it is the model's own", reference="none; one")
+    f, phi = frame_modes(scale=1.01)
+    order = [0, 1, 2, 3, 5, 6, 4]
+    data = sets_of(np.random.default_rng(4), lambda b: (f[order], phi[:, order]))
+    known = examine(pictured_frame, data)
+    (said,) = unmatched_modes(pictured_frame, known, data)
+    row.least(said.of_model, 0.9, "probability")
+    found = with_unmatched(known.diagnosis, [said])
+    row.equal((found.verdict, "free_form" in found.details), ("none", False), "verdict")
+    assert any("no measured mode was recognised as" in note for note in found.notes)
 
 
 def test_the_price_of_a_mode_of_something_else(pictured_frame, validation):
