@@ -29,6 +29,7 @@ from probupdate.diagnosis.free_form import (
     with_hung,
 )
 from probupdate.diagnosis.gain import measures
+from probupdate.diagnosis.hypotheses import log_prior
 from probupdate.diagnosis.mode_numbers import modes_with
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
@@ -64,13 +65,15 @@ class Hung:
 class Unmatched:
     """What is said of one mode: probabilities that a mass on springs has it (`of_mass`) and that it is the model's own,
     which was not recognised (`of_model`), the rest being something else; p of what a mass leaves (`adequacy_p`);
-    `content` of diagnosis.json, empty where a mass does not explain the mode."""
+    `content` of diagnosis.json, empty where a mass does not explain the mode; `instead`: what was found is no more
+    probable beside the mass than without it."""
 
     record: ModeRecord
     of_mass: float
     of_model: float
     adequacy_p: float
     content: dict
+    instead: bool = False
 
 
 def unmatched_modes(
@@ -102,6 +105,9 @@ def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
     notes = {unmatched_words(one.record): _words(one) for one in modes}
     explained = [one for one in modes if one.content]
     details = dict(found.details)
+    if any(one.instead for one in explained):
+        details["nearest"] = [f"{f.cause}, {f.location}" for f in found.findings]
+        found = replace(found, verdict="unexplained", findings=())
     if explained:
         details["free_form"] = explained[0].content | {
             "parts": [part for one in explained for part in one.content["parts"]]}
@@ -140,6 +146,7 @@ def _explained(
     if not found:
         return Unmatched(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
     best = max(found, key=lambda one: one.log_evidence)
+    best, instead = _in_place_of_findings(known, problem, best)
     noise = best.fitted.design.noise
     # one place and direction begun twice is one
     value: dict[str, float] = {}
@@ -152,8 +159,26 @@ def _explained(
     left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
     content = _content(known, best, record, value) if of_mass >= PROBABLE and p >= ADEQUATE else {}
-    return Unmatched(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p,
+    return Unmatched(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p, instead=instead,
                      content=content and {**content, "complete": True, "adequacy_p": p})
+
+
+def _in_place_of_findings(known: Outcome, problem: DiagnosisProblem, best: Hung) -> tuple[Hung, bool]:
+    """The mass with what was found beside it, or by itself where that is as probable: a row of the catalogue may have
+    stood for what the mass does to the other modes."""
+    beside = best.fitted.included[:-1]
+    n = best.fitted.included[-1]
+    alone = _fitted(problem, (), n.time_profile, best.part, n.size, best.fitted.theta) if beside else None
+    if alone is None:
+        return best, False
+    noise = best.fitted.design.noise
+    value = [marginal_evidence(one.problem, one.fitted.theta, one.fitted.included, noise) for one in (best, alone)]
+    candidates = [next(k for k, (j, c) in enumerate(problem.which)
+                       if problem.effects[j] is x.effect and problem.time_profiles[c].name == x.time_profile.name)
+                  for x in beside]
+    if value[1] < value[0] + log_prior(problem, candidates):
+        return best, False
+    return alone, True
 
 
 def _without(known: Outcome, problem: DiagnosisProblem, noise: Noise, label: str) -> tuple[float, float]:
@@ -270,7 +295,7 @@ def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, fl
                      "mac": float(mac(axes, computed.shape)[0, 0])},
     }
     # how it moves the modes that the model has, and predicts them
-    one = _fitted(known.problem, _beside(known), n.time_profile, best.part, n.size, fitted.theta)
+    one = _fitted(known.problem, fitted.included[:-1], n.time_profile, best.part, n.size, fitted.theta)
     if one is None:
         return {"parts": [row]}
     moved = modes_moved(replace(known, problem=one.problem, fitted=one.fitted), len(one.fitted.included) - 1)
