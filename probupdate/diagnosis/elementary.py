@@ -149,13 +149,17 @@ def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
 def elementary(
     small: SmallModel, place: Callable[[np.ndarray], str], *, heights: int = 0, tuned_hz: Sequence[float] = ()
 ) -> list[tuple[Effect, Attachment]]:
-    """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words;
+    """Every part that may be added: its row and where it acts on the small basis; at the channels of a model without a
+    picture. `place`: point (3,) -> words;
     `heights`: masses on springs at so many heights too, at `tuned_hz` or, without these, at frequencies from below the
     lowest mode to above those looked through."""
-    wire, at_nodes = small.picture
-    nodes = points(wire)
     K, M = small.at(small.parameters.initial).matrices()
     value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
+    tuned_hz = tuple(tuned_hz) or tuple(map(float, tunings(np.sqrt(value) / (2 * np.pi))))
+    if small.wire is None:
+        return _of_kinds(_at_channels(small, K, shape, tuned_hz if heights else ()))
+    wire, at_nodes = small.picture
+    nodes = points(wire)
     flexibility = linalg.cho_factor(K)
     rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
     result = []
@@ -190,26 +194,37 @@ def elementary(
     for k, n in hung if most > 0 else ():
         for words, d in [*directions(n)[:-1], (BOTH_WAYS, None)]:
             own = rows[k][:2] if d is None else (d @ rows[k])[None]
-            for hz in (tuned_hz or tunings(np.sqrt(value) / (2 * np.pi))) if np.any(own) else ():
+            for hz in tuned_hz if np.any(own) else ():
                 result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
-                                    SHARE / most, Attachment(mass=own, tuned_hz=float(hz)), MOST_HUNG))
-    number = Counter(effect.cause for effect, _ in result)
-    return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
+                                    SHARE / most, Attachment(mass=own, tuned_hz=hz), MOST_HUNG))
+    return _of_kinds(result)
+
+
+def _of_kinds(parts: Sequence[Part]) -> list[Part]:
+    """The parts with the odds of one row for all of a kind together."""
+    number = Counter(effect.cause for effect, _ in parts)
+    return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in parts]
+
+
+def _at_channels(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: Sequence[float]) -> list[Part]:
+    """Of a model without a picture: parts at its channels, along each, that is a spring to ground, a mass that moves
+    that way, and masses on springs of these frequencies. K of the basis, the modes' shapes (r, n) on it."""
+    flexibility, result = linalg.cho_factor(K), []
+    moved = np.sum((small.at_channels @ shape) ** 2, axis=1)
+    for name, row, own in zip(small.channels, small.at_channels, moved, strict=True):
+        stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"
+        if own > 0:
+            result += [_part(PART_CAUSES[0], there, "N/m", SHARE * stiffness, Attachment(stiffness=row[None])),
+                       _part(PART_CAUSES[2], there, "kg", SHARE / float(own), Attachment(mass=row[None])),
+                       *(_part(PART_CAUSES[3], f"{there}, about {hz:.3g} Hz", "kg", SHARE / float(moved.max()),
+                               Attachment(mass=row[None], tuned_hz=hz), MOST_HUNG) for hz in tuned_hz)]
+    return result
 
 
 def hung_near(prepared: Prepared, tuned_hz: Sequence[float]) -> list[Part]:
-    """Masses on springs tuned to these frequencies: at heights of the structure, or where the model has no picture at
-    the channels, along each."""
-    small = prepared.small
-    if small.wire is not None:
-        return [part for part in parts_of(prepared, heights=COMPETING_HEIGHTS, tuned_hz=tuned_hz)
-                if part[0].cause == PART_CAUSES[3]]
-    _, shape = linalg.eigh(*small.at(small.parameters.initial).matrices(), subset_by_index=(0, small.n_search - 1))
-    moved = np.sum((small.at_channels @ shape) ** 2, axis=1)
-    return [_part(PART_CAUSES[3], f"channel {name}, along it, about {hz:.3g} Hz", "kg", SHARE / float(moved.max()),
-                  Attachment(mass=row[None], tuned_hz=float(hz)), MOST_HUNG)
-            for name, row, own in zip(small.channels, small.at_channels, moved, strict=True) if own > 0
-            for hz in tuned_hz]
+    """Masses on springs tuned to these frequencies."""
+    return [part for part in parts_of(prepared, heights=COMPETING_HEIGHTS, tuned_hz=tuned_hz)
+            if part[0].cause == PART_CAUSES[3]]
 
 
 def place_and_direction(location: str) -> tuple[str, str]:
@@ -246,9 +261,8 @@ def place_words(point: np.ndarray, description: Description | None) -> str:
 
 
 def parts_of(prepared: Prepared, *, heights: int = 0, tuned_hz: Sequence[float] = ()) -> list[Part]:
-    """Every part that may be added to a model (see `elementary`); none where it has no picture to place them in, or has
-    parts already."""
-    if prepared.small.wire is None or any(effect.cause in PART_CAUSES for effect in prepared.effects):
+    """Every part that may be added to a model (see `elementary`); none where it has parts already."""
+    if any(effect.cause in PART_CAUSES for effect in prepared.effects):
         return []
     return elementary(prepared.small, lambda point: place_words(point, prepared.description), heights=heights,
                       tuned_hz=tuned_hz)

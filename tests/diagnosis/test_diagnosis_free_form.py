@@ -379,10 +379,15 @@ def test_nothing_is_added_where_nothing_is_hidden(frame):
     assert free_form(frame, examine(frame, data), data) is None
 
 
-def test_a_model_without_a_picture_has_no_place_for_parts(frame):
-    data = record(5)
-    bare = replace(frame, small=replace(frame.small, wire=None))
-    assert free_form(bare, examine(bare, data), data) is None
+def test_parts_of_a_model_without_a_picture_are_at_its_channels(frame, validation):
+    row = validation(what="the spring to ground of 3e5 N/m, of a model that has no picture: part, channel, time profile; "
+                          "size in its standard deviations", reference="what was hidden")
+    data, bare = record(3, spring=3e5), replace(frame, small=replace(frame.small, wire=None))
+    found = free_form(bare, examine(bare, data), data)
+    (part,) = found.content["parts"]
+    row.equal((part["cause"], part["location"], part["time_profile"]), (PART_CAUSES[0], "channel x4, along it", "step"),
+              "part")
+    row.error((part["size"] - 3e5) / part["size_std"], 3, "size")
 
 
 def test_attached_parts_are_the_full_models(frame, validation):

@@ -17,7 +17,7 @@ from probupdate.diagnosis.wording import found_words, free_form_words, own_respo
 from probupdate.effects.catalogue import Crosstalk, Delay, Effect, FrequencyResponse, Gain, Rate, Swap, Turn
 from probupdate.modal.modes import ModalData, write_modes
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
-from tests.diagnosis.test_diagnosis_free_form import block, frame  # noqa: F401
+from tests.diagnosis.test_diagnosis_free_form import _frame, block  # noqa: F401
 
 CHANNEL = 6
 
