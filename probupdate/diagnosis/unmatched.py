@@ -82,7 +82,8 @@ def unmatched_modes(
 ) -> list[Unmatched]:
     """Every mode that is none of the model's, by itself, beside what the diagnosis of all others (`known`) found."""
     ids = set(known.problem.blocks.ids)
-    data = replace(joined(data)[0], sets=tuple(s for s in data.sets if s.id in ids))
+    data, _ = joined(data)
+    data = replace(data, sets=tuple(s for s in data.sets if s.id in ids))
     records = unmatched(data)
     compared = len(known.problem.blocks.labels)
     if known.problem.blocks.few or compared >= prepared.small.n_search:
