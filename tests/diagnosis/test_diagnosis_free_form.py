@@ -380,8 +380,8 @@ def test_nothing_is_added_where_nothing_is_hidden(frame):
 
 
 def test_parts_of_a_model_without_a_picture_are_at_its_channels(frame, validation):
-    row = validation(what="the spring to ground of 3e5 N/m, of a model that has no picture: part, channel, time profile; "
-                          "size in its standard deviations", reference="what was hidden")
+    row = validation(what="the spring to ground of 3e5 N/m, of a model that has no picture: part, channel, time "
+                          "profile; size in its standard deviations", reference="what was hidden")
     data, bare = record(3, spring=3e5), replace(frame, small=replace(frame.small, wire=None))
     found = free_form(bare, examine(bare, data), data)
     (part,) = found.content["parts"]

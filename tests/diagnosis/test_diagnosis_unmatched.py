@@ -161,8 +161,8 @@ def test_accelerations_of_structures_with_a_tuned_mass(number, tmp_path, validat
     """Of trusses, a beam and storeys drawn at random, whose models have no picture: the mass hangs at a channel. In 66
     a stiffness of the truss had been *named* for what the mass does to the other modes."""
     row = validation(what="accelerations of a truss with a tuned mass (long: of another, of a beam and, from a block "
-                          "on, of a truss and storeys too), by `identify` and `diagnose`: verdict, channel, onset; mass "
-                          "and frequency in their standard deviations", reference="what was hidden")
+                          "on, of a truss and storeys too), by `identify` and `diagnose`: verdict, channel, onset; "
+                          "mass and frequency in their standard deviations", reference="what was hidden")
     record = draw_record("tuned mass", number)
     path = record.world.write(tmp_path / "model")
     campaign = write_campaign(record, tmp_path / "campaign")
