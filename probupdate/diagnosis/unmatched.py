@@ -14,7 +14,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import adequacy
-from probupdate.diagnosis.blocks import unmatched, unmatched_words
+from probupdate.diagnosis.blocks import FEWEST, unmatched, unmatched_words
 from probupdate.diagnosis.diagnose import ADEQUATE, Outcome
 from probupdate.diagnosis.elementary import FITTED, Part, hung_near, place_and_direction
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
@@ -92,10 +92,23 @@ def unmatched_modes(
     for number, record in enumerate(records):
         progress("modes that the model lacks", number, len(records))
         hz = tuple(float(record.frequency_hz * np.exp(shift)) for shift in NEAR)
-        parts = hung_near(prepared, hz)
-        if parts:
-            result.append(_explained(prepared, known, data, record, parts, seed=seed, runs=runs))
+        problem, parts = _with_mode(prepared, known, data, record.label), hung_near(prepared, hz)
+        if problem is not None and parts:
+            result.append(_explained(known, problem, record, parts, seed=seed, runs=runs))
     return result
+
+
+def _with_mode(prepared: Prepared, known: Outcome, data: ModalData, label: str) -> DiagnosisProblem | None:
+    """The problem with that mode as one more group; None where too few sets have its frequency and its shape in all
+    channels that are compared."""
+    problem, _ = diagnosis_problem(prepared, data, (label,))
+    blocks, before = problem.blocks, known.problem.blocks
+    if (blocks.ids, blocks.channels) != (before.ids, before.channels) or label not in blocks.labels:
+        return None
+    if len(blocks.channels) < 2 or np.count_nonzero(problem.measured[1][_group(problem, label)]) < FEWEST:
+        return None
+    return replace(problem, effects=known.problem.effects, which=known.problem.which,
+                   time_profiles=known.problem.time_profiles)
 
 
 def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
@@ -131,12 +144,8 @@ def _words(one: Unmatched) -> str:
 
 
 def _explained(
-    prepared: Prepared, known: Outcome, data: ModalData, record: ModeRecord, parts: Sequence[Part], *, seed: int,
-    runs: Executor,
+    known: Outcome, problem: DiagnosisProblem, record: ModeRecord, parts: Sequence[Part], *, seed: int, runs: Executor,
 ) -> Unmatched:
-    problem, _ = diagnosis_problem(prepared, data, (record.label,))
-    problem = replace(problem, effects=known.problem.effects, which=known.problem.which,
-                      time_profiles=known.problem.time_profiles)
     profile = _since(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
     stepped = hung_at_first_steps(problem.taken(there), _noise(problem).taken(there), parts, runs)

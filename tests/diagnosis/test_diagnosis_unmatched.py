@@ -180,10 +180,14 @@ def test_accelerations_of_structures_with_a_tuned_mass(number, tmp_path, validat
     row.error((part["frequency_hz"] - own_hz) / part["frequency_std_hz"], 3, "frequency")
 
 
-def test_few_sets_and_models_of_few_modes_are_not_searched(pictured_frame):
+def test_few_sets_few_shapes_and_models_of_few_modes_are_not_searched(pictured_frame):
     data, _ = hung(9, mass=150.0, storey=4, from_block=0)
     known = examine(pictured_frame, data)
     few = replace(known, problem=replace(known.problem, blocks=replace(known.problem.blocks, few=True)))
     assert unmatched_modes(pictured_frame, few, data) == []
+    gone = [int(k) for k in np.arange(N_BLOCK) if k % 8]
+    lacking = [replace(s, shape=np.where(np.arange(7) == 6, np.nan, s.shape)) if k in gone else s
+               for k, s in enumerate(data.sets)]
+    assert unmatched_modes(pictured_frame, known, replace(data, sets=tuple(lacking))) == []
     small = replace(pictured_frame, small=replace(pictured_frame.small, n_search=6))
     assert unmatched_modes(small, known, data) == []
