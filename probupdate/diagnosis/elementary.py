@@ -150,9 +150,8 @@ def elementary(
     small: SmallModel, place: Callable[[np.ndarray], str], *, heights: int = 0, tuned_hz: Sequence[float] = ()
 ) -> list[tuple[Effect, Attachment]]:
     """Every part that may be added: its row and where it acts on the small basis; at the channels of a model without a
-    picture. `place`: point (3,) -> words;
-    `heights`: masses on springs at so many heights too, at `tuned_hz` or, without these, at frequencies from below the
-    lowest mode to above those looked through."""
+    picture. `place`: point (3,) -> words; `heights`: masses on springs at so many heights too, at `tuned_hz` or,
+    without these, at frequencies from below the lowest mode to above those looked through."""
     K, M = small.at(small.parameters.initial).matrices()
     value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     tuned_hz = tuple(tuned_hz) or tuple(map(float, tunings(np.sqrt(value) / (2 * np.pi))))
@@ -212,8 +211,9 @@ def _at_channels(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: 
     flexibility, result = linalg.cho_factor(K), []
     moved = np.sum((small.at_channels @ shape) ** 2, axis=1)
     for name, row, own in zip(small.channels, small.at_channels, moved, strict=True):
-        stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"
+        # a channel that no mode moves is no place for anything
         if own > 0:
+            stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"
             result += [_part(PART_CAUSES[0], there, "N/m", SHARE * stiffness, Attachment(stiffness=row[None])),
                        _part(PART_CAUSES[2], there, "kg", SHARE / float(own), Attachment(mass=row[None])),
                        *(_part(PART_CAUSES[3], f"{there}, about {hz:.3g} Hz", "kg", SHARE / float(moved.max()),

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import adequacy
-from probupdate.diagnosis.blocks import FEWEST, unmatched, unmatched_words
+from probupdate.diagnosis.blocks import FEWEST, mode_words, unmatched, unmatched_words
 from probupdate.diagnosis.diagnose import ADEQUATE, Outcome
 from probupdate.diagnosis.elementary import FITTED, Part, hung_near, place_and_direction
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
@@ -132,10 +132,10 @@ def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
 def _words(one: Unmatched) -> str:
     known = unmatched_words(one.record)
     if one.content:
-        return (f"{known.split(', is none')[0]}, is none of the model's: a mass on springs has it, with "
-                f"probability {one.of_mass:.3g} over one of the model's own and something else")
+        return (f"{mode_words(one.record)}, is none of the model's: a mass on springs has it, with probability "
+                f"{one.of_mass:.3g} over one of the model's own and something else")
     if one.of_model >= PROBABLE:
-        return (f"{known.split(', is none')[0]}, was taken for none of the model's and is not compared; with all other "
+        return (f"{mode_words(one.record)}, was taken for none of the model's and is not compared; with all other "
                 f"data it is one that no measured mode was recognised as (probability {one.of_model:.3g})")
     if one.of_mass < PROBABLE:
         return f"{known}; no mass on springs at any of the places tried has its frequency and shape"

@@ -27,6 +27,21 @@ def storeys(factor_x, factor_y, mass):
     return K, np.diag(np.repeat(np.asarray(mass, float), 2))
 
 
+def with_mass_on_spring(K, M, mass, hz, storey):
+    """K and M (11, 11) of a frame on a storey of which a mass hangs along x, its own degree of freedom the last."""
+    K, M = np.pad(K, (0, 1)), np.pad(M, (0, 1))
+    both = np.zeros(len(K))
+    both[[2 * storey, -1]] = 1.0, -1.0
+    K += mass * (2 * np.pi * hz) ** 2 * np.outer(both, both)
+    M[-1, -1] = mass
+    return K, M
+
+
+def moving_most(phi):
+    """The mode in which that mass moves most against all storeys, of shapes (11, n)."""
+    return int(np.argmax(np.abs(phi[-1]) / np.linalg.norm(phi[:-1], axis=0)))
+
+
 @pytest.fixture(scope="session")
 def frame_file(tmp_path_factory):
     """model.npz with a parameter for the stiffness of each storey (both axes) and one for the top mass."""

@@ -21,7 +21,16 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
 from probupdate.structure.load import reference_model
-from tests.diagnosis.conftest import CHANNELS, HEIGHT, MASS, N_BLOCK, N_STOREY, storeys
+from tests.diagnosis.conftest import (
+    CHANNELS,
+    HEIGHT,
+    MASS,
+    N_BLOCK,
+    N_STOREY,
+    moving_most,
+    storeys,
+    with_mass_on_spring,
+)
 
 
 @pytest.fixture(name="frame", scope="module")
@@ -94,13 +103,9 @@ def hung_record(seed, *, mass, hz, storey, from_block=20):
     for b in range(N_BLOCK):
         K, M = storeys(base, base, MASS * np.ones(N_STOREY))
         if b >= from_block:
-            K, M = np.pad(K, (0, 1)), np.pad(M, (0, 1))
-            both = np.zeros(len(K))
-            both[[2 * storey, -1]] = 1.0, -1.0
-            K += mass * (2 * np.pi * hz) ** 2 * np.outer(both, both)
-            M[-1, -1] = mass
+            K, M = with_mass_on_spring(K, M, mass, hz, storey)
         value, phi = linalg.eigh(K, M, subset_by_index=(0, 6))
-        apart = np.argmax(np.abs(phi[-1]) / np.linalg.norm(phi[: 2 * N_STOREY], axis=0)) if b >= from_block else 6
+        apart = moving_most(phi) if b >= from_block else 6
         value, phi = np.delete(value, apart), np.delete(phi[: 2 * N_STOREY], apart, axis=1)
         sets.append(block(rng, b, value, phi))
     return ModalData(channels=CHANNELS, sets=tuple(sets))
