@@ -324,9 +324,9 @@ def _as_halves(set_id: str, mates, partner, name, frequency_hz) -> list[str]:
     found = []
     for j, k in mates.items():
         low, high = sorted((partner[j], k))
-        found.append(f"the mate of {name[j]} in set {set_id}, which was not measured: {name[j]} is one of a close pair "
-                     f"(computed modes {low + 1} and {high + 1} at {frequency_hz[low]:.4g} and "
-                     f"{frequency_hz[high]:.4g} Hz) and is compared with the nearest combination of the two")
+        found.append(f"the other mode of {name[j]}'s close pair (computed modes {low + 1} and {high + 1} at "
+                     f"{frequency_hz[low]:.4g} and {frequency_hz[high]:.4g} Hz), not measured in set {set_id}; "
+                     f"{name[j]} is compared with the nearest combination of the two")
     return found
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
+from probupdate.io.result_table import plural
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
@@ -41,7 +42,8 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     if np.any(np.isinf(array)):
         raise InputError(f"{where}, {key}", "holds an infinite number", "use null where not measured")
     if array.shape != shape:
-        raise InputError(f"{where}, {key}", f"has shape {array.shape}", f"give {shape}")
+        raise InputError(f"{where}, {key}", f"has shape {array.shape}",
+                         f"give {shape}{', a row for each mode' if len(shape) == 2 else ''}")
     return array
 
 
@@ -106,6 +108,7 @@ SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
     "environment",
 }
+PER_MODE = ("damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std")
 
 
 def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
@@ -223,9 +226,22 @@ def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:
     if not isinstance(raw.get("environment") or {}, dict):
         raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
     n_mode = len(raw["frequency_hz"])
+    _refuse_odd_length(where, raw, n_mode, n_channel)
     if n_mode * n_channel > LARGEST_SHAPES:
         raise InputError(where, f"{n_mode} modes at {n_channel} channels are more than a set can have", "give fewer")
     _refuse_odd(f"{where}, environment", raw.get("environment") or {})
+
+
+def _refuse_odd_length(where: str, raw: dict, n_mode: int, n_channel: int) -> None:
+    """Frequencies of another number of modes than all other lists have; of these one alone is refused as it is read."""
+    others = {key: raw[key] for key in PER_MODE if isinstance(raw.get(key), list)}
+    numbers = {len(value) for value in others.values()}
+    by_channel = numbers == {n_channel} and all(isinstance(row, list) and len(row) == n_mode
+                                                for value in others.values() for row in value)
+    if len(numbers) == 1 and numbers != {n_mode} and not by_channel:
+        raise InputError(f"{where}, frequency_hz",
+                         f"has {plural(n_mode, 'mode')}, {', '.join(others)} {numbers.pop()}",
+                         "give every mode an entry in each of them, null where not measured")
 
 
 def _text_or_none(path: Path, content: Mapping, key: str) -> str | None:

@@ -264,6 +264,23 @@ def test_mistakes_with_deviations_are_named(tmp_path):
         read_modes(write(tmp_path, content))
 
 
+def test_frequencies_of_fewer_modes_than_all_else_are_what_is_refused(tmp_path):
+    one = {"id": "a", "frequency_hz": [1.0], "damping_ratio": [0.01, 0.01], "shape_re": [[1, 0, 0], [0, 1, 0]]}
+    content = {"channels": ["a", "b", "c"], "sets": [one]}
+    with pytest.raises(InputError, match="a, frequency_hz: has 1 mode, damping_ratio, shape_re 2; give every mode"):
+        read_modes(write(tmp_path, content))
+    one["frequency_hz"] = [1.0, 2.0]
+    assert read_modes(write(tmp_path, content)).n_mode == 2
+    # one list alone is at fault, or the shapes are by channel
+    for key, value, word in (("damping_ratio", [0.01], r"damping_ratio: has shape \(1,\); give \(2,\)"),
+                             ("shape_re", [[1, 0], [0, 1], [0, 0]], r"has shape \(3, 2\); give \(2, 3\), a row for")):
+        with pytest.raises(InputError, match=word):
+            read_modes(write(tmp_path, {"channels": ["a", "b", "c"], "sets": [one | {key: value}]}))
+    del one["damping_ratio"]
+    with pytest.raises(InputError, match="shape_re: has shape"):
+        read_modes(write(tmp_path, {"channels": ["a", "b", "c"], "sets": [one | {"shape_re": [[1, 0], [0, 1], [0, 0]]}]}))
+
+
 def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
     write_modes(data_with_factors(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())

@@ -40,7 +40,7 @@ def test_such_a_mode_has_a_mate_by_other_sets_labels_or_its_own_turn():
     for found in (by_sets, by_labels, by_turn):
         assert [(g.measured, g.computed, g.mates) for g in found.groups] == [((0,), (0,), (1,)), ((2, 3), (2, 3), ())]
         assert found.criterion[0, :2] == pytest.approx([1, 1])
-        assert any("is one of a close pair (computed modes 1 and 2 at" in text for text in found.left_out)
+        assert any("1's close pair (computed modes 1 and 2 at" in text for text in found.left_out)
     # nothing tells it: it is what it seems
     assert all(not g.mates for g in match(straight, solution, ROWS).groups)
     # every shape by its own components, as in the paper
@@ -105,7 +105,7 @@ def test_the_update_of_a_structure_alike_both_ways_finds_it_from_one_of_the_pair
     record = probupdate.update(ALIKE, data)
     error = (record.map_theta - truth) / np.sqrt(np.diag(record.map_covariance))
     assert np.max(np.abs(error)) < 3.5
-    assert any(text.startswith("the mate of FA1") for text in record.left_out)
+    assert any(text.startswith("the other mode of FA1's close pair") for text in record.left_out)
 
 
 def test_a_set_with_one_of_a_pair_is_updated_beside_sets_with_both():
