@@ -124,10 +124,8 @@ def _design(
         included=(*((column[_number(problem, n)], n.time_profile, n.prior_std)
                     for n in included if not n.effect.discrete), *scatter),
         n_scatter=len(scatter),
-        # a factor that every mode has of its own follows no theory that could be in error
-        model_errors=tuple((n.time_profile, _model_errors(problem, n, [e[:, :, column[_number(problem, n)]]
-                                                                       for e in effect]))
-                           for n in included if not isinstance(n.effect.observe, FrequencyResponse)),
+        model_errors=_model_errors(problem, included, [[e[:, :, column[_number(problem, n)]] for e in effect]
+                                                       for n in included]),
     )
 
 
@@ -265,11 +263,22 @@ def _signatures_of_bins(
 
 
 def _model_errors(
-    problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
-) -> tuple[np.ndarray, ...]:
-    """Per group (n_bin, n_response) the model error of an included effect of this signature (n_bin, n_response)."""
-    scale = error_scale(included.effect)
-    return tuple(_model_error_std(problem, q, scale * included.size * e) for q, e in enumerate(effect))
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], signatures: Sequence[Sequence[np.ndarray]]
+) -> tuple[tuple[TimeProfile, tuple[np.ndarray, ...]], ...]:
+    """Per time profile and group the standard deviations (n_bin, n_response) of the model errors of the included
+    effects of these signatures, per effect and group (n_bin, n_response): those along one time profile are one error,
+    as they are independent."""
+    profiles: dict[bytes, TimeProfile] = {}
+    variances: dict[bytes, list[np.ndarray]] = {}
+    for n, effect in zip(included, signatures, strict=True):
+        # a factor that every mode has of its own follows no theory that could be in error
+        if isinstance(n.effect.observe, FrequencyResponse):
+            continue
+        key, scale = n.time_profile.value.tobytes(), error_scale(n.effect)
+        own = [_model_error_std(problem, q, scale * n.size * e) ** 2 for q, e in enumerate(effect)]
+        profiles.setdefault(key, n.time_profile)
+        variances[key] = own if key not in variances else [a + b for a, b in zip(variances[key], own, strict=True)]
+    return tuple((profiles[key], tuple(map(np.sqrt, own))) for key, own in variances.items())
 
 
 def error_scale(effect: Effect) -> float:

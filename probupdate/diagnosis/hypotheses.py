@@ -28,6 +28,7 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.proposals import (
     SHARE_STEP,
     Tried,
+    changed_together,
     sharpened,
     sharpened_again,
     tried_together,
@@ -286,6 +287,32 @@ def large_moves(
     return result
 
 
+def _fit_together(
+    problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], first: Search, most: int, runs: Executor
+) -> None:
+    """Adds to `known` what changed together, from the model as it is."""
+    _fit_moves(problem, known[frozenset()].with_design(problem), _changed_together(problem, first, most), known,
+               noise_anew=True, runs=runs)
+
+
+def _changed_together(problem: DiagnosisProblem, first: Search, most: int) -> list[Move]:
+    """From the model as it is to several effects of the structure that begin where its highest score as a step does:
+    the first of them, the first two and so on."""
+    steps = [problem.effects[j].observe is None and problem.time_profiles[c].kind == "step"
+             for j, c in problem.which[: len(first.z)]]
+    score = np.where(steps, first.statistic, 0.0)
+    if not score.max() > LARGE:
+        return []
+    profile = problem.time_profiles[problem.which[int(np.argmax(score)), 1]]
+    try:
+        theta, parts = changed_together(problem, profile, len(score), most)
+    except ConvergenceError:
+        return []
+    return [Move(candidates=tuple(t.candidate for t in parts[:n]), theta=theta, promise=np.inf,
+                 z=tuple(float(first.z[t.candidate]) for t in parts[:n]),
+                 included=tuple(_begun(problem, t) for t in parts[:n])) for n in range(1, len(parts) + 1)]
+
+
 def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
     j, c = problem.which[tried.candidate]
     return IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=tried.size)
@@ -304,14 +331,20 @@ def explore(
     one_more: dict[frozenset, bool] = {}
     # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
-    compared, renewed = Ranking(runs), set()
+    compared, renewed, asked = Ranking(runs), set(), False
     first = search(problem, null, seed=seed)
+
+    def beside(here: Hypothesis) -> Search:
+        return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
+
     known = _known_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
-        key = _next_looked_at(keys, relative, searches)
-        if key is None and one_more[keys[0]]:
-            key = _in_place_of_what_led_nowhere(keys, relative, searches, promised)
+        key = _next_looked_at(keys, relative, searches, promised if one_more.get(keys[0]) else {})
+        if key is None and not asked and _leaves_much(known[keys[0]], searches[keys[0]]):
+            asked = True
+            _fit_together(problem, known, first, most, runs)
+            continue
         if key is None:
             break
         if key and key not in renewed:
@@ -322,8 +355,7 @@ def explore(
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
-        found = first if not key else search(
-            problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
+        found = beside(here) if key else first
         searches[key] = found
         one_more[key] = _one_more_promises(problem, here, found)
         add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.beyond_sense)
@@ -333,14 +365,10 @@ def explore(
             problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
-        # of frequencies alone first order says which of two equal modes moves, where either may
-        large = found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
-        moves = large_moves(problem, here, found, n_searched, most) if add and large else []
-        together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
-        moves += moves_from(problem, here, add=add and not together, competing=_competing(known, key),
-                            best=max(h.log_posterior for h in known.values()))
-        here = here.not_asked()
-        _fit_moves(problem, here, moves, known, noise_anew=large, runs=runs)
+        large = _is_large(problem, found, key)
+        moves = _small_and_large_moves(problem, here, large_moves(problem, here, found, n_searched, most)
+                                       if add and large else [], known, key, add=add)
+        _fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
@@ -348,11 +376,10 @@ def explore(
                                 if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
-    found = searches.get(keys[0]) or search(
-        problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
-    more = one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found)
+    found = searches.get(keys[0]) or beside(last)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=found, one_more=more)
+                    first=first, last=found,
+                    one_more=one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found))
 
 
 def _known_first(
@@ -375,6 +402,15 @@ def _tried_first(problem: DiagnosisProblem, n: IncludedEffect, first: Search) ->
                 theta=np.array(problem.predictor.parameters.initial))
 
 
+def _is_large(problem: DiagnosisProblem, found: Search, key: frozenset) -> bool:
+    # of frequencies alone first order says which of two equal modes moves, where either may
+    return found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
+
+
+def _leaves_much(one: Hypothesis, found: Search) -> bool:
+    return not one.fitted.settled or bool(found.statistic.max() > found.threshold)
+
+
 def _may_be_more(fitted: Hypothesis | None) -> bool:
     """Whether a hypothesis that promised more than one with an effect less, and is not the most probable, may yet be
     more: it could not be fitted, or stands where its fit stopped."""
@@ -385,14 +421,27 @@ def _promised_by_one_more(moves: Sequence[Move], number: int) -> float:
     return max([m.promise for m in moves if len(m.candidates) > number], default=0.0)
 
 
+def _small_and_large_moves(
+    problem: DiagnosisProblem, here: Hypothesis, large: Sequence[Move], known: Mapping[frozenset, Hypothesis],
+    key: frozenset, *, add: bool,
+) -> list[Move]:
+    """The large moves, and those that first order promises: beside two large effects at once none is added."""
+    several = any(len(m.candidates) > len(here.candidates) + 1 for m in large)
+    return [*large, *moves_from(problem, here, add=add and not several, competing=_competing(known, key),
+                                best=max(h.log_posterior for h in known.values()))]
+
+
 def _next_looked_at(
-    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset]
+    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
+    promised: Mapping[int, float],
 ) -> frozenset | None:
     """The most probable hypothesis, else another of the WIDTH of its number of effects that come near it, from which no
-    moves were made; None where there is none. `keys` the most probable first, with the ln posterior relative to it."""
+    moves were made, else one `_in_place_of_what_led_nowhere`; None where there is none. `keys` the most probable first,
+    with the ln posterior relative to it."""
     levels = [len(k) for k in looked_at]
-    return next((k for k, r in zip(keys, relative, strict=True)
-                 if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))), None)
+    near = (k for k, r in zip(keys, relative, strict=True)
+            if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH)))
+    return next(near, _in_place_of_what_led_nowhere(keys, relative, looked_at, promised))
 
 
 def _in_place_of_what_led_nowhere(

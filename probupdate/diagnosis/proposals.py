@@ -21,7 +21,7 @@ import numpy as np
 from scipy import optimize
 
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
-from probupdate.diagnosis.fitting import Fit, design_at, kept, linearised, noise_of
+from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -163,6 +163,48 @@ def tried_together(
         if stays:
             break
     return result
+
+
+def changed_together(
+    problem: DiagnosisProblem, profile: TimeProfile, count: int, most: int
+) -> tuple[np.ndarray, list[Tried]]:
+    """The few of the first `count` candidates, at most so many, that changed together along a time profile: all that
+    change one parameter each are estimated at once, of which their heavy-tailed prior lets few be large; then those
+    that explain most of these sizes, one after the other, members of a group as the group. With the parameters of that
+    fit. Raises ConvergenceError where the model has no modes on the way."""
+    rows = [k for k, (_, c) in enumerate(problem.which[:count]) if problem.time_profiles[c] is profile]
+    effects = {k: problem.effects[problem.which[k, 0]] for k in rows}
+    moving = {k: dict(e.increments) for k, e in effects.items() if e.observe is None and not e.discrete}
+    alone = {name: k for k, names in moving.items() if len(names) == 1 for name in names}
+    own = [IncludedEffect(effect=effects[k], time_profile=profile, size=0.0) for k in alone.values()]
+    fitted = fitted_without_candidates(problem, problem.predictor.parameters.initial, own)
+    size, sizes = np.array([n.size for n in fitted.included]), fitted.design.sizes
+    precision = np.linalg.inv(fitted.design.unknowns_cov(range(sizes.start, sizes.start + len(own))))
+    shares = {k: np.array([names.get(name, 0.0) / moving[alone[name]][name] for name in alone])
+              for k, names in moving.items() if set(names) <= set(alone)}
+    chosen: list[Tried] = []
+    explained = 0.0
+    while len(chosen) < most:
+        found = {k: _explained(size, precision, [*(shares[t.candidate] for t in chosen), share])
+                 for k, share in shares.items() if k not in [t.candidate for t in chosen]}
+        best = max(found, key=lambda k: found[k][0], default=None)
+        if best is None or found[best][0] - explained < ANOTHER:
+            break
+        (total, best_sizes), parts = found[best], [*(t.candidate for t in chosen), best]
+        gained = [*(t.gain for t in chosen), total - explained]
+        within = [float(np.clip(s, effects[k].lower, effects[k].upper)) for k, s in zip(parts, best_sizes, strict=True)]
+        chosen = [Tried(candidate=k, size=s, gain=g, whole=True)
+                  for k, s, g in zip(parts, within, gained, strict=True)]
+        explained = total
+    return fitted.theta, chosen
+
+
+def _explained(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """How much of size^T precision size the best combination of these columns explains, and that combination."""
+    E = np.column_stack(columns)
+    right = E.T @ precision @ size
+    best = np.linalg.lstsq(E.T @ precision @ E, right, rcond=None)[0]
+    return float(right @ best), best
 
 
 def _beside(

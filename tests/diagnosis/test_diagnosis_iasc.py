@@ -10,9 +10,18 @@ import pytest
 
 from probupdate.diagnosis.adequacy import adequacy
 from probupdate.diagnosis.blocks import gather
-from probupdate.diagnosis.fitting import fit, fitted_without_candidates
+from probupdate.diagnosis.evidence import linear_evidence
+from probupdate.diagnosis.expected import residuals_at
+from probupdate.diagnosis.fitting import (
+    _model_errors,
+    design_without_candidates,
+    fit,
+    fitted_without_candidates,
+    noise_of,
+)
 from probupdate.diagnosis.hypotheses import hypothesis_of, large_moves
-from probupdate.diagnosis.problem import diagnosis_problem
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.proposals import changed_together
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.structure.load import load_model
 
@@ -197,6 +206,42 @@ def test_two_braces_at_one_step_are_tried_together_though_the_first_of_them_stay
     fitted = fitted_without_candidates(problem, both[0].theta, both[0].included)
     assert fitted.settled
     row.error([n.size + 0.5 for n in fitted.included], 0.1, "size")
+
+
+def test_storeys_of_which_neither_alone_explains_much_are_found_together(prepared, validation):
+    """What was found step by step here were three other braces, which explain the record no better than none (p of
+    1e-114): all of the structure that may have changed since the step is asked at once, of which few are large."""
+    row = validation(what="two storeys' braces lost at a step, of which neither alone explains much: those that "
+                          "changed together; named in all; sizes less one", reference="the pattern")
+    case, pattern = DEFINED[1, 2]
+    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 28, time_profile="step"))
+    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
+    _, parts = changed_together(problem, profile, len(problem.which), 3)
+    row.equal({problem.effects[problem.which[t.candidate, 0]].location for t in parts}, pattern.places, "together")
+    line = run.run_one(prepared(case), case, pattern, 28, "step")
+    row.equal(line["judged"], "right", "judged")
+    row.error([f["size"] - 1 for f in line["findings"]], 0.05, "size")
+
+
+def test_model_errors_along_one_time_profile_are_one(prepared):
+    """Independent errors of the same responses at the same times: their variances add, and nothing else changes."""
+    case, pattern = DEFINED[4, 4]
+    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 3, time_profile="step"))
+    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
+    places = sorted(pattern.places)
+    included = [IncludedEffect(effect=next(e for e in problem.effects if e.location == place), time_profile=profile,
+                               size=-0.5) for place in places]
+    noise = noise_of(problem, residuals_at(problem, theta, included))
+    together = design_without_candidates(problem, theta, included, noise)
+    ((_, spread),) = together.model_errors
+    signatures = [[e[:, :, number] for e in together.effect] for number, _, _ in together.included[:2]]
+    apart = replace(together, model_errors=tuple(
+        error for n, own in zip(included, signatures, strict=True) for error in _model_errors(problem, [n], [own])))
+    for q, own in enumerate(spread):
+        assert own == pytest.approx(np.sqrt(sum(s[q] ** 2 for _, s in apart.model_errors)))
+    residuals = residuals_at(problem, theta, included)
+    assert len(apart.model_errors) == 2
+    assert linear_evidence(together, residuals) == pytest.approx(linear_evidence(apart, residuals), rel=1e-9)
 
 
 @pytest.mark.parametrize(("number", "pattern", "seed"), [

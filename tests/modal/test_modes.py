@@ -278,7 +278,8 @@ def test_frequencies_of_fewer_modes_than_all_else_are_what_is_refused(tmp_path):
             read_modes(write(tmp_path, {"channels": ["a", "b", "c"], "sets": [one | {key: value}]}))
     del one["damping_ratio"]
     with pytest.raises(InputError, match="shape_re: has shape"):
-        read_modes(write(tmp_path, {"channels": ["a", "b", "c"], "sets": [one | {"shape_re": [[1, 0], [0, 1], [0, 0]]}]}))
+        by_channel = one | {"shape_re": [[1, 0], [0, 1], [0, 0]]}
+        read_modes(write(tmp_path, {"channels": ["a", "b", "c"], "sets": [by_channel]}))
 
 
 def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
