@@ -188,7 +188,7 @@ def changed_together(
         found = {k: _explained(size, precision, [*(shares[t.candidate] for t in chosen), share])
                  for k, share in shares.items() if k not in [t.candidate for t in chosen]}
         best = max(found, key=lambda k: found[k][0], default=None)
-        if best is None or found[best][0] - explained < ANOTHER:
+        if best is None or found[best][0] - explained < 2 * MARGIN:
             break
         (total, best_sizes), parts = found[best], [*(t.candidate for t in chosen), best]
         gained = [*(t.gain for t in chosen), total - explained]
