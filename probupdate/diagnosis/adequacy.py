@@ -19,8 +19,10 @@ from scipy import linalg, stats
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem, local_std, prior_shift
-from probupdate.diagnosis.search import Search
+from probupdate.diagnosis.search import Search, drawn_scores
 
+# a residual as unlikely as this is not explained
+ADEQUATE = 0.01
 # of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
 INFORMED = 0.05
 
@@ -207,6 +209,11 @@ def adequacy(
         return free, {FREQUENCIES: free}
     p, parts = all_of_them
     return min(1.0, 2 * min(p, free)), {**parts, FREQUENCIES: free}
+
+
+def explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) -> bool:
+    """Whether what a fit leaves may be noise: `found` the search beside it."""
+    return adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))[0] >= ADEQUATE
 
 
 def _spanned(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy import special, stats
 
-from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
+from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, adequacy, explains, frequencies_off, span_left
 from probupdate.diagnosis.elementary import (
     COMPETING_HEIGHTS,
     OWN_RESPONSE,
@@ -46,9 +46,8 @@ from probupdate.runtime.progress import Progress, silent
 MOST_EFFECTS = 3
 # the minimum detectable size is found found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
-# a cause is named from this probability among its competing hypotheses; a residual as unlikely as this is not
-# explained
-SURE, ADEQUATE = 0.95, 0.01
+# a cause is named from this probability among its competing hypotheses
+SURE = 0.95
 # chance alone makes a largest score as high so seldom that it is no explanation, however improbable each cause
 NOT_BY_CHANCE = 1e-3
 # of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
@@ -263,7 +262,7 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         # crosstalks may have been taken up after it
         there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
-        if not _explains(problem, there.fitted, found, seed) and _explains(problem, best.fitted, explored.last, seed):
+        if not explains(problem, there.fitted, found, seed) and explains(problem, best.fitted, explored.last, seed):
             refuted.add(out)
             continue
         refuted = set()
@@ -271,10 +270,6 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, one_more=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
-
-
-def _explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) -> bool:
-    return adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))[0] >= ADEQUATE
 
 
 def findings_of(

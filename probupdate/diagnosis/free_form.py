@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.adequacy import adequacy
-from probupdate.diagnosis.diagnose import ADEQUATE, Outcome, examine
+from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
+from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.elementary import (
     BOTH_WAYS,
     FITTED,

@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from probupdate.diagnosis.adequacy import explains
 from probupdate.diagnosis.evidence import (
     linear_evidence,
     log_evidence,
@@ -288,29 +289,43 @@ def large_moves(
 
 
 def _fit_together(
-    problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], first: Search, most: int, runs: Executor
-) -> None:
-    """Adds to `known` what changed together, from the model as it is."""
-    _fit_moves(problem, known[frozenset()].with_design(problem), _changed_together(problem, first, most), known,
-               noise_anew=True, runs=runs)
+    problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], best: Hypothesis, first: Search, most: int,
+    runs: Executor,
+) -> bool:
+    """Adds to `known` what of the structure changed together, beside what the most probable hypothesis says of sensors,
+    since the time that all of it shows: done, and not to be asked again."""
+    moves = _changed_together(problem, best, first, most)
+    _fit_moves(problem, known[frozenset()].with_design(problem), moves, known, noise_anew=True, runs=runs)
+    for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
+        known[key] = _renewed(problem, known[key])
+    return True
 
 
-def _changed_together(problem: DiagnosisProblem, first: Search, most: int) -> list[Move]:
-    """From the model as it is to several effects of the structure that begin where its highest score as a step does:
-    the first of them, the first two and so on."""
+def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search, most: int) -> list[Move]:
+    """From the model as it is to several effects of the structure that begin where the most probable hypothesis has
+    one, else where the highest score as a step does: the first of them, the first two and so on."""
+    of_sensors = [i for i, n in enumerate(best.fitted.included) if n.effect.observe is not None]
+    kept = tuple(best.fitted.included[i] for i in of_sensors)
+    since = next((n.time_profile for n in best.fitted.included
+                  if n.effect.observe is None and n.time_profile.kind == "step"), None)
     steps = [problem.effects[j].observe is None and problem.time_profiles[c].kind == "step"
              for j, c in problem.which[: len(first.z)]]
     score = np.where(steps, first.statistic, 0.0)
-    if not score.max() > LARGE:
+    if since is None:
+        since = problem.time_profiles[problem.which[int(np.argmax(score)), 1]]
+    grid = min((profile for profile in problem.time_profiles if profile.kind == "step"),
+               key=lambda profile: abs(profile.at - since.at), default=None)
+    if grid is None or not score.max() > LARGE:
         return []
-    profile = problem.time_profiles[problem.which[int(np.argmax(score)), 1]]
+    rows = [k for k in np.flatnonzero(steps) if problem.time_profiles[problem.which[k, 1]] is grid]
     try:
-        theta, parts = changed_together(problem, profile, len(score), most)
+        theta, parts = changed_together(problem, kept, rows, since, most - len(kept))
     except ConvergenceError:
         return []
-    return [Move(candidates=tuple(t.candidate for t in parts[:n]), theta=theta, promise=np.inf,
-                 z=tuple(float(first.z[t.candidate]) for t in parts[:n]),
-                 included=tuple(_begun(problem, t) for t in parts[:n])) for n in range(1, len(parts) + 1)]
+    return [Move(candidates=(*(best.candidates[i] for i in of_sensors), *(t.candidate for t in parts[:n])),
+                 z=(*(best.z[i] for i in of_sensors), *(float(first.z[t.candidate]) for t in parts[:n])),
+                 included=(*kept, *(replace(_begun(problem, t), time_profile=since) for t in parts[:n])),
+                 theta=theta, promise=np.inf) for n in range(1, len(parts) + 1)]
 
 
 def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
@@ -331,8 +346,9 @@ def explore(
     one_more: dict[frozenset, bool] = {}
     # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
-    compared, renewed, asked = Ranking(runs), set(), False
+    compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
+    asked = not first.statistic.max() > LARGE
 
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
@@ -341,12 +357,11 @@ def explore(
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _next_looked_at(keys, relative, searches, promised if one_more.get(keys[0]) else {})
-        if key is None and not asked and _leaves_much(known[keys[0]], searches[keys[0]]):
-            asked = True
-            _fit_together(problem, known, first, most, runs)
-            continue
-        if key is None:
+        if key is None and (asked or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
+        if key is None:
+            asked = _fit_together(problem, known, known[keys[0]], first, most, runs)
+            continue
         if key and key not in renewed:
             renewed.add(key)
             known |= _renewed_with_its_like(problem, known, key, renewed)
@@ -407,8 +422,10 @@ def _is_large(problem: DiagnosisProblem, found: Search, key: frozenset) -> bool:
     return found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
 
 
-def _leaves_much(one: Hypothesis, found: Search) -> bool:
-    return not one.fitted.settled or bool(found.statistic.max() > found.threshold)
+def _leaves_much(problem: DiagnosisProblem, one: Hypothesis, found: Search, seed: int) -> bool:
+    """What is not known of a strong effect hides others that change with it from the scores, and not from this test."""
+    return (not one.fitted.settled or bool(found.statistic.max() > found.threshold)
+            or not explains(problem, one.with_design(problem).fitted, found, seed))
 
 
 def _may_be_more(fitted: Hypothesis | None) -> bool:

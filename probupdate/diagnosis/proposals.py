@@ -166,20 +166,20 @@ def tried_together(
 
 
 def changed_together(
-    problem: DiagnosisProblem, profile: TimeProfile, count: int, most: int
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], rows: Sequence[int], profile: TimeProfile, most: int
 ) -> tuple[np.ndarray, list[Tried]]:
-    """The few of the first `count` candidates, at most so many, that changed together along a time profile: all that
-    change one parameter each are estimated at once, of which their heavy-tailed prior lets few be large; then those
-    that explain most of these sizes, one after the other, members of a group as the group. With the parameters of that
-    fit. Raises ConvergenceError where the model has no modes on the way."""
-    rows = [k for k, (_, c) in enumerate(problem.which[:count]) if problem.time_profiles[c] is profile]
+    """The few candidates among `rows`, at most so many, that changed together along a time profile, beside what is
+    included already: all that change one parameter each are estimated at once, of which their heavy-tailed prior lets
+    few be large; then those that explain most of these sizes, one after the other, members of a group as the group.
+    With the parameters of that fit. Raises ConvergenceError where the model has no modes on the way."""
     effects = {k: problem.effects[problem.which[k, 0]] for k in rows}
     moving = {k: dict(e.increments) for k, e in effects.items() if e.observe is None and not e.discrete}
     alone = {name: k for k, names in moving.items() if len(names) == 1 for name in names}
     own = [IncludedEffect(effect=effects[k], time_profile=profile, size=0.0) for k in alone.values()]
-    fitted = fitted_without_candidates(problem, problem.predictor.parameters.initial, own)
-    size, sizes = np.array([n.size for n in fitted.included]), fitted.design.sizes
-    precision = np.linalg.inv(fitted.design.unknowns_cov(range(sizes.start, sizes.start + len(own))))
+    fitted = fitted_without_candidates(problem, problem.predictor.parameters.initial, (*included, *own))
+    size = np.array([n.size for n in fitted.included[len(included):]])
+    start = fitted.design.sizes.start + sum(not n.effect.discrete for n in included)
+    precision = np.linalg.inv(fitted.design.unknowns_cov(range(start, start + len(own))))
     shares = {k: np.array([names.get(name, 0.0) / moving[alone[name]][name] for name in alone])
               for k, names in moving.items() if set(names) <= set(alone)}
     chosen: list[Tried] = []

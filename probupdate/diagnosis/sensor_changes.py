@@ -363,8 +363,8 @@ def _as_a_whole(
 ) -> _Mended | None:
     """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
     where nothing else was taken out along it (`once`)."""
-    strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
-              if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
+    of_sensors = np.argsort(-fit[seen.n_frequency:])[:8]
+    strong = {seen.effects[k].location for k in of_sensors if seen.effects[k].cause == "sensor gain"}
     n, tried = len(now), []
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
     grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.adequacy import adequacy
+from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
 from probupdate.diagnosis.blocks import FEWEST, mode_words, unmatched, unmatched_words
-from probupdate.diagnosis.diagnose import ADEQUATE, Outcome
+from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.elementary import FITTED, Part, hung_near, place_and_direction
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, noise_of, with_candidates

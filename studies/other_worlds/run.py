@@ -2,6 +2,7 @@
 
 python studies/other_worlds/run.py OUT [--families ...] [--first 1] [--most 8] [--quick]     goes on where it stopped
 python studies/other_worlds/run.py OUT --raw ...        the same structures from raw accelerations, by `identify`
+python studies/other_worlds/run.py OUT --extend ...          elementary parts that are like what no row describes, too
 python studies/other_worlds/run.py OUT --tables                                              counts what is there
 """
 
@@ -46,8 +47,9 @@ def judged(found, record: Record) -> str:
     return "wrong"
 
 
-def run_one(record: Record, folder: Path, raw: bool = False) -> dict:
-    """One line of records.jsonl; `raw`: from accelerations, by `identify`."""
+def run_one(record: Record, folder: Path, raw: bool = False, extend: bool = False) -> dict:
+    """One line of records.jsonl; `raw`: from accelerations, by `identify`; `extend`: with what is like the unknown
+    cause, and what that gains on held-out blocks."""
     path = record.world.write(folder / "model")
     campaign = write_campaign(record, folder / "campaign") if raw else None
     begun = time.process_time()
@@ -58,7 +60,7 @@ def run_one(record: Record, folder: Path, raw: bool = False) -> dict:
         prepared, data = prepare(path, groups=groups, sensors=record.world.sensors), record.data
         if campaign is not None:
             data = probupdate.identify(campaign, path, lowest=record.world.n_mode).data
-        found = probupdate.diagnose(prepared, data, extend=False, seed=record.number)
+        found = probupdate.diagnose(prepared, data, extend=extend, sampler=False, seed=record.number)
     except Exception as error:
         return line | {"judged": "error", "error": f"{type(error).__name__}: {error}",
                        "trace": traceback.format_exc(), "cpu_s": round(time.process_time() - begun, 2)}
@@ -76,6 +78,8 @@ def run_one(record: Record, folder: Path, raw: bool = False) -> dict:
         "parts": [{k: part[k] for k in ("cause", "location", "size", "size_std", "frequency_hz", "frequency_std_hz")}
                   for part in found.details.get("free_form", {}).get("parts", []) if "has_mode" in part],
         **({"hung": hung(record)} if record.hidden == "tuned mass" else {}),
+        **({"unknown": unknown(record, found.details.get("free_form", {}))}
+           if extend and record.hidden in UNKNOWN else {}),
         "cpu_s": round(time.process_time() - begun, 2),
     }
 
@@ -90,11 +94,32 @@ def hung(record: Record) -> dict:
             "channel": channel}
 
 
+UNKNOWN = ("ground spring", "tuned mass")
+
+
+def unknown(record: Record, found: dict) -> dict:
+    """The elementary part that is said to be like what is hidden, what it gains on held-out blocks with its standard
+    error, and the channels by how much they move with the place where that acts, the nearest first (static flexibility,
+    as a correlation)."""
+    K, _ = record.scene.state(record.scene.n)
+    n = len(record.world.mass)
+    at = int(np.argmax(np.abs(np.diag(K)[:n] - np.diag(record.world.stiffness({}))) if record.hidden == "ground spring"
+                       else -K[-1, :n]))
+    flexibility = np.linalg.inv(record.world.stiffness({}))
+    own = np.sqrt(np.einsum("cn,nm,cm->c", record.world.rows, flexibility, record.world.rows) * flexibility[at, at])
+    alike = np.abs(record.world.rows @ flexibility[:, at]) / np.maximum(own, 1e-300)
+    order = np.argsort(-alike, kind="stable")
+    part, gain = next(iter(found.get("parts", [])), {}), found.get("gain", {})
+    return {"nearest": [record.world.channels[k] for k in order[:2]], "alike": [float(alike[k]) for k in order[:2]],
+            "cause": part.get("cause"), "location": part.get("location"), "since": part.get("since"),
+            "complete": found.get("complete"), "gain": gain.get("heldout_elpd"), "gain_se": gain.get("heldout_elpd_se")}
+
+
 def read_lines(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
-def run_all(out: Path, families: list[str], first: int, most: int, raw: bool = False) -> None:
+def run_all(out: Path, families: list[str], first: int, most: int, raw: bool = False, extend: bool = False) -> None:
     """records.jsonl, line by line, a number of all families before the next."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "records.jsonl"
@@ -103,7 +128,7 @@ def run_all(out: Path, families: list[str], first: int, most: int, raw: bool = F
         for family in families:
             if (family, number) in done:
                 continue
-            line = run_one(draw_record(family, number), out, raw)
+            line = run_one(draw_record(family, number), out, raw, extend)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
 
@@ -127,7 +152,7 @@ def tables(out: Path) -> str:
         near = sum(abs(off) < 2 for off in sized)
         rows.append(f"| {family} | {len(own)} | {counts} | {sure} | {near} of {len(sized)} | "
                     f"{np.median([x['cpu_s'] for x in own]):.1f} |")
-    return "\n".join([*rows, *_hung_rows(lines)]) + "\n"
+    return "\n".join([*rows, *_hung_rows(lines), *_unknown_rows(lines)]) + "\n"
 
 
 def _hung_rows(lines: list[dict]) -> list[str]:
@@ -146,6 +171,25 @@ def _hung_rows(lines: list[dict]) -> list[str]:
                 f"{within('size', 'size_std')}, frequency within 2 std {within('frequency_hz', 'frequency_std_hz')}"]
 
 
+def _unknown_rows(lines: list[dict]) -> list[str]:
+    """Of what no row describes and is *unexplained*: the part that is like it, where, and what it gains."""
+    own = [x for x in lines if "unknown" in x and x["verdict"] == "unexplained"]
+    if not own:
+        return []
+    rows = ["", "| hidden | unexplained | a part is said | of its kind | at the nearest channel | at one of the two "
+                "nearest | gain beyond two standard errors |", "|---" * 7 + "|"]
+    for family in UNKNOWN:
+        of = [x["unknown"] for x in own if x["family"] == family]
+        said = [x for x in of if x["location"]]
+        kind = {"ground spring": "spring to ground", "tuned mass": "mass on springs"}[family]
+        at = [x["location"].split(",")[0].removeprefix("channel ") for x in said]
+        rows.append(f"| {family} | {len(of)} | {len(said)} | {sum(x['cause'] == kind for x in said)} | "
+                    f"{sum(a == x['nearest'][0] for a, x in zip(at, said, strict=True))} | "
+                    f"{sum(a in x['nearest'] for a, x in zip(at, said, strict=True))} | "
+                    f"{sum(bool(x['gain_se']) and x['gain'] > 2 * x['gain_se'] for x in said)} |")
+    return rows
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
@@ -154,11 +198,12 @@ def main() -> int:
     parser.add_argument("--most", type=int, default=8, help="records of each family")
     parser.add_argument("--quick", action="store_true", help="one record of each family")
     parser.add_argument("--raw", action="store_true", help="accelerations instead of modes")
+    parser.add_argument("--extend", action="store_true", help="look for elementary parts that are like the unknown")
     parser.add_argument("--tables", action="store_true")
     a = parser.parse_args()
     families = [x for x in a.families if x in MEASURED] if a.raw else a.families
     if not a.tables:
-        run_all(a.out, families, a.first, 1 if a.quick else a.most, a.raw)
+        run_all(a.out, families, a.first, 1 if a.quick else a.most, a.raw, a.extend)
     sys.stdout.write(tables(a.out))
     return 0
 

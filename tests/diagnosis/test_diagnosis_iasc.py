@@ -216,7 +216,8 @@ def test_storeys_of_which_neither_alone_explains_much_are_found_together(prepare
     case, pattern = DEFINED[1, 2]
     problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 28, time_profile="step"))
     profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
-    _, parts = changed_together(problem, profile, len(problem.which), 3)
+    rows = [k for k, (_, c) in enumerate(problem.which) if problem.time_profiles[c] is profile]
+    _, parts = changed_together(problem, (), rows, profile, 3)
     row.equal({problem.effects[problem.which[t.candidate, 0]].location for t in parts}, pattern.places, "together")
     line = run.run_one(prepared(case), case, pattern, 28, "step")
     row.equal(line["judged"], "right", "judged")

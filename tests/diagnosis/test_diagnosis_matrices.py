@@ -9,8 +9,8 @@ from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 import probupdate
 from probupdate.diagnosis import hypotheses, wording
-from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
-from probupdate.diagnosis.diagnose import ADEQUATE, NOT_SETTLED, NOT_TESTED, diagnose, examine
+from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, adequacy, frequencies_off
+from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import (
