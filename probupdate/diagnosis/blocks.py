@@ -144,12 +144,13 @@ def _number(value) -> float:
     return float(value) if usable else np.nan
 
 
-def _refuse_zero_shapes(where: str, shape: np.ndarray) -> None:
+def _refuse_zero_shapes(where: str, ids: Sequence[str], shape: np.ndarray) -> None:
     """Shapes (n_set, n_channel, n_mode), NaN where they were not measured."""
     measured = np.isfinite(shape)
-    zero = np.any(measured, axis=(0, 1)) & ~np.any(measured & (shape != 0), axis=(0, 1))
-    if zero.any():
-        raise InputError(where, f"the shape of mode {int(np.argmax(zero)) + 1} is zero at every channel in every set",
+    zero = np.argwhere(np.any(measured, axis=1) & ~np.any(measured & (shape != 0), axis=1))
+    if len(zero):
+        number, mode = zero[0]
+        raise InputError(f"{where}, set {ids[number]}", f"the shape of mode {mode + 1} is zero at every channel",
                          "leave shapes that were not measured out (null)")
 
 
@@ -177,7 +178,7 @@ def gather(
     kept_channels, more = _used_channels(data.channels, frequency, shape)
     notes += more
     shape = shape[:, kept_channels]
-    _refuse_zero_shapes(where, shape)
+    _refuse_zero_shapes(where, [s.id for s in sets], shape)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     kept, more = _used_modes(labels, frequency, shape, expected_hz)
     notes += more

@@ -317,7 +317,7 @@ def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search
                key=lambda profile: abs(profile.at - since.at), default=None)
     if grid is None or not score.max() > LARGE:
         return []
-    rows = [k for k in np.flatnonzero(steps) if problem.time_profiles[problem.which[k, 1]] is grid]
+    rows = [int(k) for k in np.flatnonzero(steps) if problem.time_profiles[problem.which[k, 1]] is grid]
     try:
         theta, parts = changed_together(problem, kept, rows, since, most - len(kept))
     except ConvergenceError:

@@ -551,7 +551,11 @@ def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> fl
 
 def _projected_frequencies(matrices: Sequence[sparse.csc_array], basis: np.ndarray, count: int) -> np.ndarray:
     K, M = (basis.T @ (matrix @ basis) for matrix in matrices)
-    value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
+    try:
+        value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
+    except linalg.LinAlgError:
+        raise InputError("the model's mass matrix", "gives some motions no mass, which the diagnosis cannot follow",
+                         "condense the degrees of freedom without mass out of its matrices") from None
     return np.sqrt(np.maximum(value, 0)) / (2 * np.pi)
 
 

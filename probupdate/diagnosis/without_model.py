@@ -205,9 +205,9 @@ def diagnose_without_model(
 
 
 def _too_few(blocks: Blocks) -> InputError:
-    shown = "1 set shows" if len(blocks) == 1 else f"{len(blocks)} sets show"
-    return InputError("modes", f"{shown} no change along the record that chance would not make too: without a model "
-                      "sets are compared with one another alone",
+    shown = "1 set is" if len(blocks) == 1 else f"{len(blocks)} sets are"
+    return InputError("modes", f"{shown} too few to tell a change from chance: without a model sets are compared with "
+                      "one another alone",
                       "give more sets (ten and more), or a model of the structure (--model)")
 
 

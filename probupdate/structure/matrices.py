@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,6 +57,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
             if key in content or f"{key}_data" in content:
                 matrices.append(matrix_of(path, content, key, stiffness[0].shape[0]))
                 order.append(k)
+    _refuse_negative_mass(path, mass, [1.0, *parameters.initial[mass_order]])
     used = {parameters.names[k] for k in (*stiffness_order, *mass_order)}
     for parameter in parameters.names:
         if parameter not in used:
@@ -80,6 +81,15 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         wire_matrix=wire_matrix,
         hash_key=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
+
+
+def _refuse_negative_mass(path: Path, mass: Sequence[sparse.csc_array], factor: Sequence[float]) -> None:
+    """At the initial parameters: no motion has a negative kinetic energy, that of a single row neither."""
+    diagonal = np.sum([f * matrix.diagonal() for f, matrix in zip(factor, mass, strict=True)], axis=0)
+    row = int(np.argmin(diagonal))
+    if diagonal[row] < 0:
+        raise InputError(f"{path}, M0", f"row {row} has a negative mass ({diagonal[row]:.3g}) at the initial "
+                         "parameters", "check its sign, and that of every M_<name>")
 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:

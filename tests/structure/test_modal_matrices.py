@@ -137,6 +137,7 @@ NAN[2, 2] = np.nan
         ({"K0": np.ones((6, 5))}, "K0", "has shape (6, 5)"),
         ({"K0": np.ones(6)}, "K0", "has shape (6,)"),
         ({"M0": eye(5)}, "M0", "has shape (5, 5)"),
+        ({"M0": np.diag([1.0, 1, 1, 1, -0.2, 1])}, "M0", "row 4 has a negative mass (-0.2)"),
         ({"K_k": None}, "K_k", "neither this matrix nor its M_"),
         ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
         ({"channel": np.array(["a", "a"])}, "channel", "'a' is listed twice"),
