@@ -103,8 +103,7 @@ def unknown(record: Record, found: dict) -> dict:
     as a correlation)."""
     K, _ = record.scene.state(record.scene.n)
     n = len(record.world.mass)
-    at = int(np.argmax(np.abs(np.diag(K)[:n] - np.diag(record.world.stiffness({}))) if record.hidden == "ground spring"
-                       else -K[-1, :n]))
+    at = int(np.argmax(np.diag(K - record.scene.sound[0]) if record.hidden == "ground spring" else -K[-1, :n]))
     flexibility = np.linalg.inv(record.world.stiffness({}))
     own = np.sqrt(np.einsum("cn,nm,cm->c", record.world.rows, flexibility, record.world.rows) * flexibility[at, at])
     alike = np.abs(record.world.rows @ flexibility[:, at]) / np.maximum(own, 1e-300)
