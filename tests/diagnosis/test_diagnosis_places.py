@@ -12,6 +12,7 @@ from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.matrices import channel_places, load_matrices
+from probupdate.structure.parameter_table import read_parameters
 from tests.diagnosis.conftest import CHANNELS, N_STOREY
 
 
@@ -114,6 +115,25 @@ def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_fi
         measured = np.exp(np.mean([np.log(s.frequency_hz) for s in sets], axis=0))
         row.error(mean.frequency_hz / measured - 1, 5e-4, "mean", case=seed)
     row.count(named, total=4, least=3, of="nothing beside it")
+
+
+def test_motions_without_mass_are_refused(frame_file, tmp_path):
+    """They had ended in a factor that could not be made."""
+    with np.load(frame_file) as found:
+        arrays = {name: np.array(found[name]) for name in found.files}
+    arrays["M0"][0] = arrays["M0"][:, 0] = 0.0
+    np.savez(tmp_path / "model.npz", **arrays)
+    with pytest.raises(InputError, match="gives some motions no mass"):
+        prepare(tmp_path / "model.npz", parameters=read_parameters(frame_file.with_name("model.toml")))
+
+
+def test_one_set_s_shape_that_is_zero_is_refused_by_its_set(frame_file, record):
+    """It had ended in a decomposition that did not converge."""
+    first, *others = record(3).sets
+    shape = np.array(first.shape)
+    shape[:, 1] = 0.0
+    with pytest.raises(InputError, match=f"set {first.id}: the shape of mode 2 is zero"):
+        diagnose(prepare(frame_file), ModalData(channels=CHANNELS, sets=(replace(first, shape=shape), *others)))
 
 
 def test_shapes_that_are_zero_everywhere_are_refused_by_their_mode(frame_file, record):
