@@ -54,6 +54,8 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 TUNING_STD, NEAR_TUNING = 0.06, 0.05
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (3e-3, 1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
+# share of the largest mass of any motion of the basis below which one has none
+MASSLESS = 1e-14
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -551,11 +553,11 @@ def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> fl
 
 def _projected_frequencies(matrices: Sequence[sparse.csc_array], basis: np.ndarray, count: int) -> np.ndarray:
     K, M = (basis.T @ (matrix @ basis) for matrix in matrices)
-    try:
-        value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
-    except linalg.LinAlgError:
+    masses = linalg.eigvalsh(M)
+    if masses[0] < MASSLESS * masses[-1]:
         raise InputError("the model's mass matrix", "gives some motions no mass, which the diagnosis cannot follow",
-                         "condense the degrees of freedom without mass out of its matrices") from None
+                         "condense the degrees of freedom without mass out of its matrices")
+    value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
     return np.sqrt(np.maximum(value, 0)) / (2 * np.pi)
 
 
