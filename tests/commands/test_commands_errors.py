@@ -121,7 +121,7 @@ def negative(key):
 MATRICES = {
     "asymmetric": (asymmetric, ("model.npz, K0", "not symmetric")),
     "indefinite K": (negative("K0"), ("not positive definite", "supports")),
-    "indefinite M": (negative("M0"), ("mass matrix", "M0")),
+    "indefinite M": (negative("M0"), ("model.npz, M0", "row 0 has a negative mass")),
     "singular": (lambda m: m.update(K0=0 * m["K0"]), ("singular",)),
     "NaN": (matrix("K0", np.full((20, 20), np.nan)), ("model.npz, K0", "NaN")),
     "missing": (lambda m: m.pop("M0"), ("model.npz, M0", "missing")),
