@@ -209,8 +209,8 @@ def test_two_braces_at_one_step_are_tried_together_though_the_first_of_them_stay
 
 
 def test_storeys_of_which_neither_alone_explains_much_are_found_together(prepared, validation):
-    """What was found step by step here were three other braces, which explain the record no better than none (p of
-    1e-114): all of the structure that may have changed since the step is asked at once, of which few are large."""
+    """Step by step one of them was found, whose fit did not settle: all of the structure that may have changed since
+    the step is asked at once, of which few are large."""
     row = validation(what="two storeys' braces lost at a step, of which neither alone explains much: the first "
                           "two that changed together; named in all; sizes less one", reference="the pattern")
     case, pattern = DEFINED[1, 2]
