@@ -291,14 +291,13 @@ def large_moves(
 def _fit_together(
     problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], best: Hypothesis, first: Search, most: int,
     runs: Executor,
-) -> bool:
+) -> None:
     """Adds to `known` what of the structure changed together, beside what the most probable hypothesis says of sensors,
-    since the time that all of it shows: done, and not to be asked again."""
+    since the time that all of it shows."""
     moves = _changed_together(problem, best, first, most)
     _fit_moves(problem, known[frozenset()].with_design(problem), moves, known, noise_anew=True, runs=runs)
     for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
         known[key] = _renewed(problem, known[key])
-    return True
 
 
 def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search, most: int) -> list[Move]:
@@ -360,7 +359,8 @@ def explore(
         if key is None and (asked or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
         if key is None:
-            asked = _fit_together(problem, known, known[keys[0]], first, most, runs)
+            asked = True
+            _fit_together(problem, known, known[keys[0]], first, most, runs)
             continue
         if key and key not in renewed:
             renewed.add(key)
@@ -370,8 +370,7 @@ def explore(
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
-        found = beside(here) if key else first
-        searches[key] = found
+        found = searches[key] = beside(here) if key else first
         one_more[key] = _one_more_promises(problem, here, found)
         add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.beyond_sense)
         if not key and not add:
