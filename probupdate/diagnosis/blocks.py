@@ -175,7 +175,7 @@ def gather(
                          "give sets that were identified one by one, with all digits: their scatter is the noise that "
                          "effects are tested against")
     shape = np.array([s.shape for s in sets])
-    kept_channels, more = _used_channels(data.channels, frequency, shape)
+    kept_channels, more = _used_channels(data.channels, frequency, shape, with_model=expected_hz is not None)
     notes += more
     shape = shape[:, kept_channels]
     _refuse_zero_shapes(where, [s.id for s in sets], shape)
@@ -297,13 +297,14 @@ def _without_strays(frequency: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def _used_channels(
-    channels: Sequence[str], frequency: np.ndarray, shape: np.ndarray
+    channels: Sequence[str], frequency: np.ndarray, shape: np.ndarray, *, with_model: bool
 ) -> tuple[np.ndarray, list[str]]:
     """Numbers of the channels that are used, of shapes (n_block, n_channel, n_mode), and what to say of the others."""
     notes = []
     if not np.isfinite(shape).any():
-        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, distinguish few "
-                     "causes, and show nothing of the sensors")
+        pairing = ", paired with the model's in their order," if with_model else ""
+        notes.append(f"no set has a shape: frequencies alone{pairing} distinguish few causes, and show nothing of the "
+                     "sensors")
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     there = np.isfinite(shape)[found.any(axis=1)]
     seen = np.any(there, axis=2)

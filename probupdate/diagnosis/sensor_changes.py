@@ -3,7 +3,7 @@ beside a change of the structure and beside chance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -35,6 +35,8 @@ from probupdate.modal.modes import Sensor
 MOST_AT_ONCE = 3
 # effects that explain nearly as much (share of the best one's) are tried, at most so many
 ALIKE, MOST_TRIED = 0.8, 3
+# exchanged or reversed channels that are tried at every time
+MOST_WHOLE = 8
 # what competes with effects of sensors
 STRUCTURE = "unexplained change of frequencies and shapes"
 
@@ -199,7 +201,7 @@ def _sensor(
         if best is not None:
             probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
         if best is None or best.left > 1:
-            other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, seen, fit, once=not number)
+            other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, once=not number)
             if other is not None and (best is None or other.left < best.left):
                 best, time_profile, probability = other, other.time_profile, {row: 1.0}
         if best is None:
@@ -218,27 +220,35 @@ def changes_of_sensors(
     """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; none where chance is
     more probable, None where the structure is. A channel reversed half of the time makes series of which a small gain
     explains enough."""
+    tried = []
     for whole_alone in (False, True):
         of_sensors = _sensor(blocks, followed, found, time_profiles, known, sensors, whole, whole_alone=whole_alone)
         if of_sensors is not None:
-            of_sensors = _beside_the_structure(blocks, of_sensors, (*rows, *whole), sensors, followed, time_profiles,
-                                               known)
-        if of_sensors is not None:
-            return of_sensors
-    return None
+            tried.append(_beside_the_structure(blocks, of_sensors, (*rows, *whole), sensors, followed, time_profiles,
+                                               known))
+    return max(tried, key=lambda one: one[0])[1] if tried else None
 
 
 def _beside_the_structure(
     blocks: Blocks, of_sensors: tuple[list[Change], Blocks], catalogue: Sequence[Effect], sensors: Sequence[Sensor],
     followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray,
-) -> tuple[list[Change], Blocks] | None:
-    """The same with what the structure and chance leave of their probability: three small effects of sensors mend much
-    of what a change of the structure does. None where that change is the more probable, nothing where chance is."""
+) -> tuple[float, tuple[list[Change], Blocks] | None]:
+    """Their ln posterior probability over that of no change, and the same with what the structure and chance leave of
+    it: three small effects of sensors mend much of what a change of the structure does. None where that change is the
+    more probable, nothing where chance is."""
     changes, now = of_sensors
-    empirical = look(now, sensors)
-    rest = residuals(empirical, known)
+    # on the axes of what was before all of them, which are the same with and without them: a mean of both states has
+    # another largest component, and what is left of thousands of standard deviations another length; on those of all
+    # where blocks as they were measured have no place on these
+    begun = np.max([c.time_profile.value for c in changes], axis=0)
+    empirical, as_measured = look(now, sensors, begun), look(blocks, sensors, begun)
+    if any(np.any(still & ~was) for was, still in zip(as_measured.used, empirical.used, strict=True)):
+        empirical, as_measured = look(now, sensors), look(blocks, sensors)
+    # what makes blocks unlike all others, so that they are compared no longer, has not explained them
+    if any(np.any(was & ~still) for was, still in zip(as_measured.used, empirical.used, strict=True)):
+        return -np.inf, None
+    rest, before = residuals(empirical, known), residuals(as_measured, known)
     noise = own_noise(now, empirical, rest, followed.stated)
-    before = residuals(look(blocks, sensors), known)
     nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
     structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
     of_name = {(e.cause, e.location): e for e in catalogue}
@@ -253,11 +263,11 @@ def _beside_the_structure(
     each = np.array([own, structure, np.log(2)])
     share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
     if share < max(of_structure, chance):
-        return None if of_structure > chance else ([], blocks)
+        return own, None if of_structure > chance else ([], blocks)
     others = [Alternative(cause=cause, location=place, posterior_probability=probability) for cause, place, probability
               in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
-    return [c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
-            for c in changes], now
+    return own, ([c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
+                  for c in changes], now)
 
 
 def _less_probable(finding: Finding, share: float, others: Sequence[Alternative]) -> Finding:
@@ -356,23 +366,37 @@ def _explained(
     return seen, np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
 
+def _likely_as_a_whole(blocks: Blocks, whole: Sequence[Effect], times: Collection[int]) -> list[Effect]:
+    """Of exchanged and reversed channels, pairs of which are many, those by which the planes of the modes before one of
+    the times come nearest to those after it."""
+    n_channel, apart = len(blocks.channels), np.full(len(whole), np.inf)
+    done = [effect.observation(np.eye(n_channel, dtype=complex), 1.0, effect.discrete[0])[0].real for effect in whole]
+    planes = []
+    for q, group in enumerate(blocks.groups):
+        there = np.flatnonzero(blocks.present[:, q])
+        basis = np.linalg.qr(blocks.shape[there][:, :, list(group)])[0]
+        planes.append((there, np.einsum("nck,ndk->ncd", basis, basis.conj()).real))
+    for at in times:
+        left = np.zeros(len(whole))
+        for there, plane in planes:
+            if np.any(there < at) and np.any(there >= at):
+                before, after = plane[there < at].mean(axis=0), plane[there >= at].mean(axis=0)
+                left += [float(np.sum((after - S @ before @ S.T) ** 2)) for S in done]
+        apart = np.minimum(apart, left)
+    return [whole[k] for k in np.argsort(apart, kind="stable")[:MOST_WHOLE]]
+
+
 def _as_a_whole(
     now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-                found: Found,
-    whole: Sequence[Effect], seen: Followed, fit: np.ndarray, *, once: bool,
+                found: Found, whole: Sequence[Effect], *, once: bool,
 ) -> _Mended | None:
     """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
     where nothing else was taken out along it (`once`)."""
-    of_sensors = np.argsort(-fit[seen.n_frequency:])[:8]
-    strong = {seen.effects[k].location for k in of_sensors if seen.effects[k].cause == "sensor gain"}
     n, tried = len(now), []
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
     grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}
-    for effect in whole:
-        names = effect.location.split(" and ")
-        # pairs are many: those of channels whose gains explain much
-        if len(names) == 1 or all(name in strong for name in names):
-            tried += [(_apart(_from_block(now, effect, effect.discrete[0], at), sensors), at, effect) for at in grid]
+    for effect in _likely_as_a_whole(now, whole, grid):
+        tried += [(_apart(_from_block(now, effect, effect.discrete[0], at), sensors), at, effect) for at in grid]
     if not tried:
         return None
     least, at, effect = min(tried, key=lambda t: t[:2])

@@ -226,6 +226,8 @@ def gain_words(finding: Mapping) -> str:
     before, after = gain.get("max_frequency_error_before"), gain.get("max_frequency_error_after")
     if before is not None and after is not None:
         text += f", largest frequency error {100 * before:.2g} % before, {100 * after:.2g} % after"
+        # a mode that is hardly known may move away while those that are well known come nearer
+        text += " (larger: the log score weighs every number by how well it is known)" if after > before else ""
     return text
 
 

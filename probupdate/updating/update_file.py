@@ -282,6 +282,9 @@ def fit_sentence(record: UpdateRecord) -> str:
         return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
                 "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
                 "are too wide with them")
+    if record.suspected:
+        # a mistaken channel that parameters took in leaves no misfit
+        return f"{text}: within the stated standard deviations, which is no proof while the shapes are suspect"
     text = f"{text}: the model fits the data within the stated standard deviations"
     cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
     if cov >= SHARP:
