@@ -22,6 +22,8 @@ from probupdate.runtime.arrays import frozen_array
 SECTOR_DEG = 15.0
 # harmonics of the nacelle's angle are kept where they move by this share of the strongest; blocks asked for each
 TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 3
+# what a step of an effect moves the numbers by, and no more, is rounding
+ROUNDING = 1e-12
 # cosine from which two levels are said to move alike
 AGREEING = 0.97
 
@@ -145,8 +147,9 @@ def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tupl
                     for e in effects for sign in (1, -1)]
             y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
                                     np.array([x for x, _ in seen]), axes)
-            step = np.array([e.step_of_size for e in effects])
-            table[s] = ((y[0::2] - y[1::2]) / (2 * step[:, None])).T
+            step, moved = np.array([e.step_of_size for e in effects]), y[0::2] - y[1::2]
+            # the gain of a single channel changes no shape but by rounding
+            table[s] = (np.where(np.abs(moved) > ROUNDING, moved, 0.0) / (2 * step[:, None])).T
         result.append(table)
     return tuple(result)
 

@@ -302,7 +302,7 @@ def judge_levels(
     value, vector = np.linalg.eigh(first.score_correlation)
     drawn = rng.standard_normal((N_DRAW, len(value))) @ (vector * np.sqrt(np.maximum(value, 0.0))).T
     maxima = np.max(np.abs(drawn[:, usable]), axis=1) if usable.any() else np.full(N_DRAW, np.inf)
-    threshold = float(np.quantile(maxima, 1 - false_alarm))
+    threshold = float(np.quantile(maxima, 1 - false_alarm)) if usable.any() else np.inf
     share = np.sqrt(first.v / np.maximum(first.raw, 1e-300))
     detectable_sizes = {k: (float((threshold + POWER) * first.v[k] ** -0.5) if usable[k] else np.inf, float(share[k]),
                   float(z[k])) for k in range(len(effects))}
