@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.mode_numbers import Reference, modes_with, n_response, numbers_of_modes, stated_columns
+from probupdate.diagnosis.mode_numbers import INDEPENDENCE, Reference, modes_with, n_response, numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
@@ -43,9 +43,11 @@ class EmpiricalReference:
     mean: tuple[Reference, ...]
 
 
-def look(blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None) -> EmpiricalReference:
+def look(
+    blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None, least: float = INDEPENDENCE
+) -> EmpiricalReference:
     """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
-    expected is what was before: where the time profile is zero."""
+    expected is what was before: where the time profile is zero. `least`: see `numbers_of_modes`."""
     before = blocks if time_profile is None else blocks.taken(np.flatnonzero(time_profile == 0))
     axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
@@ -56,7 +58,7 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarra
         there = np.flatnonzero(blocks.present[:, q])
         members = list(group)
         y, independent = numbers_of_modes(
-            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q])
+            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q], least)
         # a pair that is not distinguished has shapes, but no tensor
         there, y = there[independent], y[independent]
         beside = np.zeros((len(there), 0)) if time_profile is None else time_profile[there, None]

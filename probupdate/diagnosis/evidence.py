@@ -16,6 +16,8 @@ from probupdate.effects.catalogue import Effect
 
 # errors of signatures that are as probable before
 ERROR_SCALES = (0.2, 0.5, 1.0, 2.0)
+# of a size that is taken out: most steps, what is left of its standard deviation, least slope that is one
+MOST_STEPS, SETTLED, LEAST_SLOPE = 12, 0.1, 0.02
 
 
 def only_promised(problem: DiagnosisProblem, fitted: Fit) -> float:
@@ -92,6 +94,28 @@ def log_weight_of_size(effect: Effect, size: float, size_std: float) -> float:
         return 0.0
     density = 2 / (len(effect.signs) * np.pi * effect.prior_scale * (1 + (size / effect.prior_scale) ** 2))
     return float(np.log(np.sqrt(2 * np.pi) * size_std * density))
+
+
+def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]]) -> tuple[float, float]:
+    """Size and standard deviation of an effect to be taken out of what was measured. left(size): what of it is left, in
+    its own unit, with its standard deviation, where so much is taken out.
+
+    Of a gain of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out: its slope is as far from -1 as g is large,
+    and sizes that are added up swing about -1/2 and beyond.
+    """
+    lower, upper = 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)
+    size, slope = 0.0, -1.0
+    more, std = left(size)
+    for _ in range(MOST_STEPS):
+        then = float(np.clip(size - more / slope, lower, upper)) if np.isfinite(std) else size
+        if then == size or abs(more) < SETTLED * std:
+            break
+        more_then, std = left(then)
+        # what grows as more is taken out tells no slope
+        slope = (more_then - more) / (then - size)
+        slope = slope if slope < -LEAST_SLOPE else -1.0
+        size, more = then, more_then
+    return size, std / abs(slope)
 
 
 def marginal_evidence(

@@ -15,7 +15,7 @@ from scipy import linalg
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.diagnose import POWER
-from probupdate.diagnosis.evidence import log_weight_of_size
+from probupdate.diagnosis.evidence import log_weight_of_size, size_by_secant
 from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DISCREPANCY_SHAPE
 from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
@@ -30,7 +30,7 @@ ASYMMETRY = 0.05
 # bends beside a rigid level's motion (legs towards and from one another), share of the largest component
 SPLAY = 0.05
 _SHEARS = np.array([[[0.0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]])
-N_DRAW, ROUNDS, MOST = 4000, 6, 3
+N_DRAW, MOST = 4000, 3
 # by what share of what a level moves its channels may move by themselves where the structure is odd, as probable before
 SPREADS = (0.02, 0.05, 0.1, 0.2)
 
@@ -274,17 +274,15 @@ def _best_size(s: Shapes, tolerated, effect: Effect) -> tuple[Shapes, float, flo
     if effect.discrete:
         now = _without(s, effect, effect.discrete[0])
         return now, effect.discrete[0], 0.0, _test(now, tolerated, ()).chi2
-    size, now = 0.0, s
-    std = np.inf
-    for _ in range(ROUNDS):
-        t = _test(now, tolerated, (effect,))
-        if not _usable(t)[0]:
-            return s, 0.0, np.inf, np.inf
-        more, std = float(t.u[0] / t.v[0]), float(t.v[0] ** -0.5)
-        size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
-        now = _without(s, effect, size)
-        if abs(more) < 0.1 * std:
-            break
+
+    def left(size: float) -> tuple[float, float]:
+        t = _test(_without(s, effect, size), tolerated, (effect,))
+        return (float(t.u[0] / t.v[0]), float(t.v[0] ** -0.5)) if _usable(t)[0] else (0.0, np.inf)
+
+    size, std = size_by_secant(effect, left)
+    if not np.isfinite(std):
+        return s, 0.0, np.inf, np.inf
+    now = _without(s, effect, size)
     return now, size, std, _test(now, tolerated, ()).chi2
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy import linalg
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.blocks import Blocks
@@ -25,7 +26,7 @@ from probupdate.diagnosis.empirical_search import (
     score,
     watch,
 )
-from probupdate.diagnosis.evidence import log_weight_of_size
+from probupdate.diagnosis.evidence import log_weight_of_size, size_by_secant
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, step_profile
 from probupdate.effects.catalogue import Effect
@@ -35,6 +36,8 @@ from probupdate.modal.modes import Sensor
 MOST_AT_ONCE = 3
 # effects that explain nearly as much (share of the best one's) are tried, at most so many
 ALIKE, MOST_TRIED = 0.8, 3
+# what lies across its axis but for this is compared too where causes compete
+ACROSS = 0.01
 # exchanged or reversed channels that are tried at every time
 MOST_WHOLE = 8
 # what competes with effects of sensors
@@ -119,21 +122,19 @@ def mend(
          time_profile: TimeProfile
 ) -> tuple[Blocks, float, float]:
     """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
-    the size is right when nothing of it is left."""
+    the size is right when nothing of it is left beside what was before."""
     effect = followed.effects[row - followed.n_frequency]
-    n = len(blocks)
-    nuisance = np.column_stack([np.ones(n), followed.empirical.turning, known])
-    size, std, now, seen = 0.0, np.inf, blocks, followed
-    for _ in range(6):
-        contrasts = make_contrasts(seen.weight[[row]], nuisance, [time_profile], blocks.hours)
-        left = score(contrasts, seen.series[[row]], [[0]])
-        more, std = float(left.size[0, 0]), float(left.size_std[0, 0])
-        size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
-        now = mended(blocks, effect, size * time_profile.value)
-        if abs(more) < 0.1 * std:
-            break
-        seen, row = watch(now, (effect,), sensors, known, stated=followed.stated), followed.n_frequency
-    return now, size, std
+    nuisance = np.column_stack([np.ones(len(blocks)), followed.empirical.turning, known])
+
+    def left(size: float) -> tuple[float, float]:
+        seen = watch(mended(blocks, effect, size * time_profile.value), (effect,), sensors, known,
+                     stated=followed.stated, time_profile=time_profile.value)
+        own = [seen.n_frequency]
+        scores = score(make_contrasts(seen.weight[own], nuisance, [time_profile], blocks.hours), seen.series[own], [[0]])
+        return float(scores.size[0, 0]), float(scores.size_std[0, 0])
+
+    size, std = size_by_secant(effect, left)
+    return mended(blocks, effect, size * time_profile.value), size, std
 
 
 def left_at(
@@ -238,23 +239,22 @@ def _beside_the_structure(
     more probable, nothing where chance is."""
     changes, now = of_sensors
     # on the axes of what was before all of them, which are the same with and without them: a mean of both states has
-    # another largest component, and what is left of thousands of standard deviations another length; on those of all
-    # where blocks as they were measured have no place on these
+    # another largest component, and what is left of thousands of standard deviations another length. All blocks: what
+    # makes some unlike all others, so that they are compared no longer, has not explained them
     begun = np.max([c.time_profile.value for c in changes], axis=0)
-    empirical, as_measured = look(now, sensors, begun), look(blocks, sensors, begun)
-    if any(np.any(still & ~was) for was, still in zip(as_measured.used, empirical.used, strict=True)):
-        empirical, as_measured = look(now, sensors), look(blocks, sensors)
-    # what makes blocks unlike all others, so that they are compared no longer, has not explained them
-    if any(np.any(was & ~still) for was, still in zip(as_measured.used, empirical.used, strict=True)):
-        return -np.inf, None
+    empirical, as_measured = look(now, sensors, begun, least=ACROSS), look(blocks, sensors, begun, least=ACROSS)
     rest, before = residuals(empirical, known), residuals(as_measured, known)
     noise = own_noise(now, empirical, rest, followed.stated)
     nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
-    structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
     of_name = {(e.cause, e.location): e for e in catalogue}
+    structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
     total = sum(e.prior_odds("step") for e in catalogue)
     findings = [c.finding for c in changes if c.finding is not None]
     own = log_density(rest, noise) - log_density(before, noise)
+    # what was measured is what is asked: a gain of a half halves the scatter too
+    own -= sum(_log_stretch(c, effect, blocks, as_measured.used, empirical.axes)
+               for c in changes if c.finding is not None
+               for effect in [of_name[c.finding.cause, c.finding.location]])
     own -= np.log(max(sum(c.kind == "step" for c in time_profiles), 1))
     for f in findings:
         effect = of_name[f.cause, f.location]
@@ -268,6 +268,29 @@ def _beside_the_structure(
               in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
     return own, ([c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
                   for c in changes], now)
+
+
+def _log_stretch(
+    change: Change, effect: Effect, blocks: Blocks, used: Sequence[np.ndarray], axes: Sequence[np.ndarray]
+) -> float:
+    """ln of the volume that a change of sensors gives to all numbers of shapes that it acts on, over what it was."""
+    acting, size = change.time_profile.value != 0, 0.0 if change.finding is None else change.finding.size
+    return sum(int(np.sum(ok & acting)) * log_stretch(
+        effect.observation(np.eye(len(a), dtype=complex),
+                           float(np.nanmedian(blocks.frequency_hz[:, list(group)])), size)[0], a)
+        for group, ok, a in zip(blocks.groups, used, axes, strict=True))
+
+
+def log_stretch(seen: np.ndarray, axes: np.ndarray) -> float:
+    """ln of the volume that numbers Y = S (A^+ S)^-1 - A of shapes near their axes A (n_channel, k) take where sensors
+    see seen (n_channel, n_channel) @ S instead, over that of S itself; real and imaginary parts."""
+    n, k = axes.shape
+    if n <= k:
+        return 0.0
+    onto = np.linalg.pinv(axes)
+    in_plane, outside = onto @ seen @ axes, linalg.null_space(onto)
+    moved = seen @ (outside - axes @ np.linalg.solve(in_plane, onto @ seen @ outside))
+    return float(2 * (k * np.linalg.slogdet(outside.T @ moved)[1] - (n - k) * np.linalg.slogdet(in_plane)[1]))
 
 
 def _less_probable(finding: Finding, share: float, others: Sequence[Alternative]) -> Finding:
