@@ -208,19 +208,25 @@ def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
     return Noise(covariance=tuple(covariances), precision=precision, weight=noise.weight)
 
 
-def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
-    """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes."""
-    shape, frequency = np.array(blocks.shape), np.array(blocks.frequency_hz)
+def mended(blocks: Blocks, effect: Effect, size: np.ndarray, *, factors: bool = True) -> Blocks:
+    """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes. What is
+    stated of how shapes scatter goes with them, if `factors`: it takes the most of the time."""
+    shape, frequency, stated = np.array(blocks.shape), np.array(blocks.frequency_hz), list(blocks.factors)
     centre = np.nanmedian(frequency, axis=0)
     n_channel = shape.shape[1]
     for value in np.unique(size[size != 0]):
-        there = size == value
+        there, whole = size == value, np.zeros((shape.shape[2], n_channel, n_channel), complex)
         for group in blocks.groups:
             members = list(group)
             near = float(np.exp(np.mean(np.log(centre[members]))))
             seen, shift = effect.observation(np.eye(n_channel, dtype=complex), near, float(value))
             rows = np.ix_(there, np.arange(n_channel), members)
-            back = np.linalg.inv(seen)
+            back = whole[members] = np.linalg.inv(seen)
             shape[rows] = np.einsum("cd,bdk->bck", back, np.nan_to_num(shape[rows])) + 0 * shape[rows]
             frequency[np.ix_(there, members)] *= np.exp(-shift)
-    return replace(blocks, shape=frozen_array(shape, complex), frequency_hz=frozen_array(frequency))
+        for b in np.flatnonzero(there) if factors else ():
+            if (own := stated[b]) is not None:
+                stated[b] = replace(own, shape=frozen_array(np.swapaxes(whole @ np.swapaxes(own.shape, 0, 1), 0, 1),
+                                                            complex))
+    return replace(blocks, shape=frozen_array(shape, complex), frequency_hz=frozen_array(frequency),
+                   factors=tuple(stated))

@@ -302,12 +302,12 @@ class Followed:
 
 def watch(
     blocks: Blocks, effects: Sequence[Effect], sensors: Sequence[Sensor], known: np.ndarray,
-    stated: Sequence[np.ndarray | None] | None = None, time_profile: np.ndarray | None = None,
+    time_profile: np.ndarray | None = None,
 ) -> Followed:
-    """The series of these blocks. known (n_block, n_known): time profiles along which anything may change. `stated` of
-    an earlier look; `time_profile`: see `own_picture.look`."""
+    """The series of these blocks. known (n_block, n_known): time profiles along which anything may change;
+    `time_profile`: see `look`."""
     empirical = look(blocks, sensors, time_profile)
-    stated = stated_patterns(blocks, empirical) if stated is None else stated
+    stated = stated_patterns(blocks, empirical)
     rest = residuals(empirical, known)
     noise = own_noise(blocks, empirical, rest, stated)
     prints = signatures(effects, empirical)

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.diagnose import CHANCE
-from probupdate.diagnosis.empirical_reference import look, mended, own_noise, residuals
+from probupdate.diagnosis.empirical_reference import look, mended, own_noise, residuals, stated_patterns
 from probupdate.diagnosis.empirical_search import (
     LEFT,
     Followed,
@@ -83,7 +83,7 @@ def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
 
 def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
     """The blocks with an effect of this size taken out from one block on."""
-    return mended(blocks, effect, size * step_profile(len(blocks), at).value)
+    return mended(blocks, effect, size * step_profile(len(blocks), at).value, factors=False)
 
 
 def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
@@ -128,7 +128,7 @@ def mend(
 
     def left(size: float) -> tuple[float, float]:
         seen = watch(mended(blocks, effect, size * time_profile.value), (effect,), sensors, known,
-                     stated=followed.stated, time_profile=time_profile.value)
+                     time_profile=time_profile.value)
         own = [seen.n_frequency]
         scores = score(make_contrasts(seen.weight[own], nuisance, [time_profile], blocks.hours), seen.series[own], [[0]])
         return float(scores.size[0, 0]), float(scores.size_std[0, 0])
@@ -143,7 +143,7 @@ def left_at(
 ) -> tuple[float, float]:
     """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
     sensors."""
-    seen = watch(blocks, followed.effects, sensors, known, stated=followed.stated)
+    seen = watch(blocks, followed.effects, sensors, known)
     nuisance = np.column_stack([np.ones(len(blocks)), seen.empirical.turning, known])
     scores = score(make_contrasts(seen.weight, nuisance, [time_profile], blocks.hours), seen.series, seen.pools)
     over = np.abs(scores.z[:, 0]) / found.threshold
@@ -244,7 +244,7 @@ def _beside_the_structure(
     begun = np.max([c.time_profile.value for c in changes], axis=0)
     empirical, as_measured = look(now, sensors, begun, least=ACROSS), look(blocks, sensors, begun, least=ACROSS)
     rest, before = residuals(empirical, known), residuals(as_measured, known)
-    noise = own_noise(now, empirical, rest, followed.stated)
+    noise = own_noise(now, empirical, rest, stated_patterns(now, empirical))
     nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
     of_name = {(e.cause, e.location): e for e in catalogue}
     structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
@@ -374,7 +374,7 @@ def _explained(
     better the fit (half a chi-square), all at the scatter that was estimated for a block, as that of the series itself
     counts what other effects do to it, zero for those whose own score is not beyond chance where others' are; scores.
     """
-    seen = watch(now, followed.effects, sensors, known, stated=followed.stated, time_profile=time_profile.value)
+    seen = watch(now, followed.effects, sensors, known, time_profile=time_profile.value)
     nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.empirical.turning, known])
     contrasts = make_contrasts(seen.weight, nuisance, [time_profile], seen.blocks.hours)
     scores = score(contrasts, seen.series, seen.pools)
