@@ -111,11 +111,18 @@ def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]])
         if then == size or abs(more) < SETTLED * std:
             break
         more_then, std = left(then)
-        # what grows as more is taken out tells no slope
-        slope = (more_then - more) / (then - size)
-        slope = slope if slope < -LEAST_SLOPE else -1.0
+        slope = _falling((more_then - more) / (then - size))
         size, more = then, more_then
-    return size, std / abs(slope)
+    if not 0 < std < np.inf:
+        return size, std
+    # what an error of what is left is of the size, there and not over all the way
+    aside = size + std if size + std < upper else size - std
+    return size, std / abs(_falling((left(aside)[0] - more) / (aside - size)))
+
+
+def _falling(slope: float) -> float:
+    """What grows as more is taken out tells no slope."""
+    return slope if slope < -LEAST_SLOPE else -1.0
 
 
 def marginal_evidence(

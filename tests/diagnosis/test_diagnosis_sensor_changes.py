@@ -1,0 +1,111 @@
+"""What is taken out of measured modes for a sensor's sake: its size, the scatter that goes with it, the volume that its
+numbers take."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from probupdate.diagnosis.blocks import SetFactors, gather
+from probupdate.diagnosis.empirical_reference import mended
+from probupdate.diagnosis.empirical_search import watch
+from probupdate.diagnosis.evidence import size_by_secant
+from probupdate.diagnosis.mode_numbers import numbers_of_modes
+from probupdate.diagnosis.sensor_changes import log_stretch
+from probupdate.effects.catalogue import measurement_effects
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
+from records import draw_record
+
+CHANNELS = ("a", "b", "c", "d", "e", "f")
+
+
+def effect_named(name, channels=CHANNELS):
+    return next(e for e in measurement_effects(channels, ()) if e.name == name)
+
+
+@pytest.mark.parametrize("gain", [-0.9, -0.6, -0.5, -0.2, 0.3, 2.0, 9.0])
+def test_a_gain_is_found_whatever_its_size(gain, validation):
+    """Of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out. Sizes that were added up swung about -1/2 and
+    ran away beyond it."""
+    row = validation(what="size of a gain from -0.9 to 9 that is taken out step by step", reference="the gain",
+                     why="a tenth of its standard deviation", unit="std")
+    std = 1e-3
+    size, found = size_by_secant(effect_named("sensor gain, b"),
+                                 lambda s: ((1 + gain) / (1 + s) - 1, std))
+    row.error((size - gain) / (std * (1 + gain)), 0.1, "size", case=gain)
+    # an error of what is left is one of the size by as much as the slope says
+    row.error(np.log(found / (std * (1 + gain))), 0.1, "ln std", case=gain)
+
+
+def test_what_grows_as_more_is_taken_out_ends_at_its_bound_or_settles():
+    gain = effect_named("sensor gain, b")
+    assert size_by_secant(gain, lambda s: (5.0, 1e-3))[0] == pytest.approx(gain.upper)
+    assert size_by_secant(gain, lambda s: (0.0, np.inf)) == (0.0, np.inf)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+@pytest.mark.parametrize("what", ["gain", "rotation", "exchange", "clock"])
+def test_the_volume_of_the_numbers_is_that_of_finite_differences(k, what, validation):
+    row = validation(what="ln of the volume of the numbers of shapes, seen through a gain, a rotation, an exchange, a clock",
+                     reference="determinant of finite differences", why="half the digits")
+    rng = np.random.default_rng([k, 5])
+    n = len(CHANNELS)
+    axes = rng.standard_normal((n, k))
+    axes /= np.abs(axes).max(axis=0)
+    seen = np.eye(n, dtype=complex)
+    if what == "gain":
+        seen[2, 2] = 0.4
+    elif what == "rotation":
+        seen[1:3, 1:3] = [[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]]
+    elif what == "exchange":
+        seen[[1, 4]] = seen[[4, 1]]
+    else:
+        seen[2, 2] = seen[3, 3] = np.exp(0.3j)
+    outside = linalg.null_space(np.linalg.pinv(axes))
+    m = (n - k) * k
+    frequency = np.array([[1.0, 1.1]])[:, :k]
+
+    def numbers(x):
+        shape = axes + outside @ (x[:m] + 1j * x[m:]).reshape(n - k, k)
+        y = numbers_of_modes(frequency, (seen @ shape)[None], axes, least=0.0)[0][0, 1 if k == 1 else 3:]
+        real, imaginary = np.split(y, 2)
+        z = outside.T @ (real + 1j * imaginary).reshape(k, n).T
+        return np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+    h = 1e-6
+    derivative = np.array([(numbers(h * e) - numbers(-h * e)) / (2 * h) for e in np.eye(2 * m)])
+    row.error(log_stretch(seen, axes) - np.linalg.slogdet(derivative)[1], 1e-7, "ln", case=(k, what))
+
+
+def test_stated_scatter_goes_with_the_sensor():
+    """Factors of a covariance are seen through a sensor as shapes are: a gain halves both, an exchange exchanges both."""
+    record = draw_record("swap", 19)
+    blocks = gather(record.data)
+    assert isinstance(blocks.factors[0], SetFactors)
+    first, second = blocks.channels[:2]
+    row = {c: k for k, c in enumerate(blocks.channels)}
+    acting = np.ones(len(blocks))
+    acting[0] = 0
+    halved = mended(blocks, effect_named(f"sensor gain, {first}", blocks.channels), -0.5 * acting)
+    exchanged = mended(blocks, effect_named(f"swapped channels, {first} and {second}", blocks.channels), acting)
+    for b in (0, 3):
+        factor = 2.0 if b else 1.0
+        np.testing.assert_allclose(halved.factors[b].shape[row[first]], factor * blocks.factors[b].shape[row[first]])
+        np.testing.assert_allclose(halved.factors[b].shape[row[second]], blocks.factors[b].shape[row[second]])
+        other = second if b else first
+        np.testing.assert_allclose(exchanged.factors[b].shape[row[first]], blocks.factors[b].shape[row[other]])
+
+
+def test_blocks_of_a_mended_record_are_no_strays(validation):
+    """With the pattern of the record as measured eleven of sixteen blocks stood apart once the exchange was undone."""
+    row = validation(what="a record of sixteen equal sets, two channels exchanged and put right: blocks that weigh less",
+                     reference="none")
+    record = draw_record("swap", 19)
+    blocks = gather(record.data)
+    acting = (np.arange(len(blocks)) >= 4).astype(float)
+    now = mended(blocks, effect_named("swapped channels, W6 and W9", blocks.channels), acting)
+    seen = watch(now, (), (), np.zeros((len(blocks), 0)))
+    row.equal(sum(int(np.sum(w < 0.5 * np.median(w))) for w in seen.noise.weight), 0, "blocks")
