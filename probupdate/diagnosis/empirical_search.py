@@ -242,9 +242,36 @@ def log_change_of_structure(
             ratio = np.array(spreads)[:, None, None] ** 2 / variance
             each = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=2)
             total += np.where(usable, logsumexp(each, axis=0) - np.log(len(spreads)), 0.0)
+    return _of_any_profile(total, time_profiles)
+
+
+def log_common_change(
+    rest: Sequence[np.ndarray], noise: Noise, nuisance: np.ndarray, time_profiles: Sequence[TimeProfile],
+    sizes: Sequence[int],
+) -> float:
+    """The same where all frequencies move by one share and shapes stay, as where all of the structure warms."""
+    h = np.array([c.value / max(float(np.ptp(c.value)), 1e-300) for c in time_profiles])
+    score_of, known, whole = np.zeros(len(h)), np.zeros(len(h)), np.zeros(len(h))
+    for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
+        root = np.sqrt(weight)[:, None]
+        scaled = root * h.T
+        own = scaled - (root * nuisance) @ np.linalg.lstsq(root * nuisance, scaled, rcond=None)[0]
+        n_log = 1 if k == 1 else 3
+        toward = np.linalg.solve(covariance[:n_log, :n_log], np.array([1.0, 1.0, 0.0])[:n_log])
+        score_of += own.T @ ((root * y[:, :n_log]) @ toward)
+        known += np.sum(own**2, axis=0) * float(toward[:k].sum())
+        whole += np.sum(scaled**2, axis=0) * float(toward[:k].sum())
+    usable = known > LEFT * np.maximum(whole, 1e-300)
+    ratio = np.array(SPREAD_LOG)[:, None] ** 2 * known
+    each = 0.5 * (score_of**2 / np.where(usable, known, 1.0) * ratio / (1 + ratio) - np.log1p(ratio))
+    return _of_any_profile(np.where(usable, logsumexp(each, axis=0) - np.log(len(SPREAD_LOG)), 0.0), time_profiles)
+
+
+def _of_any_profile(log_factor: np.ndarray, time_profiles: Sequence[TimeProfile]) -> float:
+    """ln Bayes factor of any of the time profiles from those of each; times of a step share one prior."""
     n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
     prior = np.array([1 / n_step if c.kind == "step" else 1.0 for c in time_profiles])
-    return float(logsumexp(total, b=prior / prior.sum()))
+    return float(logsumexp(log_factor, b=prior / prior.sum()))
 
 
 def log_density(rest: Sequence[np.ndarray], noise: Noise) -> float:

@@ -21,6 +21,7 @@ from probupdate.diagnosis.empirical_search import (
     Scores,
     allowed_profiles,
     log_change_of_structure,
+    log_common_change,
     log_density,
     make_contrasts,
     score,
@@ -78,7 +79,7 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time
 def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
     """By how much the blocks' modes differ from their own mean ones in all (sum of squares): in standard deviations one
     block at which a channel is reversed would outweigh all others."""
-    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).differences)
+    return sum(float(np.sum(y**2)) for y in look(blocks, sensors, least=ACROSS).differences)
 
 
 def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
@@ -102,12 +103,13 @@ def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
 
 
 def _sharper_profile(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], mended_by: _Mended
+    blocks: Blocks, known: np.ndarray, sensors: Sequence[Sensor], mended_by: _Mended
 ) -> TimeProfile:
     """The step from which an effect of its size leaves least of all residuals, in standard deviations, a block far off
     counting the logarithm: beside a strong effect blocks that look elsewhere stand apart, and the series alone does not
     show on which side of the step they are."""
-    noise = followed.noise
+    # as blocks scatter once the effect is out: both states together have other axes
+    noise = watch(mended_by.blocks, (), sensors, known).noise
 
     def left(at: int) -> float:
         rest = residuals(look(_from_block(blocks, mended_by.effect, mended_by.size, at), sensors), known)
@@ -192,7 +194,7 @@ def _sensor(
         if number or not whole_alone:
             tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
         if tried and not number:
-            sharper = _sharper_profile(now, followed, known, sensors, tried[0][1])
+            sharper = _sharper_profile(now, known, sensors, tried[0][1])
             if sharper.at != time_profile.at:
                 time_profile = sharper
                 seen, fit, scores = _explained(now, followed, known, sensors, time_profile, found)
@@ -247,7 +249,10 @@ def _beside_the_structure(
     noise = own_noise(now, empirical, rest, stated_patterns(now, empirical))
     nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
     of_name = {(e.cause, e.location): e for e in catalogue}
-    structure = log_change_of_structure(before, noise, nuisance, time_profiles, [len(g) for g in blocks.groups])
+    # by itself in each mode, or in all alike, which is as probable
+    sizes = [len(g) for g in blocks.groups]
+    structure = np.logaddexp(log_change_of_structure(before, noise, nuisance, time_profiles, sizes),
+                             log_common_change(before, noise, nuisance, time_profiles, sizes)) - np.log(2)
     total = sum(e.prior_odds("step") for e in catalogue)
     findings = [c.finding for c in changes if c.finding is not None]
     own = log_density(rest, noise) - log_density(before, noise)

@@ -193,11 +193,12 @@ def test_without_a_model_a_lost_spring_is_no_reversed_channel(placed: bool, vali
     assert not found.findings
 
 
-@pytest.mark.parametrize(("family", "number"), [("gain", 3), ("gain", 8), ("swap", 4), ("swap", 16)])
+@pytest.mark.parametrize(("family", "number"), [("gain", 3), ("gain", 8), ("gain", 47), ("swap", 4), ("swap", 19),
+                                               ("swap", 45)])
 @pytest.mark.parametrize("placed", [True, False])
 def test_without_a_model_what_one_sensor_explains_is_named(family: str, number: int, placed: bool, validation):
     """A gain of a third explains all, and a free change of everything explained more, on the axes of a mean of both
-    states; two exchanged channels were a rotation and a reversed one."""
+    states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared."""
     record = draw_record(family, number)
     row = validation(what="without a model, a gain of a third, two exchanged channels: verdict, place",
                      reference="what was hidden")
@@ -215,3 +216,12 @@ def test_without_a_model_the_gain_of_the_only_channel_is_not_looked_for(placed: 
         found = diagnose_without_model(record.data, record.world.sensors if placed else None)
         assert not [x for x in found.detectable_sizes if x.cause == "sensor gain" and np.isfinite(x.size)]
         assert not found.findings
+
+
+def test_without_a_model_what_moves_all_frequencies_is_no_logger(validation):
+    """All frequencies follow the temperature; along a step the sampling rate explains as much, and a change of all of
+    the structure does, too. It was *named* a logger's, at 0.999."""
+    record = draw_record("temperature", 48)
+    row = validation(what="without a model, all frequencies with the temperature: sampling rates named", reference="none")
+    found = diagnose_without_model(record.data, record.world.sensors)
+    row.equal(sum(f.cause == "sampling rate" for f in found.findings), 0, "findings")

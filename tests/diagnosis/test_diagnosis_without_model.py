@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import linalg
 
 import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
@@ -16,6 +17,7 @@ from probupdate.diagnosis.empirical_search import (
     SPREAD_LOG,
     SPREAD_SHAPE,
     log_change_of_structure,
+    log_common_change,
     make_contrasts,
     outliers,
     score,
@@ -252,6 +254,37 @@ def test_evidence_of_a_change_is_that_of_dense_normal_densities(validation):
     nothing = density(0, 0)
     each = [density(a, b) - nothing for a in SPREAD_LOG for b in SPREAD_SHAPE]
     row.error(found - (np.logaddexp.reduce(each) - np.log(len(each))), below=1e-3)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_evidence_of_a_common_change_is_that_of_dense_normal_densities(k, validation):
+    """A mode and a mode or a pair, of which all frequencies move by one share along a step; numbers of shapes are with
+    the frequencies' noise but do not move."""
+    row = validation(what="without a model, ln Bayes factor of one share by which all frequencies move along a step",
+                     reference="dense normal densities, the offset's prior 1e3 of the noise's", why="a flat offset")
+    rng, n = np.random.default_rng([3, k]), 12
+    n_log = (1, 1 if k == 1 else 3)
+    covariance = [np.diag([2e-3] * m) ** 2 + 1e-6 for m in n_log]
+    if k == 2:
+        covariance[1] = np.diag([2e-3, 3e-3, 1e-3]) ** 2
+        covariance[1][0, 1] = covariance[1][1, 0] = 2e-6
+    unit = [np.array([1.0, 1.0, 0.0])[:m] for m in n_log]
+    step = step_profile(n, 7)
+    y = [rng.standard_normal((n, m)) @ np.linalg.cholesky(c).T + step.value[:, None] * 3e-3 * u
+         for m, c, u in zip(n_log, covariance, unit, strict=True)]
+    noise = Noise(covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)),
+                  weight=(np.ones(n), np.ones(n)))
+    found = log_common_change(y, noise, np.ones((n, 1)), [step], [1, k])
+    together, values, along = linalg.block_diag(*covariance), np.hstack(y).ravel(), np.concatenate(unit)
+
+    def density(spread):
+        total = np.kron(np.eye(n), together) + np.kron(np.ones((n, n)), 1e6 * together)
+        total = total + spread**2 * np.kron(np.outer(step.value, step.value), np.outer(along, along))
+        return -0.5 * (values @ np.linalg.solve(total, values) + np.linalg.slogdet(total)[1])
+
+    nothing = density(0)
+    each = [density(a) - nothing for a in SPREAD_LOG]
+    row.error(found - (np.logaddexp.reduce(each) - np.log(len(each))), below=1e-3, case=k)
 
 
 def test_a_slow_error_is_no_step(validation):
