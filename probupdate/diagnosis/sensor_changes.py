@@ -264,6 +264,9 @@ def _beside_the_structure(
     for f in findings:
         effect = of_name[f.cause, f.location]
         own += np.log(effect.prior_odds("step") / total) + log_weight_of_size(effect, f.size, f.size_std)
+    # the structure as well, at the same time: what sensors leave is more than theirs
+    structure = np.logaddexp(structure, own + log_change_of_structure(rest, noise, nuisance, [changes[0].time_profile],
+                                                                      sizes))
     # sensors and the structure are as probable before as each other, no change as both
     each = np.array([own, structure, np.log(2)])
     share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
