@@ -260,14 +260,15 @@ def _beside_the_structure(
     own -= sum(_log_stretch(c, effect, blocks, as_measured.used, empirical.axes)
                for c in changes if c.finding is not None
                for effect in [of_name[c.finding.cause, c.finding.location]])
-    own -= np.log(max(sum(c.kind == "step" for c in time_profiles), 1))
+    n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
+    own -= np.log(n_step)
     for f in findings:
         effect = of_name[f.cause, f.location]
         own += np.log(effect.prior_odds("step") / total) + log_weight_of_size(effect, f.size, f.size_std)
-    # the structure as well, at the same time: what sensors leave is more than theirs
-    structure = np.logaddexp(structure, own + log_change_of_structure(rest, noise, nuisance, [changes[0].time_profile],
-                                                                      sizes))
-    # sensors and the structure are as probable before as each other, no change as both
+    # sensors and the structure are as probable before as each other, no change as both, and both at one of the times
+    # by chance: what sensors leave is more than theirs
+    both = log_change_of_structure(rest, noise, nuisance, [changes[0].time_profile], sizes) - np.log(3 * n_step)
+    structure = np.logaddexp(structure, own + both)
     each = np.array([own, structure, np.log(2)])
     share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
     if share < max(of_structure, chance):
