@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.mode_numbers import INDEPENDENCE, Reference, modes_with, n_response, numbers_of_modes, stated_columns
+from probupdate.diagnosis.mode_numbers import (
+    INDEPENDENCE,
+    Reference,
+    modes_with,
+    n_response,
+    numbers_of_modes,
+    stated_columns,
+)
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor

@@ -100,8 +100,8 @@ def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]])
     """Size and standard deviation of an effect to be taken out of what was measured. left(size): what of it is left, in
     its own unit, with its standard deviation, where so much is taken out.
 
-    Of a gain of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out: its slope is as far from -1 as g is large,
-    and sizes that are added up swing about -1/2 and beyond.
+    Of a gain of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out: its slope is as far from -1 as g is
+    large, and sizes that are added up swing about -1/2 and beyond.
     """
     lower, upper = 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)
     size, slope = 0.0, -1.0

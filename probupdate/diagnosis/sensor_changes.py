@@ -132,7 +132,8 @@ def mend(
         seen = watch(mended(blocks, effect, size * time_profile.value), (effect,), sensors, known,
                      time_profile=time_profile.value)
         own = [seen.n_frequency]
-        scores = score(make_contrasts(seen.weight[own], nuisance, [time_profile], blocks.hours), seen.series[own], [[0]])
+        contrasts = make_contrasts(seen.weight[own], nuisance, [time_profile], blocks.hours)
+        scores = score(contrasts, seen.series[own], [[0]])
         return float(scores.size[0, 0]), float(scores.size_std[0, 0])
 
     size, std = size_by_secant(effect, left)
@@ -401,8 +402,8 @@ def _explained(
 def _likely_as_a_whole(blocks: Blocks, whole: Sequence[Effect], times: Collection[int]) -> list[Effect]:
     """Of exchanged and reversed channels, pairs of which are many, those by which the planes of the modes before one of
     the times come nearest to those after it."""
-    n_channel, apart = len(blocks.channels), np.full(len(whole), np.inf)
-    done = [effect.observation(np.eye(n_channel, dtype=complex), 1.0, effect.discrete[0])[0].real for effect in whole]
+    identity, apart = np.eye(len(blocks.channels), dtype=complex), np.full(len(whole), np.inf)
+    done = [np.real(effect.observation(identity, 1.0, effect.discrete[0])[0]) for effect in whole]
     planes = []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])

@@ -1,10 +1,10 @@
 """Structures drawn at random, diagnosed without a model: what is said of sensors that is the structure's?
 
-python studies/other_worlds/without_model.py OUT.jsonl [--families ...] [--first 1] [--most 8]    goes on where it stopped
+python studies/other_worlds/without_model.py OUT.jsonl [--families ...] [--first 1] [--most 8]  goes on where it stopped
 python studies/other_worlds/without_model.py OUT.jsonl --table
 
-Every record twice, with the places of the sensors and with their names alone. Of the structure nothing has a name without
-a model: what steps is unexplained, what is constant is silent; what follows the temperature is named so.
+Every record twice, with the places of the sensors and with their names alone. Of the structure nothing has a name
+without a model: what steps is unexplained, what is constant is silent; what follows the temperature is named so.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def run_one(record: Record, placed: bool) -> dict:
 
 
 def outcome(line: dict) -> str:
-    """right: what is hidden and no other, alone; in the set: among the alternatives; doubtful: something else, less than
-    certain; wrong: something else at 0.95 or more."""
+    """right: what is hidden and no other, alone; in the set: among the alternatives; doubtful: something else, less
+    than certain; wrong: something else at 0.95 or more."""
     if line["verdict"] in ("refused", "unexplained"):
         return line["verdict"]
     findings = line["findings"]

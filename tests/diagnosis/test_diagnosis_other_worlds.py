@@ -222,15 +222,16 @@ def test_without_a_model_what_moves_all_frequencies_is_no_logger(validation):
     """All frequencies follow the temperature; along a step the sampling rate explains as much, and a change of all of
     the structure does, too. It was *named* a logger's, at 0.999."""
     record = draw_record("temperature", 48)
-    row = validation(what="without a model, all frequencies with the temperature: sampling rates named", reference="none")
+    row = validation(what="without a model, all frequencies with the temperature: sampling rates named",
+                     reference="none")
     found = diagnose_without_model(record.data, record.world.sensors)
     row.equal(sum(f.cause == "sampling rate" for f in found.findings), 0, "findings")
 
 
 @pytest.mark.parametrize("placed", [True, False])
 def test_without_a_model_a_gain_that_leaves_a_change_of_the_structure_is_not_named(placed: bool, validation):
-    """A storey that loses a third moves the roof's channel most; the gain of 1.9 % that is like it leaves frequencies and
-    shapes that still step, and was *named* at 1.00."""
+    """A storey that loses a third moves the roof's channel most; the gain of 1.9 % that is like it leaves frequencies
+    and shapes that still step, and was *named* at 1.00."""
     record = draw_record("loss step", 68)
     row = validation(what="without a model, a roof's storey that loses a third: verdict", reference="what was hidden")
     found = diagnose_without_model(record.data, record.world.sensors if placed else None)

@@ -49,8 +49,8 @@ def test_what_grows_as_more_is_taken_out_ends_at_its_bound_or_settles():
 @pytest.mark.parametrize("k", [1, 2])
 @pytest.mark.parametrize("what", ["gain", "rotation", "exchange", "clock"])
 def test_the_volume_of_the_numbers_is_that_of_finite_differences(k, what, validation):
-    row = validation(what="ln of the volume of the numbers of shapes, seen through a gain, a rotation, an exchange, a clock",
-                     reference="determinant of finite differences", why="half the digits")
+    row = validation(what="ln of the volume of the numbers of shapes, seen through a gain, a rotation, an exchange, a "
+                          "clock", reference="determinant of finite differences", why="half the digits")
     rng = np.random.default_rng([k, 5])
     n = len(CHANNELS)
     axes = rng.standard_normal((n, k))
@@ -81,7 +81,8 @@ def test_the_volume_of_the_numbers_is_that_of_finite_differences(k, what, valida
 
 
 def test_stated_scatter_goes_with_the_sensor():
-    """Factors of a covariance are seen through a sensor as shapes are: a gain halves both, an exchange exchanges both."""
+    """Factors of a covariance are seen through a sensor as shapes are: a gain halves both, an exchange exchanges
+    both."""
     record = draw_record("swap", 19)
     blocks = gather(record.data)
     assert isinstance(blocks.factors[0], SetFactors)
@@ -101,8 +102,8 @@ def test_stated_scatter_goes_with_the_sensor():
 
 def test_blocks_of_a_mended_record_are_no_strays(validation):
     """With the pattern of the record as measured eleven of sixteen blocks stood apart once the exchange was undone."""
-    row = validation(what="a record of sixteen equal sets, two channels exchanged and put right: blocks that weigh less",
-                     reference="none")
+    row = validation(what="a record of sixteen equal sets, two channels exchanged and put right: blocks that weigh "
+                          "less", reference="none")
     record = draw_record("swap", 19)
     blocks = gather(record.data)
     acting = (np.arange(len(blocks)) >= 4).astype(float)
