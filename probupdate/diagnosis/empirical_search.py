@@ -221,9 +221,17 @@ def log_change_of_structure(
     rest: Sequence[np.ndarray], noise: Noise, nuisance: np.ndarray, time_profiles: Sequence[TimeProfile],
     sizes: Sequence[int],
 ) -> float:
-    """ln Bayes factor of a change of the structure along one of the time profiles over none: frequencies and real parts
-    of shapes move each by itself, by normal amounts over the profile's range, of residuals `rest` per group (n_block,
-    n_response). Times of a step share one prior. sizes: modes of each group."""
+    """ln Bayes factor of a change of the structure along one of the time profiles over none, of residuals `rest` per
+    group (n_block, n_response). Times of a step share one prior. sizes: modes of each group."""
+    return _of_any_profile(log_change_along(rest, noise, nuisance, time_profiles, sizes), time_profiles)
+
+
+def log_change_along(
+    rest: Sequence[np.ndarray], noise: Noise, nuisance: np.ndarray, time_profiles: Sequence[TimeProfile],
+    sizes: Sequence[int],
+) -> np.ndarray:
+    """(n_profile,) the same of each time profile: frequencies and real parts of shapes move each by itself, by normal
+    amounts over the profile's range."""
     h = np.array([c.value / max(float(np.ptp(c.value)), 1e-300) for c in time_profiles])
     total = np.zeros(len(h))
     for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
@@ -242,7 +250,7 @@ def log_change_of_structure(
             ratio = np.array(spreads)[:, None, None] ** 2 / variance
             each = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=2)
             total += np.where(usable, logsumexp(each, axis=0) - np.log(len(spreads)), 0.0)
-    return _of_any_profile(total, time_profiles)
+    return total
 
 
 def log_common_change(

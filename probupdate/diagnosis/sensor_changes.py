@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy import linalg
@@ -426,19 +426,25 @@ def _as_a_whole(
     """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
     where nothing else was taken out along it (`once`)."""
     n, tried = len(now), []
+
+    def left_by(effect: Effect, at: int) -> float:
+        return _apart(_from_block(now, effect, effect.discrete[0], at), sensors)
+
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
     grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}
     for effect in _likely_as_a_whole(now, whole, grid):
-        tried += [(_apart(_from_block(now, effect, effect.discrete[0], at), sensors), at, effect) for at in grid]
-    if not tried:
+        least, at = min((left_by(effect, at), at) for at in grid)
+        tried.append((least, at, effect))
+    tried.sort(key=lambda t: t[:2])
+    # one block on the wrong side of a step outweighs what tells two of them from each other
+    sharper = [(left_by(effect, at), at, effect) for _, first, effect in tried[:MOST_TRIED]
+               for at in [_sharper(n, first, partial(left_by, effect)) if once else first]]
+    if not sharper:
         return None
-    least, at, effect = min(tried, key=lambda t: t[:2])
+    least, at, effect = min(sharper, key=lambda t: t[:2])
     if least >= _apart(now, sensors):
         return None
-    own = time_profile
-    if once:
-        own = step_profile(n, _sharper(n, at, lambda k: _apart(_from_block(now, effect, effect.discrete[0], k),
-                                                               sensors)))
+    own = step_profile(n, at) if once else time_profile
     then = mended(now, effect, effect.discrete[0] * own.value)
     left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
     return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)

@@ -24,7 +24,10 @@ from probupdate.diagnosis.empirical_search import (
     Found,
     Scores,
     allowed_profiles,
+    log_change_along,
     log_change_of_structure,
+    make_contrasts,
+    score,
     search,
     watch,
 )
@@ -33,7 +36,7 @@ from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis,
 from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
 from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
-from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
+from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.joined_modes import joined
@@ -112,12 +115,29 @@ def _by_chance(
 ) -> bool:
     """Whether no change is more probable than any change of frequencies and shapes, at the scatter that all numbers
     together say a block has: of so many series of a few blocks one scatters little by chance, and its z is large."""
-    nuisance = np.column_stack([np.ones(len(blocks)), followed.empirical.turning, known])
-    return log_change_of_structure(residuals(followed.empirical, known), followed.noise, nuisance, time_profiles,
-                                   [len(g) for g in blocks.groups]) < np.log(2)
+    return log_change_of_structure(residuals(followed.empirical, known), followed.noise, _nuisance(followed, known),
+                                   time_profiles, [len(g) for g in blocks.groups]) < np.log(2)
 
 
-def _condition(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile]) -> Change:
+def _nuisance(followed: Followed, known: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.ones(len(followed.blocks)), followed.empirical.turning, known])
+
+
+def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray) -> TimeProfile:
+    """The step near one of those tried at which a change of the structure is most probable: a long record is tried at
+    every other block or fewer."""
+    n = len(followed.blocks)
+    reach = -(-(n - 2 * EDGE) // N_STEP)
+    near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach + 1),
+                                                min(n - EDGE, time_profile.at + reach - 1) + 1)]
+    along = log_change_along(residuals(followed.empirical, known), followed.noise, _nuisance(followed, known), near,
+                             [len(g) for g in followed.blocks.groups])
+    return near[int(np.argmax(along))]
+
+
+def _condition(
+    followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
+) -> Change:
     """What the frequencies go with."""
     rows = followed.classes[0]
     best = int(np.argmax(np.max(found.over[rows], axis=0)))
@@ -126,6 +146,10 @@ def _condition(followed: Followed, found: Found, time_profiles: Sequence[TimePro
     name = next(iter(names))
     best = int(np.argmax(np.where([c.name == name for c in time_profiles], probability, -1)))
     time_profile, moved = time_profiles[best], moved_frequencies(followed, found.scores, best)
+    if time_profile.kind == "step":
+        time_profile = _sharpened(followed, time_profile, known)
+        contrasts = make_contrasts(followed.weight, _nuisance(followed, known), [time_profile], followed.blocks.hours)
+        moved = moved_frequencies(followed, score(contrasts, followed.series, followed.pools), 0)
     if time_profile.kind in ("step", "ramp") and names[name] >= SURE:
         return Change(finding=None, time_profile=time_profile, moved=moved)
     cause, location, check = _cause(name)
@@ -245,10 +269,12 @@ def _taken_out(
             blocks = of_sensors[1]
         else:
             if of_frequencies:
-                change = _condition(followed, found, time_profiles)
+                change = _condition(followed, found, time_profiles, known)
             else:
                 _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-                change = Change(finding=None, time_profile=time_profiles[int(best)], moved=())
+                own = time_profiles[int(best)]
+                own = _sharpened(followed, own, known) if own.kind == "step" else own
+                change = Change(finding=None, time_profile=own, moved=())
             changes.append(change)
             known = np.column_stack([known, change.time_profile.value])
         followed, found = looked_at(number)

@@ -193,12 +193,13 @@ def test_without_a_model_a_lost_spring_is_no_reversed_channel(placed: bool, vali
     assert not found.findings
 
 
-@pytest.mark.parametrize(("family", "number"), [("gain", 3), ("gain", 8), ("gain", 47), ("swap", 4), ("swap", 19),
-                                               ("swap", 45)])
+@pytest.mark.parametrize(("family", "number"), [("gain", 3), ("gain", 8), ("gain", 47), ("polarity", 91),
+                                               ("swap", 4), ("swap", 19), ("swap", 45)])
 @pytest.mark.parametrize("placed", [True, False])
 def test_without_a_model_what_one_sensor_explains_is_named(family: str, number: int, placed: bool, validation):
     """A gain of a third explains all, and a free change of everything explained more, on the axes of a mean of both
-    states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared."""
+    states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared; a reversed channel
+    was an exchange, another one reversed, and the exchange again."""
     record = draw_record(family, number)
     row = validation(what="without a model, a gain of a third, two exchanged channels: verdict, place",
                      reference="what was hidden")
@@ -236,3 +237,13 @@ def test_without_a_model_a_gain_that_leaves_a_change_of_the_structure_is_not_nam
     row = validation(what="without a model, a roof's storey that loses a third: verdict", reference="what was hidden")
     found = diagnose_without_model(record.data, record.world.sensors if placed else None)
     row.equal((found.verdict, len(found.findings)), ("unexplained", 0), "verdict", case=placed)
+
+
+@pytest.mark.parametrize(("number", "at"), [(43, 13), (48, 16), (51, 26)])
+def test_without_a_model_a_step_of_the_structure_is_at_its_set(number: int, at: int, validation):
+    """Of 48 sets every other one was tried as the first that differs, and stated."""
+    record = draw_record("loss step", number)
+    row = validation(what="without a model, a structure that changes amid 48 sets: first set that differs",
+                     reference="what was hidden")
+    found = diagnose_without_model(record.data, record.world.sensors)
+    row.equal([change["since"] for change in found.details["changes"]], [record.data.sets[at].id], "since", case=number)
