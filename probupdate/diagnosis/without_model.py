@@ -55,8 +55,9 @@ CAUSES = {
     "air_temperature_c": ("temperature of the steel", "all members", "steel temperature sensors"),
     "thrust_share": ("rotor thrust", "hub", "tower bending strain"),
     "frost_degc": ("icing", "rotor", "ice detector, power curve"),
-    "rms_mps2": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
-    "wave_height_m": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
+    # of the vibration or of the waves; soil and joints soften with it, or mass follows it, which no column says
+    "rms_mps2": ("frequencies follow the amplitude", "all modes", "storms of equal wind, other sea"),
+    "wave_height_m": ("frequencies follow the amplitude", "all modes", "storms of equal wind, other sea"),
     "wind_speed_mps": ("frequencies follow the wind", "rotor", "blocks of equal state, other wind"),
 }
 # numbers of the environment that describe the block or the operation, not the environmental and operational conditions

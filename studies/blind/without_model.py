@@ -68,7 +68,7 @@ def _temperature(rng):
 
 def _softening(rng):
     return {"kind": "soil_softening", "per_unit": float(rng.uniform(0.15, 0.4))}, "named", (
-        "softening with amplitude", "soil or joints")
+        "frequencies follow the amplitude", "all modes")
 
 
 def _structure(rng):

@@ -198,8 +198,8 @@ def test_without_a_model_a_lost_spring_is_no_reversed_channel(placed: bool, vali
 @pytest.mark.parametrize("placed", [True, False])
 def test_without_a_model_what_one_sensor_explains_is_named(family: str, number: int, placed: bool, validation):
     """A gain of a third explains all, and a free change of everything explained more, on the axes of a mean of both
-    states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared; a reversed channel
-    was an exchange, another one reversed, and the exchange again."""
+    states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared; a reversed
+    channel was an exchange, another one reversed, and the exchange again."""
     record = draw_record(family, number)
     row = validation(what="without a model, a gain of a third, two exchanged channels: verdict, place",
                      reference="what was hidden")
