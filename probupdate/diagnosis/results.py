@@ -103,7 +103,7 @@ class Diagnosis:
         content = self.content()
         lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
         for f in content["findings"]:
-            score = [f"z = {f['z']:.1f}"] if f["z"] is not None else []
+            score = [f"z = {f['z']:z.1f}"] if f["z"] is not None else []
             said = ", ".join([*score, wording.cause_probability_words(f)])
             lines.append(f"  {wording.finding_words(f)}; {said}")
             lines_of = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]),

@@ -12,6 +12,7 @@ from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_er
 from probupdate.diagnosis.fitting import driver_profiles
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.search import model_error_dispersion, scores_beside
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
@@ -294,6 +295,22 @@ def test_a_note_says_of_which_search_its_threshold_is(candidates, words):
     assert note.startswith("a gain (constant) ") and words in note
     last.threshold = 5.1
     assert diagnose._by_chance(explored) == []
+
+
+def test_a_frequency_error_that_grows_is_said_with_its_reason():
+    gain = {"heldout_elpd": 30.0, "heldout_elpd_se": 4.0, "max_frequency_error_before": 0.011,
+            "max_frequency_error_after": 0.006}
+    assert wording.gain_words({"gain": gain}).endswith("1.1 % before, 0.6 % after")
+    assert "(larger: " in wording.gain_words({"gain": gain | {"max_frequency_error_after": 0.02}})
+
+
+def test_a_score_of_nothing_has_no_sign():
+    finding = Finding(kind="measurement", cause="sensor polarity", location="a", size=-2.0, size_std=0.0, unit="-",
+                      time_profile="constant", time_profile_start="", z=-0.04, posterior_probability=1.0,
+                      alternatives=(), check="turn it")
+    said = Diagnosis(verdict="named", p_value=0.0, findings=(finding,), detectable_sizes=(), threshold=4.0,
+                     adequacy_p=1.0, notes=(), parameters=()).summary
+    assert "z = 0.0" in said
 
 
 def test_the_stated_threshold_is_said_to_be_of_the_first_search():

@@ -9,6 +9,7 @@ import probupdate
 from probupdate.diagnosis.blocks import gather, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
 
 
@@ -73,7 +74,9 @@ def test_frequencies_alone_are_diagnosed_and_said(prepared, record):
     data = record(7)
     alone = replace(data, sets=tuple(replace(s, shape=np.full_like(s.shape, np.nan)) for s in data.sets))
     found = probupdate.diagnose(prepared, alone, sampler=False)
-    assert any("frequencies alone" in note for note in found.notes)
+    assert any("frequencies alone, paired with the model's" in note for note in found.notes)
+    without_one = diagnose_without_model(alone).notes
+    assert any("frequencies alone" in note and "model's in" not in note for note in without_one)
     assert all(f.kind != "measurement" or f.cause == "sampling rate" for f in found.findings)
 
 

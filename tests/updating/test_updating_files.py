@@ -110,6 +110,16 @@ def test_sharp_deviations_that_fit_leave_the_models_error_out(update):
     assert "fits the data within" in fit_sentence(sharp) and "--discrepancy" in fit_sentence(sharp)
 
 
+def test_what_fits_with_suspect_shapes_is_not_said_to_fit(update):
+    fine = replace(update, map_misfit=38.0, n_effective=40)
+    assert "fits the data" in fit_sentence(fine)
+    suspect = replace(fine, suspected="exchanging F1 and F2 explains more")
+    assert "SUSPECT" in suspect.summary and "fits the data" not in suspect.summary
+    assert "no proof" in fit_sentence(suspect)
+    # what misses the data is said as before
+    assert "misses the data" in fit_sentence(replace(suspect, map_misfit=400.0))
+
+
 def test_advice_does_not_ask_for_what_is_stated(update):
     fine = replace(update, map_misfit=40.0, n_effective=40, measured_std_hz=0.001 * LINEAR_HZ)
     n = len(update.parameters)
