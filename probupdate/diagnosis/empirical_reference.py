@@ -49,6 +49,10 @@ class EmpiricalReference:
     expected: tuple[tuple[Reference, ...], ...]
     mean: tuple[Reference, ...]
 
+    def nuisance(self, known: np.ndarray) -> np.ndarray:
+        """(n_block, n_nuisance) along which any number may move: an offset, what turns, `known` (n_block, n_known)."""
+        return np.column_stack([np.ones(len(known)), self.turning, known])
+
 
 def look(
     blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None, least: float = INDEPENDENCE
@@ -186,8 +190,7 @@ def residuals(empirical: EmpiricalReference, known: np.ndarray) -> tuple[np.ndar
 
     Response by response: as a signature turns with the nacelle too, its product with them is no low harmonic.
     """
-    columns = np.column_stack([np.ones(len(known)), empirical.turning, known])
-    rest = []
+    columns, rest = empirical.nuisance(known), []
     for y, ok in zip(empirical.differences, empirical.used, strict=True):
         slope = np.linalg.lstsq(columns[ok], y[ok], rcond=None)[0]
         rest.append(np.where(ok[:, None], y - columns @ slope, 0.0))

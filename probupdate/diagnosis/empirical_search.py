@@ -433,7 +433,7 @@ def search(
 ) -> Found:
     """All candidates, and how large the largest is when nothing changes (drawn with the record's own scatter).
     `false_alarm` of each of the two classes."""
-    nuisance = np.column_stack([np.ones(len(followed.blocks)), followed.empirical.turning, known])
+    nuisance = followed.empirical.nuisance(known)
     contrasts = make_contrasts(followed.weight, nuisance, time_profiles, followed.blocks.hours)
     allowed = allowed_profiles(followed, time_profiles)
     pools = followed.pools

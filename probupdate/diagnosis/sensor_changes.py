@@ -29,7 +29,7 @@ from probupdate.diagnosis.empirical_search import (
 )
 from probupdate.diagnosis.evidence import log_weight_of_size, size_by_secant
 from probupdate.diagnosis.results import Alternative, Finding
-from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, step_profile
+from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, between_steps, step_profile
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 
@@ -64,7 +64,7 @@ def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time
     n = len(blocks)
     at = np.arange(EDGE, n - EDGE + 1)
     root = np.sqrt(followed.weight[row])
-    nuisance = root[:, None] * np.column_stack([np.ones(n), followed.empirical.turning, known])
+    nuisance = root[:, None] * followed.empirical.nuisance(known)
     both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
     rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
     own = np.sum(rest[:, 1:] ** 2, axis=0)
@@ -90,7 +90,7 @@ def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
 def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
     """Of n blocks the one from which `left` is least, by halved steps from one of a coarse grid."""
     left = cache(left)
-    step = -(-(n - 2 * EDGE) // N_STEP)
+    step = between_steps(n)
     while True:
         at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
         if step == 1:
@@ -126,7 +126,7 @@ def mend(
     """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
     the size is right when nothing of it is left beside what was before."""
     effect = followed.effects[row - followed.n_frequency]
-    nuisance = np.column_stack([np.ones(len(blocks)), followed.empirical.turning, known])
+    nuisance = followed.empirical.nuisance(known)
 
     def left(size: float) -> tuple[float, float]:
         seen = watch(mended(blocks, effect, size * time_profile.value), (effect,), sensors, known,
@@ -147,7 +147,7 @@ def left_at(
     """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
     sensors."""
     seen = watch(blocks, followed.effects, sensors, known)
-    nuisance = np.column_stack([np.ones(len(blocks)), seen.empirical.turning, known])
+    nuisance = seen.empirical.nuisance(known)
     scores = score(make_contrasts(seen.weight, nuisance, [time_profile], blocks.hours), seen.series, seen.pools)
     over = np.abs(scores.z[:, 0]) / found.threshold
     return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
@@ -248,24 +248,20 @@ def _beside_the_structure(
     empirical, as_measured = look(now, sensors, begun, least=ACROSS), look(blocks, sensors, begun, least=ACROSS)
     rest, before = residuals(empirical, known), residuals(as_measured, known)
     noise = own_noise(now, empirical, rest, stated_patterns(now, empirical))
-    nuisance = np.column_stack([np.ones(len(blocks)), empirical.turning, known])
+    nuisance = empirical.nuisance(known)
     of_name = {(e.cause, e.location): e for e in catalogue}
     # by itself in each mode, or in all alike, which is as probable
     sizes = [len(g) for g in blocks.groups]
     structure = np.logaddexp(log_change_of_structure(before, noise, nuisance, time_profiles, sizes),
                              log_common_change(before, noise, nuisance, time_profiles, sizes)) - np.log(2)
     total = sum(e.prior_odds("step") for e in catalogue)
-    findings = [c.finding for c in changes if c.finding is not None]
-    own = log_density(rest, noise) - log_density(before, noise)
-    # what was measured is what is asked: a gain of a half halves the scatter too
-    own -= sum(_log_stretch(c, effect, blocks, as_measured.used, empirical.axes)
-               for c in changes if c.finding is not None
-               for effect in [of_name[c.finding.cause, c.finding.location]])
     n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
-    own -= np.log(n_step)
-    for f in findings:
+    own = log_density(rest, noise) - log_density(before, noise) - np.log(n_step)
+    for f, acting in [(c.finding, c.time_profile.value != 0) for c in changes if c.finding is not None]:
         effect = of_name[f.cause, f.location]
         own += np.log(effect.prior_odds("step") / total) + log_weight_of_size(effect, f.size, f.size_std)
+        # what was measured is what is asked: a gain of a half halves the scatter too
+        own -= _log_stretch(effect, f.size, acting, blocks, as_measured.used, empirical.axes)
     # sensors and the structure are as probable before as each other, no change as both, and both at one of the times
     # by chance: what sensors leave is more than theirs
     both = log_change_of_structure(rest, noise, nuisance, [changes[0].time_profile], sizes) - np.log(3 * n_step)
@@ -281,10 +277,11 @@ def _beside_the_structure(
 
 
 def _log_stretch(
-    change: Change, effect: Effect, blocks: Blocks, used: Sequence[np.ndarray], axes: Sequence[np.ndarray]
+    effect: Effect, size: float, acting: np.ndarray, blocks: Blocks, used: Sequence[np.ndarray],
+    axes: Sequence[np.ndarray],
 ) -> float:
-    """ln of the volume that a change of sensors gives to all numbers of shapes that it acts on, over what it was."""
-    acting, size = change.time_profile.value != 0, 0.0 if change.finding is None else change.finding.size
+    """ln of the volume that an effect of sensors gives to all numbers of shapes that it is `acting` (n_block,) on, over
+    what it was."""
     return sum(int(np.sum(ok & acting)) * log_stretch(
         effect.observation(np.eye(len(a), dtype=complex),
                            float(np.nanmedian(blocks.frequency_hz[:, list(group)])), size)[0], a)
@@ -385,7 +382,7 @@ def _explained(
     counts what other effects do to it, zero for those whose own score is not beyond chance where others' are; scores.
     """
     seen = watch(now, followed.effects, sensors, known, time_profile=time_profile.value)
-    nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.empirical.turning, known])
+    nuisance = seen.empirical.nuisance(known)
     contrasts = make_contrasts(seen.weight, nuisance, [time_profile], seen.blocks.hours)
     scores = score(contrasts, seen.series, seen.pools)
     can = allowed_profiles(seen, [time_profile])[:, 0] & contrasts.usable[:, 0]

@@ -81,5 +81,10 @@ def weather_profiles(hours: np.ndarray) -> list[tuple[TimeProfile, float]]:
             if np.ptp(value) > 1e-6]
 
 
+def between_steps(n: int) -> int:
+    """Blocks from one time of a step that is tried in n blocks to the next, at most."""
+    return -(-(n - 2 * EDGE) // N_STEP)
+
+
 def step_profile(n: int, at: int) -> TimeProfile:
     return TimeProfile(kind="step", value=frozen_array(np.arange(n) >= at), at=at)

@@ -36,7 +36,13 @@ from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis,
 from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
 from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
-from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, make_time_profiles, step_profile
+from probupdate.diagnosis.time_profiles import (
+    EDGE,
+    TimeProfile,
+    between_steps,
+    make_time_profiles,
+    step_profile,
+)
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.joined_modes import joined
@@ -116,22 +122,18 @@ def _by_chance(
 ) -> bool:
     """Whether no change is more probable than any change of frequencies and shapes, at the scatter that all numbers
     together say a block has: of so many series of a few blocks one scatters little by chance, and its z is large."""
-    return log_change_of_structure(residuals(followed.empirical, known), followed.noise, _nuisance(followed, known),
-                                   time_profiles, [len(g) for g in blocks.groups]) < np.log(2)
-
-
-def _nuisance(followed: Followed, known: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.ones(len(followed.blocks)), followed.empirical.turning, known])
+    empirical, sizes = followed.empirical, [len(g) for g in blocks.groups]
+    return log_change_of_structure(residuals(empirical, known), followed.noise, empirical.nuisance(known),
+                                   time_profiles, sizes) < np.log(2)
 
 
 def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray) -> TimeProfile:
     """The step near one of those tried at which a change of the structure is most probable: a long record is tried at
     every other block or fewer."""
-    n = len(followed.blocks)
-    reach = -(-(n - 2 * EDGE) // N_STEP)
+    n, reach, empirical = len(followed.blocks), between_steps(len(followed.blocks)), followed.empirical
     near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach + 1),
                                                 min(n - EDGE, time_profile.at + reach - 1) + 1)]
-    along = log_change_along(residuals(followed.empirical, known), followed.noise, _nuisance(followed, known), near,
+    along = log_change_along(residuals(empirical, known), followed.noise, empirical.nuisance(known), near,
                              [len(g) for g in followed.blocks.groups])
     return near[int(np.argmax(along))]
 
@@ -149,7 +151,8 @@ def _condition(
     time_profile, moved = time_profiles[best], moved_frequencies(followed, found.scores, best)
     if time_profile.kind == "step":
         time_profile = _sharpened(followed, time_profile, known)
-        contrasts = make_contrasts(followed.weight, _nuisance(followed, known), [time_profile], followed.blocks.hours)
+        contrasts = make_contrasts(followed.weight, followed.empirical.nuisance(known), [time_profile],
+                                   followed.blocks.hours)
         moved = moved_frequencies(followed, score(contrasts, followed.series, followed.pools), 0)
     if time_profile.kind in ("step", "ramp") and names[name] >= SURE:
         return Change(finding=None, time_profile=time_profile, moved=moved)

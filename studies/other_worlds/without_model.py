@@ -55,15 +55,15 @@ def run_one(record: Record, placed: bool) -> dict:
 def outcome(line: dict) -> str:
     """right: what is hidden and no other, alone; in the set: among the alternatives; doubtful: something else, less
     than certain; wrong: something else at 0.95 or more."""
-    if line["verdict"] in ("refused", "unexplained"):
-        return line["verdict"]
-    findings = line["findings"]
+    findings, open_too = line["findings"], line["verdict"] == "unexplained"
+    if line["verdict"] == "refused":
+        return "refused"
     if not findings:
-        return "silent"
+        return "unexplained" if open_too else "silent"
     named = sorted([f[1], f[2]] for f in findings)
     # a loss has no name here
     hidden = FOLLOWED.get(line["family"], line["right"] if line["family"] in (*SENSORS, "temperature") else [])
-    if hidden and named == hidden:
+    if hidden and named == hidden and not open_too:
         return "right"
     if hidden and all(any([a[0], a[1]] in hidden for a in [f[1:3], *f[8]]) for f in findings):
         return "in the set"

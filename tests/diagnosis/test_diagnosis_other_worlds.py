@@ -201,7 +201,7 @@ def test_without_a_model_what_one_sensor_explains_is_named(family: str, number: 
     states; two exchanged channels were a rotation and a reversed one, or left blocks that nothing compared; a reversed
     channel was an exchange, another one reversed, and the exchange again."""
     record = draw_record(family, number)
-    row = validation(what="without a model, a gain of a third, two exchanged channels: verdict, place",
+    row = validation(what="without a model, a gain, a reversed channel, two exchanged channels: verdict, place",
                      reference="what was hidden")
     found = diagnose_without_model(record.data, record.world.sensors if placed else None)
     row.equal((found.verdict, {(f.cause, f.location) for f in found.findings}), ("named", set(record.places)), "named",
