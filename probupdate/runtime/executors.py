@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import threading
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -227,7 +228,7 @@ class _Processes(Executor):
     def _start(self, size: int) -> ProcessPoolExecutor:
         self._others = {child.pid for child in multiprocessing.active_children()}
         self._size = size
-        self._pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+        self._pool = _processes(size)
         return self._pool
 
     def close(self, *, at_once: bool = False) -> None:
@@ -339,8 +340,7 @@ def _at_worker(version: str, function: Callable, task: tuple) -> object:
 
 
 def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
-    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
-                                                initializer=_end_with_parent) as pool:
+    with one_thread_each(), _processes(1) as pool:
         try:
             return pool.submit(function, *task).result()
         except BrokenProcessPool:
@@ -370,8 +370,7 @@ def beside(*tasks: tuple) -> Iterator[list[Future]]:
     """The tasks (function, *arguments) one after the other in a process of their own while the block runs; yields their
     futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
-    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
-                                                initializer=_end_with_parent) as pool:
+    with one_thread_each(), _processes(1) as pool:
         futures = [pool.submit(*task) for task in tasks]
         try:
             yield futures
@@ -397,6 +396,20 @@ def one_thread_each() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def _processes(size: int) -> ProcessPoolExecutor:
+    """Workers that end with this process, and warn of what it does."""
+    return ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_begin,
+                               initargs=(list(warnings.filters),))
+
+
+def _begin(filters: list[tuple]) -> None:
+    warnings.resetwarnings()
+    for action, message, category, module, line in filters:
+        told, place = (getattr(text, "pattern", text) or "" for text in (message, module))
+        warnings.filterwarnings(action, told, category, place, line, append=True)
+    _end_with_parent()
 
 
 def _end_with_parent() -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -247,3 +248,18 @@ def test_an_executor_of_ones_own_is_used_as_it_is():
 
     mine = Counting()
     assert dict(completed(square, [(2,), (5,)], jobs=mine)) == {2: 4, 5: 25} and mine.count == 2
+
+
+def announcing(text: str) -> None:
+    warnings.warn(text, FutureWarning, stacklevel=1)
+
+
+def test_processes_warn_of_what_the_first_one_does():
+    """Another package's announcement, silenced in the first one, was printed by the one beside it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="an announcement", category=FutureWarning)
+        with executors.beside((announcing, "an announcement"), (announcing, "a warning")) as (silenced, heard):
+            assert silenced.result() is None
+            with pytest.raises(FutureWarning, match="a warning"):
+                heard.result()
