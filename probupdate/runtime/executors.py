@@ -407,8 +407,8 @@ def _processes(size: int) -> ProcessPoolExecutor:
 def _begin(filters: list[tuple]) -> None:
     warnings.resetwarnings()
     for action, message, category, module, line in filters:
-        told, place = (getattr(text, "pattern", text) or "" for text in (message, module))
-        warnings.filterwarnings(action, told, category, place, line, append=True)
+        wording, place = (getattr(text, "pattern", text) or "" for text in (message, module))
+        warnings.filterwarnings(action, wording, category, place, line, append=True)
     _end_with_parent()
 
 
