@@ -26,23 +26,24 @@ class ModelAnswers:
     """What a model is asked for more than once: references by parameters and angle, slopes by parameters, before
     sensors see them."""
 
-    def __init__(self, predictor: ModalPredictor):
-        self.predictor = predictor
+    def __init__(self):
         self._references: dict[tuple, tuple[Reference, ...]] = {}
         self._slopes: dict[tuple, list] = {}
 
-    def references(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
+    def references(self, predictor: ModalPredictor, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
-        key = theta.tobytes(), angle_deg
+        key = predictor.state, theta.tobytes(), angle_deg
         if key not in self._references:
-            self._references[key] = self.predictor.references(self.predictor.small.at(theta), angle_deg)
+            self._references[key] = predictor.references(predictor.small.at(theta), angle_deg)
         return self._references[key]
 
-    def slopes(self, theta: np.ndarray, names: tuple[str, ...], nodes: np.ndarray) -> list:
+    def slopes(
+        self, predictor: ModalPredictor, theta: np.ndarray, names: tuple[str, ...], nodes: np.ndarray
+    ) -> list:
         """`ModalPredictor.slopes` of the parameters `names` at these numbers of NODE_DEG."""
-        key = theta.tobytes(), names, nodes.tobytes()
+        key = predictor.state, theta.tobytes(), names, nodes.tobytes()
         if key not in self._slopes:
-            self._slopes[key] = _node_slopes(self.predictor, self.predictor.small.at(theta), names, nodes)
+            self._slopes[key] = _node_slopes(predictor, predictor.small.at(theta), names, nodes)
         return self._slopes[key]
 
 
@@ -65,7 +66,7 @@ def residuals_of_sizes(
 ) -> tuple[np.ndarray, ...]:
     """`residuals_at` (n, n_block, n_response) of n times the same effects with the same time profiles, whose sizes
     alone differ."""
-    expected = _expected(problem, theta, each, answers or ModelAnswers(problem.predictor))
+    expected = _expected(problem, theta, each, answers or ModelAnswers())
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
                  zip(*problem.measured, expected, strict=True))
 
@@ -84,8 +85,9 @@ def _expected(
     seen_there: list[Reference] = []
     for included in exact:
         for value, levels_there in states:
-            moved, seen = _state(problem.predictor, theta, included, value)
-            seen_there += observed([r for level in levels_there for r in answers.references(moved, level[-1])], seen)
+            predictor, moved, seen = _state(problem, theta, included, value)
+            seen_there += observed(
+                [r for level in levels_there for r in answers.references(predictor, moved, level[-1])], seen)
     result = []
     for q, axes in enumerate(problem.predictor.axes):
         own = seen_there[q::n_group]
@@ -112,10 +114,10 @@ def _add_linear(
     place, nodes, share = _nodes(centres)
     for number, state in enumerate(states):
         rows = np.flatnonzero(state_of.ravel() == number)
-        moved, seen = _state(problem.predictor, theta, exact, state[1:])
-        at_nodes = answers.slopes(moved, names, nodes)
+        predictor, moved, seen = _state(problem, theta, exact, state[1:])
+        at_nodes = answers.slopes(predictor, moved, names, nodes)
         signature = _between_nodes(
-            problem.predictor, at_nodes, [n.effect for n in linear], names, nodes, (place, share), seen
+            predictor, at_nodes, [n.effect for n in linear], names, nodes, (place, share), seen
         )
         for made, y in zip(signature, expected, strict=True):
             for k, n in enumerate(linear):
@@ -123,21 +125,22 @@ def _add_linear(
 
 
 def local_at(
-    predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect],
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect],
     values: Sequence[float] | np.ndarray,
-) -> tuple[LocalModel, list[tuple[Effect, float]]]:
-    """The model with the included effects where their time profiles have these values, and what the sensors then do."""
-    moved, seen = _state(predictor, theta, included, values)
-    return predictor.small.at(moved), seen
+) -> tuple[ModalPredictor, LocalModel, list[tuple[Effect, float]]]:
+    """The predictor in the state of the included effects where their time profiles have these values, the model with
+    them there, and what the sensors then do."""
+    predictor, moved, seen = _state(problem, theta, included, values)
+    return predictor, predictor.small.at(moved), seen
 
 
 def _state(
-    predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect],
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect],
     values: Sequence[float] | np.ndarray,
-) -> tuple[np.ndarray, list[tuple[Effect, float]]]:
-    """Parameters with the included effects where their time profiles have these values, and what the sensors then
-    do."""
-    moved = np.array(theta)
+) -> tuple[ModalPredictor, np.ndarray, list[tuple[Effect, float]]]:
+    """The predictor and the parameters with the included effects where their time profiles have these values, and what
+    the sensors then do."""
+    predictor, moved = problem.predictor_where(included, values), np.array(theta)
     names = predictor.parameters.names
     seen = []
     for n, value in zip(included, values, strict=True):
@@ -145,7 +148,7 @@ def _state(
             moved[names.index(name)] += n.size * value * amount
         if n.effect.observe is not None and value:
             seen.append((n.effect, n.size * value))
-    return np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
+    return predictor, np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
 
 
 def signatures_at(
@@ -173,7 +176,7 @@ def _nodes(angles_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _node_slopes(predictor: ModalPredictor, local: LocalModel, names: tuple[str, ...], nodes: np.ndarray) -> list:
     """`ModalPredictor.slopes` there; the last few are kept, as hypotheses are compared at the same parameters."""
-    key, known = (local.theta.tobytes(), names, nodes.tobytes()), predictor.known
+    key, known = (predictor.state, local.theta.tobytes(), names, nodes.tobytes()), predictor.known
     if key not in known:
         if len(known) >= N_KNOWN:
             known.pop(next(iter(known)))

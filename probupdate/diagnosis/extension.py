@@ -313,12 +313,12 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     usual = int(np.argmax(np.bincount(bin_of[usable], minlength=len(centres))))
     chosen = later & (bin_of == usual)
     exact = [n for n in fitted.included if n.exact]
-    local, _ = local_at(problem.predictor, fitted.theta, exact, np.ones(len(exact)))
+    predictor, local, _ = local_at(problem, fitted.theta, exact, np.ones(len(exact)))
     seen = [n for n in fitted.included if n.effect.observe is not None and n.time_profile.kind != "covariate"]
     n_channel, n_mode = len(blocks.channels), len(blocks.labels)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
-    references = problem.predictor.references(local, float(centres[usual]))
+    references = predictor.references(local, float(centres[usual]))
     seen_there = observed(references, [(n.effect, n.size) for n in seen])
     for q, group in enumerate(blocks.groups):
         weight = np.where(chosen, design.noise.weight[q], 0.0)

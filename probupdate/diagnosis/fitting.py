@@ -254,9 +254,9 @@ def _signatures_of_bins(
     ]
     for number, state in enumerate(states):
         there = np.flatnonzero(state_of.ravel() == number)
-        local, seen = local_at(problem.predictor, theta, exact, state)
+        predictor, local, seen = local_at(problem, theta, exact, state)
         angles = centres[bins[there, -1].astype(int)]
-        at = signatures_at(problem.predictor, local, catalogue, chosen, angles, seen)
+        at = signatures_at(predictor, local, catalogue, chosen, angles, seen)
         for whole, part in zip(prints, at, strict=True):
             whole[there] = part
     return prints
@@ -577,9 +577,9 @@ def turning_freely(
     angles = angles[:: max(1, len(angles) // MOST_ANGLES)]
     turns: list[list[np.ndarray]] = [[] for _ in noise.precision]
     for state in states:
-        local, seen = local_at(problem.predictor, theta, exact, state[1:])
+        predictor, local, seen = local_at(problem, theta, exact, state[1:])
         for angle in angles:
-            for found, (made, std) in zip(turns, problem.predictor.unknown_turns(local, angle, seen), strict=True):
+            for found, (made, std) in zip(turns, predictor.unknown_turns(local, angle, seen), strict=True):
                 found.append(made * std)
     precision = []
     for P, found in zip(noise.precision, turns, strict=True):

@@ -29,6 +29,8 @@ LOOKS_LIKE = 0.5
 # a computed mode's frequency this far off (in ln f) counts little less for a pairing than a shape without score
 # correlation
 CLOSENESS = 0.2
+# modes of a state are others than over the whole record where shape and closeness count less by this together
+ANOTHER_STATE = 0.1
 # what shape and closeness of a mode that the model lacks count in a pairing where nothing is there that has it
 AFTER_ALL_OTHERS = 1e-6
 
@@ -37,7 +39,8 @@ AFTER_ALL_OTHERS = 1e-6
 class ModalPredictor:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
     axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
-    ones are known. `lacked`: numbers of groups that the model by itself has nothing for."""
+    ones are known. `lacked`: numbers of groups that the model by itself has nothing for. `state`: the blocks whose
+    planes and ln f these are, one byte each; empty of all."""
 
     small: SmallModel
     rows: np.ndarray
@@ -45,11 +48,30 @@ class ModalPredictor:
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
     lacked: frozenset[int] = frozenset()
+    state: bytes = b""
     known: dict[tuple, list] = field(default_factory=dict, repr=False)
 
     @property
     def parameters(self):
         return self.small.parameters
+
+    def of_state(self, blocks: Blocks, chosen: np.ndarray) -> ModalPredictor:
+        """With planes and frequencies of the `chosen` blocks (n_block,) alone, where modes are others there than over
+        the whole record: the mean of two states is like neither, and which computed mode is which measured one is asked
+        of what was measured in the state that is computed."""
+        planes, logs, others = [], [], False
+        for q, (plane, log) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
+            there = np.flatnonzero(blocks.present[:, q] & chosen)
+            if len(there):
+                own, its = _measured(blocks, blocks.groups[q], there)
+                alike = float(np.sum((own.T @ plane) ** 2)) / plane.shape[1] if len(plane) else 1.0
+                others |= alike + _nearness(its.mean() - log.mean()) < 2.0 - ANOTHER_STATE
+                plane, log = own, its
+            planes.append(plane)
+            logs.append(log)
+        if not others:
+            return self
+        return replace(self, planes=tuple(planes), log_frequency=tuple(logs), state=chosen.tobytes())
 
     def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
@@ -68,7 +90,7 @@ class ModalPredictor:
         seen = _seen(shape)
         for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
-            near = np.exp(-0.5 * ((log - expected.mean()) / CLOSENESS) ** 2)
+            near = _nearness(log - expected.mean())
             # without what has it, a mode that the model lacks takes none that another one is
             counts = AFTER_ALL_OTHERS if q in self.lacked and not local.has_tuned else 1.0
             score += [counts * np.where(seen, share + near, -1.0)] * plane.shape[1]
@@ -328,15 +350,26 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     planes, logs = [], []
     for group in groups:
         members = list(group)
-        there = np.flatnonzero(blocks.have(members))
-        logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
-        if not blocks.channels:
-            planes.append(np.zeros((0, len(members))))
-            continue
-        basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
-        projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
-        planes.append(np.ascontiguousarray(np.linalg.eigh(projector)[1][:, -len(members):]))
+        plane, log = _measured(blocks, group, np.flatnonzero(blocks.have(members)))
+        planes.append(plane)
+        logs.append(log)
     return ModalPredictor(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
+
+
+def _measured(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The plane (n_channel, k) and ln f (k,) of a group's modes over the blocks numbered `there`."""
+    members = list(group)
+    log = np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0)
+    if not blocks.channels:
+        return np.zeros((0, len(members))), log
+    basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
+    projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
+    return np.ascontiguousarray(np.linalg.eigh(projector)[1][:, -len(members):]), log
+
+
+def _nearness(apart: np.ndarray) -> np.ndarray:
+    """What so much between two ln f counts for a pairing, one where there is nothing."""
+    return np.exp(-0.5 * (apart / CLOSENESS) ** 2)
 
 
 def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:

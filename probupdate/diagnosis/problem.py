@@ -121,6 +121,26 @@ class DiagnosisProblem:
         return found * BIN_DEG, place
 
     @cached_property
+    def _predictors(self) -> dict[bytes, ModalPredictor]:
+        return {}
+
+    def predictor_where(
+        self, included: Sequence[IncludedEffect], values: Sequence[float] | np.ndarray
+    ) -> ModalPredictor:
+        """The predictor in the state that the effects of the structure among `included` make where their time profiles
+        have these values."""
+        there = np.ones(len(self.blocks), bool)
+        for n, value in zip(included, values, strict=True):
+            if n.effect.observe is None:
+                there &= n.time_profile.value == value
+        if there.all() or not there.any():
+            return self.predictor
+        key = there.tobytes()
+        if key not in self._predictors:
+            self._predictors[key] = self.predictor.of_state(self.blocks, there)
+        return self._predictors[key]
+
+    @cached_property
     def measured(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Per group the measured modes' numbers (n_block, n_response), zero where nothing is stated, and which blocks
         show (n_block,)."""

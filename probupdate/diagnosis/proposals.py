@@ -64,7 +64,7 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
     """The `candidates` (bool) beside what is included already, each effect's best time profile of every kind, the most
     telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
-    answers = ModelAnswers(problem.predictor)
+    answers = ModelAnswers()
     here = residuals_at(problem, theta, included, answers)
     noise = noise_of(problem, here)
     design, residuals, centred = linearised(problem, theta, included, noise, here)
@@ -305,7 +305,7 @@ def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile:
 def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEffect, ...]:
     """The fit's included effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
-    included, answers = list(fitted.included), ModelAnswers(problem.predictor)
+    included, answers = list(fitted.included), ModelAnswers()
     held, noise = fitted.design.held(len(problem.updated)), fitted.design.noise
     for i, n in enumerate(included):
         if n.time_profile.kind != "step":

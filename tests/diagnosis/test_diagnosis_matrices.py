@@ -310,7 +310,7 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
                      reference="central differences of residuals of modes measured with a little more",
                      why="their step, of the largest")
     problem, theta = diagnosis_problem(prepared, record(1))
-    local, _ = local_at(problem.predictor, theta, (), ())
+    _, local, _ = local_at(problem, theta, (), ())
     own, other = (next(e for e in problem.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
     seen, h = [(own, factor - 1)], 1e-4
     for axes, reference in zip(problem.predictor.axes, problem.predictor.references(local, 0.0), strict=True):
