@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from probupdate.diagnosis.mode_numbers import Reference, numbers_of
-from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observed
+from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observed, shares_of_nominal
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.small_model import N_KNOWN, LocalModel
 from probupdate.effects.catalogue import Effect
@@ -112,12 +112,13 @@ def _add_linear(
     values = np.column_stack([np.zeros(len(bin_of)), *(n.time_profile.value for n in exact)])
     states, state_of = np.unique(values, axis=0, return_inverse=True)
     place, nodes, share = _nodes(centres)
+    of_nominal = shares_of_nominal(problem.predictor.parameters, theta, names)
     for number, state in enumerate(states):
         rows = np.flatnonzero(state_of.ravel() == number)
         predictor, moved, seen = _state(problem, theta, exact, state[1:])
         at_nodes = answers.slopes(predictor, moved, names, nodes)
         signature = _between_nodes(
-            predictor, at_nodes, [n.effect for n in linear], names, nodes, (place, share), seen
+            predictor, at_nodes, [n.effect for n in linear], names, of_nominal, nodes, (place, share), seen
         )
         for made, y in zip(signature, expected, strict=True):
             for k, n in enumerate(linear):
@@ -141,11 +142,12 @@ def _state(
     """The predictor and the parameters with the included effects where their time profiles have these values, and what
     the sensors then do."""
     predictor, moved = problem.predictor_where(included, values), np.array(theta)
-    names = predictor.parameters.names
-    seen = []
+    parameters, seen = predictor.parameters, []
     for n, value in zip(included, values, strict=True):
-        for name, amount in n.effect.increments:
-            moved[names.index(name)] += n.size * value * amount
+        names = [name for name, _ in n.effect.increments]
+        of_nominal = shares_of_nominal(parameters, theta, names) if n.effect.parts else np.ones(len(names))
+        for (name, amount), share in zip(n.effect.increments, of_nominal, strict=True):
+            moved[parameters.index(name)] += n.size * value * amount * share
         if n.effect.observe is not None and value:
             seen.append((n.effect, n.size * value))
     return predictor, np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
@@ -158,12 +160,15 @@ def signatures_at(
     names: tuple[str, ...],
     angles_deg: np.ndarray,
     seen: Sequence[tuple[Effect, float]] = (),
+    theta: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """Per group (n_angle, n_response, n_effect): signatures at nodes of NODE_DEG, straight lines between them.
-    `names`: the parameters that the effects move."""
+    `names`: the parameters that the effects move. `theta`: the parameters without what is included, where they are not
+    the local model's."""
     place, nodes, share = _nodes(angles_deg)
     at_nodes = _node_slopes(predictor, local, names, nodes)
-    return _between_nodes(predictor, at_nodes, effects, names, nodes, (place, share), seen)
+    of_nominal = shares_of_nominal(predictor.parameters, local.theta if theta is None else theta, names)
+    return _between_nodes(predictor, at_nodes, effects, names, of_nominal, nodes, (place, share), seen)
 
 
 def _nodes(angles_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -194,13 +199,14 @@ def _between_nodes(
     at_nodes: list,
     effects: Sequence[Effect],
     names: tuple[str, ...],
+    of_nominal: np.ndarray,
     nodes: np.ndarray,
     angles: tuple[np.ndarray, np.ndarray],
     seen: Sequence[tuple[Effect, float]],
 ) -> list[np.ndarray]:
     before, share = angles
     places = [place for found in at_nodes for place in zip(found, predictor.axes, strict=True)]
-    made = effect_signatures(effects, names, places, seen)
+    made = effect_signatures(effects, names, places, seen, of_nominal)
     result = []
     for q in range(len(predictor.axes)):
         rows = dict(zip(nodes, made[q :: len(predictor.axes)], strict=True))

@@ -139,24 +139,40 @@ def _nuisance_and_effects(
     names = problem.predictor.parameters.names
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, prior_scale=1.0,
                   parameter=names[k]) for k in problem.updated]
-    n_own = len(own)
+    n_own, left = len(own), _share_left(problem, exact, bins)
     if known is not None:
         before, same = known
         chosen = tuple(names[k] for k in problem.updated)
-        prints = _signatures_of_bins(problem, theta, exact, bins, own, chosen)
+        prints = [left * p for p in _signatures_of_bins(problem, theta, exact, bins, own, chosen)]
         columns = list(catalogue if len(before.which) else range(len(catalogue)))
         return (tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
                       for p, old in zip(prints, before.nuisance, strict=True)),
                 tuple(e[same][:, :, columns] for e in before.effect))
     if len(catalogue) == len(problem.effects):
         prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
-        tolerated = [n_own + j for j in problem.tolerated]
-        return tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints), tuple(p[:, :, n_own:] for p in prints)
-    rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
-    moved = {name for e in rows for name, _ in e.increments}
-    prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
-    n_nuisance = n_own + len(problem.tolerated)
-    return tuple(p[:, :, :n_nuisance] for p in prints), tuple(p[:, :, n_nuisance:] for p in prints)
+        nuisance, shown = [*range(n_own), *(n_own + j for j in problem.tolerated)], slice(n_own, None)
+    else:
+        rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
+        moved = {name for e in rows for name, _ in e.increments}
+        prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
+        n_nuisance = n_own + len(problem.tolerated)
+        nuisance, shown = [*range(n_nuisance)], slice(n_nuisance, None)
+    for p in prints:
+        p[:, :, :n_own] *= left
+    return tuple(p[:, :, nuisance] for p in prints), tuple(p[:, :, shown] for p in prints)
+
+
+def _share_left(problem: DiagnosisProblem, exact: Sequence[IncludedEffect], bins: np.ndarray) -> np.ndarray:
+    """What in each bin a unit of each updated parameter still is (n_bin, 1, n_updated), where groups of them have lost
+    a share of what they have."""
+    names, initial = problem.predictor.parameters.names, problem.prior.initial
+    column = {names[k]: i for i, k in enumerate(problem.updated) if initial[i]}
+    left = np.ones((len(bins), 1, len(problem.updated)))
+    for j, n in enumerate(exact):
+        for name, amount in n.effect.parts:
+            if name in column:
+                left[:, 0, column[name]] += n.size * bins[:, j] * amount / initial[column[name]]
+    return left
 
 
 def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Design:
@@ -177,7 +193,6 @@ def _scatter(
     (number of its row, time profile, standard deviation)."""
     return (
         *problem.unrecorded,
-        *_members_scatter(problem, included),
         *_decays(problem, included),
         *((_number(problem, n), profile, DRIVER_SHARE * abs(n.size))
           for n in included for profile in driver_profiles(problem, n)),
@@ -217,29 +232,6 @@ def _decays(
                  if isinstance(n.effect.observe, Delay) and frozenset(n.effect.observe.rows) in gains)
 
 
-def _members_scatter(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect]
-) -> tuple[tuple[int, TimeProfile, float], ...]:
-    """What members of included groups differ from the group's change, as (number of the member's own row, time profile,
-    standard deviation): where all are lost a member's own tolerance is lost with it, where a part is that part. The
-    storey without braces shows three per cent of one pair. What is so throughout has the tolerance itself."""
-    rows = {e.parameter: j for j, e in enumerate(problem.effects) if e.parameter}
-    names = problem.predictor.parameters.names
-    result = []
-    for n in included:
-        if len(n.effect.parts) < 2 or n.time_profile.kind == "constant":
-            continue
-        for name, amount in n.effect.parts:
-            i = next((i for i, k in enumerate(problem.updated) if names[k] == name), None)
-            if i is None or name not in rows:
-                continue
-            p = problem.prior.items[i]
-            share = n.size * amount / p.initial if p.initial else 0.0
-            if share:
-                result.append((rows[name], n.time_profile, abs(share) * local_std(problem.prior, i, p.initial)))
-    return tuple(result)
-
-
 def _signatures_of_bins(
     problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], bins: np.ndarray,
     catalogue: Sequence[Effect], chosen: tuple[str, ...],
@@ -256,7 +248,7 @@ def _signatures_of_bins(
         there = np.flatnonzero(state_of.ravel() == number)
         predictor, local, seen = local_at(problem, theta, exact, state)
         angles = centres[bins[there, -1].astype(int)]
-        at = signatures_at(predictor, local, catalogue, chosen, angles, seen)
+        at = signatures_at(predictor, local, catalogue, chosen, angles, seen, theta)
         for whole, part in zip(prints, at, strict=True):
             whole[there] = part
     return prints

@@ -15,6 +15,7 @@ from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, Sma
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.matching import assign, pair_in_order
+from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 
 # a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a
@@ -229,12 +230,15 @@ Sloped = tuple[Reference, np.ndarray, np.ndarray]
 
 def effect_signatures(
     effects: Sequence[Effect], names: tuple[str, ...], places: Sequence[tuple[Sloped, np.ndarray]],
-    seen: Sequence[tuple[Effect, float]] = (),
+    seen: Sequence[tuple[Effect, float]] = (), of_nominal: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """At each place - a group at one angle, with the axes (n_channel, k) it is estimated from - the change per unit
     size of every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of
-    these the size changes, any other is one more. `names`: the parameters of the slopes."""
+    these the size changes, any other is one more. `names`: the parameters of the slopes; `of_nominal` of these the
+    `shares_of_nominal`, one where not given."""
     amounts = _increments(tuple(effects), names)
+    if of_nominal is not None:
+        amounts = np.where([bool(e.parts) for e in effects], of_nominal[:, None] * amounts, amounts)
     plain = [reference for (reference, _, _), _ in places]
     of_sensors = [j for j, effect in enumerate(effects) if effect.observe is not None]
     d_shape, d_log = _sensor_changes([effects[j] for j in of_sensors], plain, seen)
@@ -278,6 +282,14 @@ def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[E
     flat = of_members.reshape(shape.shape[0], -1)
     changed = _as_seen(flat, np.repeat(frequency, shape.shape[2]), seen)[0].reshape(of_members.shape)
     return np.einsum("cin,ki->ckn", changed, turn)
+
+
+def shares_of_nominal(parameters: Parameters, theta: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """What of their initial values these parameters are at theta (n,), one where that is zero. What a group of them
+    changes by is this share of what it states: nothing is left of members that are lost, whatever each had."""
+    rows = [parameters.index(name) for name in names]
+    initial = parameters.initial[rows]
+    return np.divide(theta[rows], initial, out=np.ones(len(rows)), where=initial != 0)
 
 
 @lru_cache(maxsize=8)

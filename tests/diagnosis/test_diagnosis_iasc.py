@@ -250,6 +250,39 @@ def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, vali
     assert sound.predictor_where(included, (1.0, 1.0)) is sound.predictor
 
 
+def test_a_group_loses_a_share_of_what_its_members_have(prepared, validation):
+    """Of members that are all lost nothing is left, whatever each of them had: signatures in the state after a loss."""
+    row = validation(what="a group of parameters that loses a part at a step: signatures of its members and of its size "
+                          "after it; residuals with all of it lost, at two values of a member",
+                     reference="differences of residuals", why="steps of 1e-4")
+    case, pattern = DEFINED[5, 2]
+    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 47, time_profile="step"))
+    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
+    storey = next(e for e in problem.effects if e.location == "braces of storey 1")
+    member, other = (problem.predictor.parameters.names.index(name) for name in ("b1x+", "c1x"))
+    theta = np.array(theta)
+    theta[member] = 1.1
+
+    def left(theta, size):
+        return residuals_at(problem, theta, [IncludedEffect(effect=storey, time_profile=profile, size=size)])
+
+    included = [IncludedEffect(effect=storey, time_profile=profile, size=0.6)]
+    noise = noise_of(problem, left(theta, 0.6))
+    design = design_without_candidates(problem, theta, included, noise)
+    number = design.included[0][0]
+    for column in (member, other, None):
+        ends = [theta + h * (np.arange(len(theta)) == column) for h in (1e-4, -1e-4)]
+        sizes = (0.6, 0.6) if column is not None else (0.6 + 1e-4, 0.6 - 1e-4)
+        up, down = (left(end, size) for end, size in zip(ends, sizes, strict=True))
+        for q, (a, b) in enumerate(zip(up, down, strict=True)):
+            there = design.effect[q][:, :, number] if column is None else design.nuisance[q][:, :, column]
+            found = -(a - b)[8:] / 2e-4
+            row.error(np.abs(found - there[design.bin_of[8:]]).max() / np.abs(there).max(), 1e-3, "signature")
+    sound = np.array(problem.predictor.parameters.initial)
+    row.error(max(np.abs(a - b)[8:].max() for a, b in zip(left(theta, 1.0), left(sound, 1.0), strict=True)), 1e-9,
+              "all lost")
+
+
 def test_model_errors_along_one_time_profile_are_one(prepared):
     """Independent errors of the same responses at the same times: their variances add, and nothing else changes."""
     case, pattern = DEFINED[4, 4]
