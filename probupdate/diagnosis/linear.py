@@ -41,8 +41,8 @@ class Design:
     n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) standard deviations of the
     offsets; effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which
     (n_candidate, 2). `included`: effects already found, as (effect, its time profile, standard deviation of its size);
-    their sizes are unknowns like c; the last `n_scatter` of them are no effects found but what such an effect does along
-    other time profiles, and what follows a column that nobody recorded.
+    their sizes are unknowns like c; the last `n_scatter` of them are no effects found but what such an effect does
+    along other time profiles, and what follows a column that nobody recorded.
     `model_errors`: time profiles of effects already found, each with the standard deviations per group (n_bin,
     n_response) of their signature times size, all of which are multiplied by `error_scale`."""
 

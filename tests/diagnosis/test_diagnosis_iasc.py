@@ -252,8 +252,8 @@ def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, vali
 
 def test_a_group_loses_a_share_of_what_its_members_have(prepared, validation):
     """Of members that are all lost nothing is left, whatever each of them had: signatures in the state after a loss."""
-    row = validation(what="a group of parameters that loses a part at a step: signatures of its members and of its size "
-                          "after it; residuals with all of it lost, at two values of a member",
+    row = validation(what="a group of parameters that loses a part at a step: signatures of its members and of its "
+                          "size after it; residuals with all of it lost, at two values of a member",
                      reference="differences of residuals", why="steps of 1e-4")
     case, pattern = DEFINED[5, 2]
     problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 47, time_profile="step"))
