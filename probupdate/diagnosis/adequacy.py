@@ -10,6 +10,7 @@ could take, and in the frequencies as such.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -192,9 +193,11 @@ PATTERN = 1.05
 SPAN = 1e-2
 # of frequencies their tolerances and the fit leave fewer directions, and each of them is tested
 FREE = 1e-6
-FREQUENCIES = "frequencies"
+FREQUENCIES, SHAPES = "frequencies", "shapes"
 # standard deviations from which a mode's mean frequency is said to be off, beside a residual that is not explained
 OFF = 3.0
+# and a number of its shape, of which there are many more
+FAR_OFF = 5.0
 
 
 def adequacy(
@@ -202,13 +205,15 @@ def adequacy(
 ) -> tuple[float, dict[str, float]]:
     """p of what remains. In the directions that the catalogue spans: constants together, and each time profile along
     the record; the smallest of them against its own bootstrap distribution. And in the mean frequencies, which what no
-    row of the catalogue does moves too: the smaller of both, twice. With it each part's own p. `drawn`: scores (n_draw,
-    n_candidate) of drawn records at that fit (`drawn_scores`)."""
+    row of the catalogue does moves too: the smaller of both, twice. And no more than p of the single number of a shape
+    that is farthest off, which none of these directions need show (a channel out of phase). With it each part's own p.
+    `drawn`: scores (n_draw, n_candidate) of drawn records at that fit (`drawn_scores`)."""
     free, all_of_them = _frequencies(problem, fitted, found), _spanned(problem, fitted, found, drawn)
+    shapes = _single_shapes(problem, fitted, found)
     if all_of_them is None:
-        return free, {FREQUENCIES: free}
+        return min(free, shapes), {FREQUENCIES: free, SHAPES: shapes}
     p, parts = all_of_them
-    return min(1.0, 2 * min(p, free)), {**parts, FREQUENCIES: free}
+    return min(1.0, 2 * min(p, free), shapes), {**parts, FREQUENCIES: free, SHAPES: shapes}
 
 
 def explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) -> bool:
@@ -263,6 +268,39 @@ def _frequencies(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float
         return 1.0
     z = moved.scores(fitted.centred)[rows] / (PATTERN * found.heavier) @ _whitening(moved, rows, FREE)
     return float(stats.chi2.sf(z @ z, len(z)))
+
+
+def _single_shapes(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float:
+    """p of the largest mean of all single numbers of shapes in its standard deviations, by Bonferroni's bound: far
+    above its own, as tolerances make many of them one, so that it says something of what is grossly off alone."""
+    z = np.concatenate([value / std for _, value, std in _mean_shapes(problem, fitted)] or [np.zeros(0)])
+    largest = np.abs(z).max(initial=0.0) / (PATTERN * found.heavier)
+    return float(min(1.0, 2 * stats.norm.sf(largest) * max(len(z), 1)))
+
+
+def _mean_shapes(problem: DiagnosisProblem, fitted: Fit) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Number of each group that shows, the means over blocks of what is left of its shapes (real parts, then phases,
+    one mode after the other), and their standard deviations."""
+    left, n_channel = residual_of(fitted, len(problem.updated)), len(problem.blocks.channels)
+    for q, w in enumerate(fitted.design.noise.weight):
+        if w.any() and n_channel:
+            value, std = left.along(q, left.mean_share(q))
+            n_shape = 2 * n_channel * len(problem.blocks.groups[q])
+            yield q, value[-n_shape:], std[-n_shape:]
+
+
+def shapes_off(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
+    """What to say of the number of each group's shapes that the fit leaves off most."""
+    channels, off = problem.blocks.channels, []
+    for q, value, std in _mean_shapes(problem, fitted):
+        worst = int(np.argmax(np.abs(value) / std))
+        if abs(value[worst]) > FAR_OFF * std[worst]:
+            phase = worst >= len(value) // 2
+            off.append(f"{problem.blocks.group_name(q)} at {channels[worst % len(channels)]} "
+                       f"{100 * value[worst]:+.2g} % {'out of' if phase else 'in'} phase (expected within "
+                       f"{100 * std[worst]:.2g} %)")
+    return [f"measured shapes are off what the fit explains, in shares of their largest component: {', '.join(off)}"
+            ] if off else []
 
 
 def frequencies_off(problem: DiagnosisProblem, fitted: Fit) -> list[str]:

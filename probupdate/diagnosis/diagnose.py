@@ -9,7 +9,16 @@ from types import MappingProxyType
 import numpy as np
 from scipy import special, stats
 
-from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, adequacy, explains, frequencies_off, span_left
+from probupdate.diagnosis.adequacy import (
+    ADEQUATE,
+    FREQUENCIES,
+    SHAPES,
+    adequacy,
+    explains,
+    frequencies_off,
+    shapes_off,
+    span_left,
+)
 from probupdate.diagnosis.elementary import (
     COMPETING_HEIGHTS,
     OWN_RESPONSE,
@@ -130,8 +139,9 @@ def examine(
         notes=(
             *problem.blocks.notes,
             *_by_chance(explored),
-            *([] if remaining.keys() - {FREQUENCIES} else [NOT_TESTED]),
+            *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
+            *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
             *noted,
             *pinned,
             *far,

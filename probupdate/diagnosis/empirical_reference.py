@@ -205,7 +205,8 @@ def own_noise(
     What ties frequencies to shapes is left out: a real change moves both, in a proportion that noise does not have.
     """
     sizes = tuple(len(g) for g in blocks.groups)
-    return untied(estimate_noise(rest, empirical.used, sizes, blocks.relative_std, blocks.states(), stated), sizes)
+    return untied(estimate_noise(rest, empirical.used, sizes, blocks.relative_std, blocks.states(), stated,
+                                std_alone=blocks.std_alone), sizes)
 
 
 def untied(noise: Noise, sizes: Sequence[int]) -> Noise:

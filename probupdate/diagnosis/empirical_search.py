@@ -485,7 +485,8 @@ def _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, se
     for _ in range(N_AGAIN):
         y = [d[0] for d in draw(1)]
         own = untied(estimate_noise(tuple(y), followed.empirical.used, tuple(sizes), followed.blocks.relative_std,
-                                    followed.blocks.states(), followed.stated), sizes)
+                                    followed.blocks.states(), followed.stated,
+                                    std_alone=followed.blocks.std_alone), sizes)
         series, weight = follow(y, followed.empirical, own, followed.prints, sizes)
         renewed = make_contrasts(np.where(followed.weight > 0, weight, 0.0), nuisance, time_profiles,
                                  followed.blocks.hours)

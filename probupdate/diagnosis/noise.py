@@ -64,7 +64,7 @@ class Noise:
 def estimate_noise(
     residuals: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
     relative_std: np.ndarray, states: np.ndarray, stated: Sequence[np.ndarray | None] | None = None,
-    few: bool = False,
+    few: bool = False, std_alone: bool = False,
 ) -> Noise:
     """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
 
@@ -72,7 +72,9 @@ def estimate_noise(
     relative_std (n_block, n_group), states (n_block,).
     The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
     the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
-    and the differences give its scale only, one for ln f and one for shapes. With `few` blocks it is taken as stated.
+    and the differences give its scale only, one for ln f and one for shapes; where standard deviations alone were
+    stated (`std_alone`), which do not say how much of a shape's is across its phase, one for its real parts and one for
+    its phases. With `few` blocks it is taken as stated.
     """
     if few:
         return _as_stated(residuals, used, sizes, relative_std, stated)
@@ -95,7 +97,8 @@ def estimate_noise(
         difference = usual(difference)
         n_log = 1 if sizes[q] == 1 else 3
         pattern = None if stated is None else stated[q]
-        covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, n_log)
+        kinds = _kinds(y.shape[1], n_log, std_alone and pattern is not None)
+        covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, kinds)
         covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
         beside = _beside(y, weight, np.linalg.inv(covariance))
         weight = weight / beside
@@ -103,7 +106,7 @@ def estimate_noise(
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
         weights.append(frozen_array(weight))
-        degrees.append(_degrees(covariance, len(difference), n_log))
+        degrees.append(_degrees(covariance, len(difference), kinds))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
                  degrees=tuple(degrees), stray=tuple(strays))
 
@@ -134,9 +137,12 @@ def _least(n_response: int, n_log: int) -> np.ndarray:
     return least
 
 
-def _kinds(n_response: int, n_log: int) -> list[slice]:
-    """Logarithms of frequencies, and parts of shapes where there are any."""
-    return [slice(0, n_log), *([slice(n_log, None)] if n_response > n_log else [])]
+def _kinds(n_response: int, n_log: int, apart: bool) -> list[slice]:
+    """Logarithms of frequencies, and shapes where there are any, their real parts and phases together or apart."""
+    if n_response == n_log:
+        return [slice(0, n_log)]
+    middle = (n_response + n_log) // 2
+    return [slice(0, n_log), *([slice(n_log, middle), slice(middle, None)] if apart else [slice(n_log, None)])]
 
 
 def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
@@ -165,12 +171,12 @@ def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndar
     return result
 
 
-def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarray:
-    """(n_response,) degrees of freedom of the scales of ln f and of shapes. Neighbouring differences share a block, so
+def _degrees(covariance: np.ndarray, n_difference: int, kinds: Sequence[slice]) -> np.ndarray:
+    """(n_response,) degrees of freedom of the scales of each of these kinds. Neighbouring differences share a block, so
     that three show what two independent ones would; responses show as much as their correlations leave."""
     result = np.empty(len(covariance))
     std = np.sqrt(np.diag(covariance))
-    for part in _kinds(len(covariance), n_log):
+    for part in kinds:
         r = covariance[part, part] / np.outer(std[part], std[part])
         result[part] = max(1.0, 2 / 3 * n_difference) * len(r) ** 2 / np.sum(r**2)
     return frozen_array(result)
@@ -213,11 +219,11 @@ def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndar
     return np.where(ok, weight, 0.0)
 
 
-def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
-    """The stated covariance with its standard deviations times what the sample's are over them, in ln f and in
-    shapes."""
+def _scaled(pattern: np.ndarray, sample: np.ndarray, kinds: Sequence[slice]) -> np.ndarray:
+    """The stated covariance with its standard deviations times what the sample's are over them, in each of these
+    kinds."""
     scale = np.ones(len(pattern))
-    for part in _kinds(len(pattern), n_log):
+    for part in kinds:
         variance = np.diag(pattern)[part]
         seen = np.mean(sample[:, part] ** 2, axis=0)
         # shapes given as real numbers have no phases to scatter
