@@ -20,7 +20,7 @@ from probupdate.reporting.identifiability import BOUND, identifiabilities
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses, stated_error
+from probupdate.updating.update_file import UpdateRecord, blunt, fit_sentence, misses, stated_error
 
 LEVELS = ("warning", "caution", "good")
 # computed over measured frequency beyond which a pair made by shape is questioned
@@ -68,6 +68,10 @@ def _of_fit(run: Run) -> list[Finding]:
         return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
                         action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
                         "--discrepancy and update again.")]
+    if blunt(update):
+        return [Finding(level="warning", short="the fit is no test of the model",
+                        text=full_sentence(fit_sentence(update)), action="Find what is wrong with model "
+                        "or data (`probupdate diagnose`) before a parameter is used.")]
     if too_close(update):
         assumed = update.settings.get("weights", "").startswith("frequencies: CoV")
         action = ("Update with the standard deviations of the identification (--weights measured) where those "

@@ -44,7 +44,7 @@ from probupdate.reporting.updating_sections import fit_level, meaning, scheme_na
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, misses
+from probupdate.updating.update_file import UpdateRecord, blunt, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
@@ -121,6 +121,9 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"The updated model does not fit the measurement: it misses it by {ratio} times the stated standard "
                  f"deviations, the worst frequency by {after} % ({before} % before).")
+    elif blunt(update):
+        words = (f"The updated model was not tested by the measurement: standard deviations this wide let any fit, the "
+                 f"worst frequency is off by {after} % ({before} % before).")
     else:
         words = f"The updated model fits the measurement: every frequency within {after} % ({before} % before)."
     if posterior is None:

@@ -24,7 +24,7 @@ from probupdate.reporting.elements import (
 )
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
-from probupdate.updating.update_file import ACCUSED, ScatterRecord, SchemeRecord, UpdateRecord, fit_sentence, misses
+from probupdate.updating.update_file import ACCUSED, ScatterRecord, SchemeRecord, UpdateRecord, fit_sentence, unproven
 
 SCHEME_WORDS = {
     "step": "step penalty (Eq. 7 as printed)",
@@ -62,7 +62,7 @@ def too_close(update: UpdateRecord) -> bool:
 
 
 def fit_level(update: UpdateRecord) -> str:
-    return "warning" if misses(update) else "caution" if too_close(update) else "good"
+    return "warning" if unproven(update) else "caution" if too_close(update) else "good"
 
 
 def update_section(run: Run) -> Section:

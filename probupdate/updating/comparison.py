@@ -26,7 +26,7 @@ from probupdate.updating.identifiability import (
 )
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.settings import CONSTANTS
-from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, gaussian_kinds, misses
+from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, gaussian_kinds, unproven
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,7 +178,7 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), misses=misses(update))
+    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=unproven(update))
     if contraction < STRONG and identified == PARTLY:
         flags.append("narrow only as far as the stated standard deviations hold, which the data exceed")
     sets = update.sets

@@ -29,16 +29,16 @@ def sampled_width(draws: np.ndarray, parameters: Parameters) -> np.ndarray:
     return np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
 
 
-def identifiability(width: float, *, at_bound: bool, misses: bool) -> str:
+def identifiability(width: float, *, at_bound: bool, unproven: bool) -> str:
     """What the data say of a parameter, by its posterior's standard deviation over its prior's.
 
     One at a bound is said to be there whatever its width: the bound, not the data, may be what makes it narrow. Where
-    the model misses the data beyond what is stated (`update_file.misses`), no width proves that a parameter is known.
+    the fit says nothing for the parameters (`update_file.unproven`), no width proves that one is known.
     """
     if at_bound:
         return BOUND
     if width < STRONG:
-        return PARTLY if misses else KNOWN
+        return PARTLY if unproven else KNOWN
     return PARTLY if width <= BLIND else PRIOR
 
 

@@ -136,6 +136,10 @@ class UpdatingConstants:
     sharp: float = stated(
         0.005, "-", "CoV of frequencies below which a good fit says nothing of the model's own error",
         "studies/calibration")
+    blunt: float = stated(
+        0.05, "-", "CoV of frequencies from which a good fit is no test of the model", "a tenth of every stiffness")
+    common_factor: float = stated(
+        0.03, "-", "scatter of ln f at the maximum over measured below which all are off by one factor")
     accused: float = stated(3.0, "std", "excess of chi-square beyond which a misfit is not chance")
 
 

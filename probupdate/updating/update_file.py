@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 BLIND_RESOLUTION = CONSTANTS.blind_resolution
-SHARP = CONSTANTS.sharp
+SHARP, BLUNT, COMMON_FACTOR = CONSTANTS.sharp, CONSTANTS.blunt, CONSTANTS.common_factor
 ACCUSED = CONSTANTS.accused
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
@@ -180,6 +180,9 @@ def summary(record: UpdateRecord) -> str:
     if misses(record):
         lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
                      "not to be trusted")
+    elif blunt(record):
+        lines.append("NOT TESTED: standard deviations this wide let any model fit, and its parameters are not to be "
+                     "trusted")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     for key in ("step", "prior"):
@@ -233,7 +236,7 @@ def _information(record: UpdateRecord) -> list[str]:
 def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
     """Parameter -> what the data say of it by the Gaussian approximation at the MAP."""
     width = gaussian_width(record.map_covariance, record.parameters)
-    return {p.name: identifiability(w, at_bound=bool(b), misses=misses(record))
+    return {p.name: identifiability(w, at_bound=bool(b), unproven=unproven(record))
             for p, w, b in zip(record.parameters, width, record.map_at_bound, strict=True)}
 
 
@@ -249,6 +252,32 @@ def _alphas(record: UpdateRecord) -> list[str]:
 def misses(record: UpdateRecord) -> bool:
     """Whether the misfit at the maximum is beyond what the stated covariance allows by chance."""
     return record.map_misfit > beyond_chance(record.n_effective)
+
+
+def blunt(record: UpdateRecord) -> bool:
+    """Whether the standard deviations that were stated, or estimated from the misfit, are so wide that a fit within
+    them says nothing."""
+    return _usual_cov(record) >= BLUNT
+
+
+def unproven(record: UpdateRecord) -> bool:
+    """Whether the fit at the maximum says nothing for the parameters."""
+    return misses(record) or blunt(record)
+
+
+def _usual_cov(record: UpdateRecord) -> float:
+    return float(np.nanmedian(record.measured_std_hz / record.measured_hz))
+
+
+def _one_factor(record: UpdateRecord) -> str:
+    """What to say where the model at its best has all frequencies off by one factor."""
+    off = np.log(record.map_hz / record.measured_hz)
+    off = off[np.isfinite(off)]
+    if len(off) < 2 or np.std(off) > COMMON_FACTOR or abs(np.mean(off)) < 2 * COMMON_FACTOR:
+        return ""
+    factor = float(np.exp(np.mean(off)))
+    return (f"; all frequencies of the model are {factor:.3g} times the measured ones, as with stiffness over mass "
+            f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
 
 
 def beyond_chance(n_effective: int) -> float:
@@ -270,12 +299,19 @@ def fit_sentence(record: UpdateRecord) -> str:
     stated = ", ".join(stated_error(record))
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
+    cov = _usual_cov(record)
+    if not misses(record) and blunt(record):
+        whose = f" with what is stated of the model ({stated})" if stated else ""
+        return (f"{text}: no test of the model, as standard deviations of {100 * cov:.2g} % of the frequencies (median)"
+                f"{whose} let any fit; no parameter counts as strongly identified until what is wrong with model or "
+                f"data is found, or smaller ones are stated{_one_factor(record)}")
     if misses(record):
         accused = () if record.components is None else record.components.accused()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
         remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes "
                   "with --shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find "
                   "what the model lacks (probupdate diagnose), or state a larger --discrepancy")
+        remedy += _one_factor(record)
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
@@ -285,13 +321,12 @@ def fit_sentence(record: UpdateRecord) -> str:
     if record.suspected:
         # a mistaken channel that parameters took in leaves no misfit
         return f"{text}: within the stated standard deviations, which is no proof while the shapes are suspect"
-    text = f"{text}: the model fits the data within the stated standard deviations"
-    cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
-    if cov >= SHARP:
-        return text
-    text = f"{text}, {100 * cov:.2g} % of the frequencies (median)"
+    text = (f"{text}: the model fits the data within the stated standard deviations, {100 * cov:.2g} % of the "
+            "frequencies (median)")
     if stated:
         return f"{text}; posterior widths hold the stated error of the model ({stated})"
+    if cov >= SHARP:
+        return text
     return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior "
             "widths leave it out unless it is stated (--discrepancy and a share)")
 

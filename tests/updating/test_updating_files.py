@@ -16,6 +16,7 @@ from probupdate.updating.update_file import (
     parameters_from_table,
     parameters_to_table,
     read_update,
+    unproven,
 )
 
 
@@ -108,6 +109,24 @@ def test_sharp_deviations_that_fit_leave_the_models_error_out(update):
     assert "--discrepancy" not in fit_sentence(fine)
     sharp = replace(fine, measured_std_hz=0.001 * LINEAR_HZ)
     assert "fits the data within" in fit_sentence(sharp) and "--discrepancy" in fit_sentence(sharp)
+
+
+def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
+    """All frequencies 1.41 times the measured ones, as where each stiffness is in K0 and in its K_<name> too: the model
+    discrepancy that was estimated from the misfit took it in, and it was said to fit."""
+    fine = replace(update, map_misfit=40.0, n_effective=40)
+    for cov, tested in ((0.04, True), (0.14, False)):
+        wide = replace(fine, measured_std_hz=cov * LINEAR_HZ, map_hz=np.sqrt(2) * LINEAR_HZ)
+        sentence = fit_sentence(wide)
+        assert ("fits the data" in sentence) == tested and f"{100 * cov:.2g} % of the frequencies" in sentence
+        assert ("NOT TESTED" in wide.summary) == (not tested)
+        assert ("1.41 times the measured ones" in sentence) == (not tested)
+        assert unproven(wide) == (not tested)
+    alone = replace(fine, measured_std_hz=0.14 * LINEAR_HZ, map_hz=LINEAR_HZ * np.linspace(0.8, 1.3, len(LINEAR_HZ)))
+    assert "times the measured ones" not in fit_sentence(alone)
+    # what misses the data by one factor says so too
+    far = replace(fine, map_misfit=4000.0, map_hz=1.2 * LINEAR_HZ)
+    assert "1.2 times the measured ones" in fit_sentence(far)
 
 
 def test_what_fits_with_suspect_shapes_is_not_said_to_fit(update):
