@@ -125,7 +125,7 @@ def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
     alone = replace(fine, measured_std_hz=0.14 * LINEAR_HZ, map_hz=LINEAR_HZ * np.linspace(0.8, 1.3, len(LINEAR_HZ)))
     assert "times the measured ones" not in fit_sentence(alone)
     # what misses the data by one factor says so too
-    far = replace(fine, map_misfit=4000.0, map_hz=1.2 * LINEAR_HZ)
+    far = replace(fine, map_misfit=4000.0, map_hz=1.2 * fine.measured_hz)
     assert "1.2 times the measured ones" in fit_sentence(far)
 
 
