@@ -44,6 +44,7 @@ from probupdate.diagnosis.problem import (
 )
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.time_profiles import DAY_STD
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.io.result_table import plural
@@ -431,8 +432,10 @@ def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
         return []
     effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
     warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))
-    return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more to move "
-            "the frequencies together as they do: no weather does"]
+    usual = 100 * effects[0].prior_scale
+    return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more, at "
+            f"{usual:.2g} % of the stiffness per degC, to move the frequencies together as they do: weather of "
+            f"{DAY_STD:g} degC (standard deviation) does not; with that column it is tested"]
 
 
 def _foreign(findings: Sequence[Finding]) -> list[str]:

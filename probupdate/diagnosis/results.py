@@ -123,7 +123,7 @@ class Diagnosis:
             count = sum(x["size"] is not None for x in content["detectable_sizes"])
             lines.append(f"seen best, each cause at its best place ({count} minimum detectable sizes in the file and "
                          "the report):")
-            lines += [f"  {wording.detectable_words(x)}" for x in detectable_sizes]
+            lines += [f"  {wording.detectable_words(x, content)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
             lines.append(f"the model with what was found, beside diagnosis.json: {self.extended_model}")

@@ -339,7 +339,8 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
            steady: Steady | None) -> list[str]:
     notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
     if not placed:
-        notes.append("without the sensors' places: levels, loggers and directions are not judged")
+        notes.append("without the sensors' places: levels, loggers and directions are not judged, and what a sensor "
+                     "did wrong all along (a gain, a sign, exchanged cables) is not seen")
     for change in unexplained:
         when = f" from {blocks.ids[change.time_profile.at]} on" if change.time_profile.kind == "step" else ""
         moved = [m for m in change.moved if abs(m["z"]) > 3]

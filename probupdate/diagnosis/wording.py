@@ -167,6 +167,10 @@ def verdict_words(content: Mapping) -> str:
     if verdict == "unexplained":
         rest = "and not all of it has a listed cause" if findings else "and no listed cause explains it"
         meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""
+        least = min((p for p in (content.get("p_value"), content.get("adequacy_p")) if p is not None), default=0.0)
+        if least >= SELDOM:
+            return (f"By its scores and its residuals alone this record may be chance ({p}), by what the notes say it "
+                    f"is not, {rest}{meaning}.")
         return f"{parted} beyond tolerances and chance ({p}), {rest}{meaning}."
     count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
     if verdict == "ambiguous":
@@ -268,7 +272,14 @@ def best_detectable(content: Mapping, count: int) -> list[Mapping]:
     return sorted(best.values(), key=lambda x: (-x["share_left"], x["cause"]))[:count]
 
 
-def detectable_words(entry: Mapping) -> str:
-    size = amount(abs(entry["size"]), None, entry["unit"], entry["cause"]).lstrip("+")
+def detectable_words(entry: Mapping, content: Mapping) -> str:
+    """What of a cause is detected nine times in ten where it is so throughout, and from which size on where it begins
+    within the record: what is normal hides much less of a change."""
+    def size(row: Mapping) -> str:
+        return amount(abs(row["size"]), None, row["unit"], row["cause"]).lstrip("+")
+
+    begun = [size(x) for x in content.get("detectable_sizes", ()) if x["time_profile"] == "step"
+             and name_of(x) == name_of(entry) and x.get("size") is not None]
     profile = time_profile_words(entry["time_profile"])
-    return f"{name_of(entry)}, {profile}: {size} and more is detected nine times in ten"
+    later = f", {begun[0]} where it begins within the record" if begun else ""
+    return f"{name_of(entry)}: {size(entry)} and more {profile}{later}, nine times in ten"

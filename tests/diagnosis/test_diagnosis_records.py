@@ -173,6 +173,16 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
         assert any("water_level_m is stated in" in note for note in notes) is said
 
 
+def test_an_id_that_is_no_time_among_others_is_named(record):
+    data = record(1)
+    sets = list(data.sets)
+    sets[4] = replace(sets[4], id="block five")
+    notes = " ".join(gather(replace(data, sets=tuple(sets))).notes)
+    assert "of 40 ids 1 is no time ('block five'; mend" in notes
+    named = tuple(replace(s, id=f"block {k}") for k, s in enumerate(data.sets))
+    assert "the sets' ids are no times" in " ".join(gather(replace(data, sets=named)).notes)
+
+
 def test_surroundings_that_are_words_are_not_numbers(record):
     data = record(9)
     sets = tuple(replace(s, environment={"power_kw": "n/a", "wind_speed_mps": "calm"}) for s in data.sets)

@@ -80,7 +80,7 @@ def test_a_logger_s_rate_that_steps_is_no_weather(frame_file, record, validation
 def test_what_no_weather_does_and_no_row_describes_does_not_pass_for_normal(prepared, record):
     """Without places of sensors the catalogue has no sampling rate."""
     found = examine(prepared, stepped_at_once(record(11), 0.02)).diagnosis
-    assert found.verdict == "unexplained" and any("no weather does" in note for note in found.notes)
+    assert found.verdict == "unexplained" and any("(standard deviation) does not" in note for note in found.notes)
 
 
 def test_what_is_not_recorded_is_one_unknown_for_each_wave(prepared, record):

@@ -65,6 +65,14 @@ def test_nothing_found_is_no_matter_of_chance_where_chance_seldom_makes_as_much(
     assert "chance alone seldom differs as much (p = 0.00075)" in seldom and "tolerances and chance" not in seldom
 
 
+def test_what_is_unexplained_by_its_notes_is_not_said_to_be_beyond_chance(diagnosis_of):
+    unexplained = diagnosis_of("unexplained")
+    plain = wording.verdict_words(unexplained | {"p_value": 0.02, "adequacy_p": 0.005})
+    assert "beyond tolerances and chance (p = 0.02)" in plain
+    noted = wording.verdict_words(unexplained | {"p_value": 0.77, "adequacy_p": 0.4})
+    assert "may be chance (p = 0.77), by what the notes say it is not" in noted and "beyond" not in noted
+
+
 def test_what_to_do_does_not_send_a_size_that_was_found_into_an_update_that_leaves_it_at_its_bound(
     full_run, diagnosis_of
 ):
