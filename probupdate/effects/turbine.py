@@ -178,6 +178,20 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
     return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
 
 
+def _most_corrosion(d: Description) -> float:
+    """Loss of wall in m that leaves a tenth of the thinnest tube of the splash zone where the file's own parameters
+    leave it least; legs may lose as much once more by themselves."""
+    low = {p.name: p.lower if p.update else p.initial for p in d.parameter}
+    own = max((p.upper if p.update else p.initial for p in d.parameter if p.name == "corr"), default=0.0)
+    band = [bay for bay in d.jacket.bay if bay.bottom_m <= d.corrosion.top_m and bay.top_m >= d.corrosion.bottom_m]
+
+    def left(entry, letter: str) -> float:
+        return entry.thickness_m * low.get(f"t_{letter}", d.values.get(f"t_{letter}", 1.0)) - own
+
+    walls = [left(d.jacket.leg, "l") / 2, *(left(bay.brace, "b") for bay in band)]
+    return 0.9 * max(min(walls), 0.0)
+
+
 def _water(d: Description) -> Iterator[Effect]:
     """What the sea brings: growth, corrosion, water inside."""
     growth = {"high": 0.3, "tolerance": 0.005, "prior_scale": 0.05, "time_profiles": ("constant", "ramp"),
@@ -189,7 +203,7 @@ def _water(d: Description) -> Iterator[Effect]:
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
-    corroded = {"low": 0.0, "high": 0.008, "tolerance": 5e-4, "prior_scale": 2e-3, "time_profiles": ("constant",),
+    corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3, "time_profiles": ("constant",),
                 "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
                signature="jacket stiffness and mass at the water line", **corroded)

@@ -255,6 +255,8 @@ def test_the_reference_turbine_s_catalogue_is_accepted_as_a_file(tmp_path):
         assert len(effects) > 130
         text = extended_text(path, effects)
         assert len(tomllib.loads(text)["parameter"]) == 17 + len(effects)
+        # walls stay where the catalogue's corrosion and the file's own parameters take most of them
+        assert len(extended_model(path, effects).parameters) >= len(effects)
 
 
 @pytest.mark.parametrize("state", ["design", "as_built", "updated"])
