@@ -12,7 +12,7 @@ SHARES = (
     "soil softens with amplitude", "crosstalk", "stiffness with temperature",
 )
 # causes that are there or not: a limit of their size says nothing but that they would be seen
-DISCRETE = ("swapped channels", "sensor polarity")
+DISCRETE = {"swapped channels": "exchanged", "sensor polarity": "reversed"}
 # large units of elementary parts
 SCALED = {"N/m": (1e-6, "MN/m"), "kg": (1e-3, "t")}
 PROFILE_WORDS = {
@@ -63,7 +63,8 @@ def name_of(row: Mapping) -> str:
 
 def finding_words(finding: Mapping) -> str:
     """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
-    size = amount(finding["size"], finding.get("size_std"), finding["unit"], finding["cause"])
+    size = DISCRETE.get(finding["cause"]) or amount(finding["size"], finding.get("size_std"), finding["unit"],
+                                                    finding["cause"])
     profile = time_profile_words(finding.get("time_profile", "constant"), finding.get("since", ""))
     return f"{name_of(finding)}: {size}, {profile}"
 

@@ -203,8 +203,8 @@ def _water(d: Description) -> Iterator[Effect]:
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
-    corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3, "time_profiles": ("constant",),
-                "check": "measure wall thickness"}
+    corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3,
+                "time_profiles": ("constant",), "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
                signature="jacket stiffness and mass at the water line", **corroded)
     for leg in d.jacket.leg_names:

@@ -115,17 +115,18 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
                 if part is not None]
         start = f"{' and '.join(done).capitalize()}; no" if done else "No"
         return f"{start} model has been updated in this run."
+    which = f"the measurement of {update.set_id}" if update.set_id else "the measurement"
     before = percent(_worst(update.measured_hz, update.initial_hz))
     after = percent(_worst(update.measured_hz, estimate(update, posterior).frequency_hz))
     if misses(update):
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
-        words = (f"The updated model does not fit the measurement: it misses it by {ratio} times the stated standard "
+        words = (f"The updated model does not fit {which}: it misses it by {ratio} times the stated standard "
                  f"deviations, the worst frequency by {after} % ({before} % before).")
     elif blunt(update):
-        words = (f"The updated model was not tested by the measurement: standard deviations this wide let any fit, the "
-                 f"worst frequency is off by {after} % ({before} % before).")
+        words = (f"The updated model was not tested by {which}: standard deviations this wide let any fit, the worst "
+                 f"frequency is off by {after} % ({before} % before).")
     else:
-        words = f"The updated model fits the measurement: every frequency within {after} % ({before} % before)."
+        words = f"The updated model fits {which}: every frequency within {after} % ({before} % before)."
     if posterior is None:
         words += " No posterior was sampled."
     else:
