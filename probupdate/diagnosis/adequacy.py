@@ -22,6 +22,8 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.problem import DiagnosisProblem, local_std, prior_shift
 from probupdate.diagnosis.search import Search, drawn_scores
 
+# share of a sum's variance that a fit leaves at least: less is rounding, and what is not linear
+LEAST_LEFT = 1e-4
 # a residual as unlikely as this is not explained
 ADEQUATE = 0.01
 # of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
@@ -46,7 +48,13 @@ class Residual:
         weight = self.design.noise.weight[q]
         there = weight > 0
         scale = float(np.sum(share[there] ** 2 / weight[there]))
-        return scale * self.design.noise.covariance[q] + np.diag(self._offset_variance(q, share))
+        return scale * self._covariances[q] + np.diag(self._offset_variance(q, share))
+
+    @cached_property
+    def _covariances(self) -> tuple[np.ndarray, ...]:
+        """Of a block of weight one, as the fit weighs it: with how far modes turn towards mates that were not measured,
+        which the noise's own covariance leaves out."""
+        return tuple(map(np.linalg.inv, self.design.noise.precision))
 
     def _offset_variance(self, q: int, share: np.ndarray) -> np.ndarray:
         """(m,) what the model discrepancy of model form adds, and the model error of signatures of effects that were
@@ -89,11 +97,11 @@ class Residual:
         value = np.where(there, share, 0.0) @ self.left[q]
         # the diagonal of `spread`
         summed = self._summed(q, share)
-        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
+        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self._covariances[q])
         variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
         held = summed[:, self.held]
-        variance -= np.sum((held @ self.held_cov) * held, axis=1)
-        return value, np.sqrt(np.maximum(variance, 1e-300))
+        left = variance - np.sum((held @ self.held_cov) * held, axis=1)
+        return value, np.sqrt(np.maximum(left, LEAST_LEFT * variance))
 
     def mean_share(self, q: int) -> np.ndarray:
         weight = self.design.noise.weight[q]
@@ -272,7 +280,7 @@ def _frequencies(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float
 
 def _single_shapes(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float:
     """p of the largest mean of all single numbers of shapes in its standard deviations, by Bonferroni's bound: far
-    above its own, as tolerances make many of them one, so that it says something of what is grossly off alone."""
+    above its own, as tolerances make many of them one, so that it says something of what is far off alone."""
     z = np.concatenate([value / std for _, value, std in _mean_shapes(problem, fitted)] or [np.zeros(0)])
     largest = np.abs(z).max(initial=0.0) / (PATTERN * found.heavier)
     return float(min(1.0, 2 * stats.norm.sf(largest) * max(len(z), 1)))

@@ -25,6 +25,7 @@ from probupdate.diagnosis.elementary import (
     PART_CAUSES,
     OwnResponse,
     in_place_of,
+    own_response_of_one,
     own_responses,
     parts_of,
     taken_together,
@@ -116,6 +117,9 @@ def examine(
         # crosstalks were taken up on the way
         null = replace(null, design=design_at(problem, null.theta, (), null.design.noise))
     fits, remaining = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))
+    if remaining[SHAPES] < ADEQUATE and not findings:
+        # what no row describes of a single channel is no row's neighbour either
+        own_response = own_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
     parameters = tuple(_parameters(problem, null, fitted))

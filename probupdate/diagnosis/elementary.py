@@ -40,6 +40,7 @@ from probupdate.effects.catalogue import GAIN_RANGE, Effect, FrequencyResponse, 
 from probupdate.errors import ConvergenceError
 from probupdate.modal.matching import close_clusters
 from probupdate.model.interface import Wireframe
+from probupdate.runtime.executors import Executor
 from probupdate.structure.description import Description
 from probupdate.structure.places import place_of
 
@@ -410,7 +411,8 @@ def _compared(
 class OwnResponse:
     """Channels with a frequency response of their own in place of the findings `numbers` of the most probable
     hypothesis: `row` stands for all of `fitted`'s effects of one mode each, whose factors it names. ln evidence and ln
-    prior relative to that hypothesis; `problem` with these effects."""
+    prior relative to that hypothesis; `problem` with these effects. `probability` among all channels, where it stands
+    in place of no finding."""
 
     row: Effect
     numbers: tuple[int, ...]
@@ -418,6 +420,7 @@ class OwnResponse:
     fitted: Fit
     log_evidence: float
     log_prior: float
+    probability: float = np.nan
 
     def factors(self) -> list[dict]:
         """Per group of modes the factor and the phase of what the channels show over what they should, with standard
@@ -457,12 +460,25 @@ def own_responses(explored: Explored) -> list[OwnResponse]:
     return found
 
 
+def own_response_of_one(explored: Explored, runs: Executor) -> OwnResponse | None:
+    """Of all channels the one whose own response throughout the record is most probable beside the most probable
+    hypothesis, and more so than that alone; None where none is."""
+    tasks = [((k,), ()) for k in range(len(explored.problem.blocks.channels))]
+    found = [one for one in runs.in_order(_with_own_response, tasks, shared=(explored,)) if one is not None]
+    weight = np.array([one.log_evidence + one.log_prior for one in found])
+    if not len(weight) or weight.max() <= 0:
+        return None
+    best = int(np.argmax(weight))
+    return replace(found[best], probability=float(np.exp(weight[best] - logsumexp(weight))))
+
+
 def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple[int, ...]) -> OwnResponse | None:
-    """None where the model has no modes there."""
+    """Throughout where it is in place of no effect. None where the model has no modes there."""
     best, first = explored.hypotheses[0], len(explored.problem.effects)
     effects = _factors_of_modes(explored.problem, rows)
-    chief = _strongest(best, numbers)
-    profile, profiles = best.fitted.included[chief].time_profile, explored.problem.time_profiles
+    profiles = explored.problem.time_profiles
+    profile = (best.fitted.included[_strongest(best, numbers)].time_profile if numbers else
+               next(one for one in profiles if one.kind == "constant"))
     number = next((c for c, one in enumerate(profiles) if one is profile), len(profiles))
     which = [(first + k, number) for k in range(len(effects))]
     problem = replace(explored.problem, effects=(*explored.problem.effects, *effects),

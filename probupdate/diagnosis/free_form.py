@@ -243,8 +243,8 @@ def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
         "cause": own.row.cause, "location": own.row.location, "unit": "-", "time_profile": profile.name,
         "since": problem.blocks.ids[profile.at] if profile.kind == "step" else "", "elementary": True,
         "posterior_probability": min(
-            a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
-            if (a.cause, a.location) == (own.row.cause, own.row.location)),
+            (a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
+             if (a.cause, a.location) == (own.row.cause, own.row.location)), default=own.probability),
         "check": own.row.check, "factors": own.factors(),
     }
     found = search(problem, fitted, seed=seed, heavier=outcome.first.heavier)

@@ -21,6 +21,7 @@ from probupdate.diagnosis.fitting import (
     linearised,
     with_candidates,
 )
+from probupdate.diagnosis.free_form import own_response_content
 from probupdate.diagnosis.hypotheses import (
     Hypothesis,
     Ranking,
@@ -120,10 +121,23 @@ def test_a_channel_out_of_phase_that_is_in_no_row_does_not_pass_for_normal(prepa
             for s in data.sets]
     data = replace(data, sets=tuple(replace(s, shape=s.shape * np.exp(-1j * turn))
                                     for s, turn in zip(data.sets, late, strict=True)))
-    found = examine(prepared, data).diagnosis
+    outcome = examine(prepared, data)
+    found = outcome.diagnosis
     assert found.verdict == "unexplained" and found.details["adequacy"][SHAPES] < 1e-3
     (said,) = [note for note in found.notes if note.startswith("measured shapes are off")]
     assert "y5" in said and "out of phase" in said
+    # and what is found is the channel with its phases
+    content = own_response_content(outcome)
+    (part,) = content["parts"]
+    assert (part["location"], part["time_profile"]) == ("y5", "constant") and part["posterior_probability"] > 0.99
+    assert content["complete"]
+    hz = np.mean([s.frequency_hz for s in data.sets], axis=0)
+    for factor in part["factors"]:
+        members = [k for k in range(len(hz)) if outcome.problem.blocks.labels[k] in factor["mode"].replace("/", " and ")
+                   .split(" and ")]
+        late = -360 * 0.015 * hz[members].mean()
+        assert factor["phase_deg"] == pytest.approx(late, abs=3 * factor["phase_std_deg"])
+        assert factor["factor"] == pytest.approx(1.0, abs=3 * factor["factor_std"])
 
 
 @pytest.mark.parametrize("seed", range(11, 17))
