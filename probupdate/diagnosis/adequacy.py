@@ -101,7 +101,8 @@ class Residual:
         variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
         held = summed[:, self.held]
         left = variance - np.sum((held @ self.held_cov) * held, axis=1)
-        return value, np.sqrt(np.maximum(left, LEAST_LEFT * variance))
+        # a group of which no block shows has no variance
+        return value, np.sqrt(np.maximum(left, np.maximum(LEAST_LEFT * variance, 1e-300)))
 
     def mean_share(self, q: int) -> np.ndarray:
         weight = self.design.noise.weight[q]
