@@ -5,7 +5,7 @@ cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances, the model discrepanc
 signatures that were taken in, C_h the posterior covariance of what was fitted. All that is shown is a sum over blocks
 of r (a mean, a slope, a bin's mean) over its own standard deviation, so that it is standard normal when the model is
 right; the fit's own appetite is counted. Whether the rest is more than noise is tested in directions that some effect
-could take, and in the frequencies as such.
+could take, in the frequencies as such, and in each number of the shapes.
 """
 
 from __future__ import annotations

@@ -282,7 +282,7 @@ def _by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray, list
         other = [s.id for s in sets if hours_of((s.id,)) is None]
         whose = "the sets' ids are no times" if len(other) == len(sets) else (
             f"of {len(sets)} ids {len(other)} {'is no time' if len(other) == 1 else 'are no times'} "
-            f"({', '.join(map(repr, other[:3]))}{', ...' if len(other) > 3 else ''}; mend to have the others')")
+            f"({', '.join(map(repr, other[:3]))}{', ...' if len(other) > 3 else ''}; mend to use the times)")
         notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order")
         hours = np.arange(len(sets), dtype=float)
     order = np.argsort(hours, kind="stable")

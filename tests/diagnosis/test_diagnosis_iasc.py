@@ -224,17 +224,23 @@ def test_storeys_of_which_neither_alone_explains_much_are_found_together(prepare
     row.error([f["size"] - 1 for f in line["findings"]], 0.05, "size")
 
 
-def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, validation):
+@pytest.fixture(scope="module")
+def two_storeys(prepared):
+    """Problem, start, the step at which storeys 1 and 3 lose all braces (case 5, seed 47), and the effects by place."""
+    case, pattern = DEFINED[5, 2]
+    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 47, time_profile="step"))
+    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
+    return problem, theta, profile, {e.location: e for e in problem.effects}
+
+
+def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, two_storeys, validation):
     """A mode that falls from 36 to 22 Hz looks in the mean of all blocks like neither state, another one of the model
     was taken for it, and a fit that had come there stayed 1400 below in ln."""
     row = validation(what="two storeys of the IASC-ASCE frame that lose all braces at a step, fitted from half and "
                           "from all of them lost: ln evidence less the best; sizes less one",
                      reference="the same maximum from every start", why="steps of a fit; two standard deviations")
-    case, pattern = DEFINED[5, 2]
-    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 47, time_profile="step"))
-    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
-    of = {e.location: e for e in problem.effects}
-    evidence = []
+    problem, theta, profile, of = two_storeys
+    (case, pattern), evidence = DEFINED[5, 2], []
     for size in (0.5, 0.9, 1.0):
         included = [IncludedEffect(effect=of[place], time_profile=profile, size=size) for place in pattern.places]
         fitted = fitted_without_candidates(problem, theta, included)
@@ -250,15 +256,13 @@ def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, vali
     assert sound.predictor_where(included, (1.0, 1.0)) is sound.predictor
 
 
-def test_a_group_loses_a_share_of_what_its_members_have(prepared, validation):
+def test_a_group_loses_a_share_of_what_its_members_have(two_storeys, validation):
     """Of members that are all lost nothing is left, whatever each of them had: signatures in the state after a loss."""
     row = validation(what="a group of parameters that loses a part at a step: signatures of its members and of its "
                           "size after it; residuals with all of it lost, at two values of a member",
                      reference="differences of residuals", why="steps of 1e-4")
-    case, pattern = DEFINED[5, 2]
-    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 47, time_profile="step"))
-    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
-    storey = next(e for e in problem.effects if e.location == "braces of storey 1")
+    problem, theta, profile, of = two_storeys
+    storey = of["braces of storey 1"]
     member, other = (problem.predictor.parameters.names.index(name) for name in ("b1x+", "c1x"))
     theta = np.array(theta)
     theta[member] = 1.1
