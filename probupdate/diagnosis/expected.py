@@ -16,6 +16,7 @@ from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, ob
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.small_model import N_KNOWN, LocalModel
 from probupdate.effects.catalogue import Effect
+from probupdate.model.parameters import Parameters
 
 # signatures are computed at headings this far apart; between these by straight lines
 NODE_DEG = 10.0
@@ -141,16 +142,24 @@ def _state(
 ) -> tuple[ModalPredictor, np.ndarray, list[tuple[Effect, float]]]:
     """The predictor and the parameters with the included effects where their time profiles have these values, and what
     the sensors then do."""
-    predictor, moved = problem.predictor_where(included, values), np.array(theta)
-    parameters, seen = predictor.parameters, []
+    predictor = problem.predictor_where(included, values)
+    moved = parameters_with(predictor.parameters, theta, included, values)
+    seen = [(n.effect, n.size * value) for n, value in zip(included, values, strict=True)
+            if n.effect.observe is not None and value]
+    return predictor, np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
+
+
+def parameters_with(
+    parameters: Parameters, theta: np.ndarray, included: Sequence[IncludedEffect], values: Sequence[float] | np.ndarray
+) -> np.ndarray:
+    """theta with the included effects where their time profiles have these values, beyond any bounds."""
+    moved = np.array(theta)
     for n, value in zip(included, values, strict=True):
         names = [name for name, _ in n.effect.increments]
         of_nominal = shares_of_nominal(parameters, theta, names) if n.effect.parts else np.ones(len(names))
         for (name, amount), share in zip(n.effect.increments, of_nominal, strict=True):
             moved[parameters.index(name)] += n.size * value * amount * share
-        if n.effect.observe is not None and value:
-            seen.append((n.effect, n.size * value))
-    return predictor, np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
+    return moved
 
 
 def signatures_at(

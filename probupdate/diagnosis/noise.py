@@ -24,10 +24,11 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Noise:
-    """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
-    zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was
-    stated, empty where it is known; `stray` (n_block,) bool, empty where it was not looked for: far from both
-    neighbours. `stated`: taken from the identification of few blocks, unchecked by these."""
+    """Of each group: covariance (n_response, n_response) of a block of weight one; `precision` with which it counts,
+    its inverse, less along what a fit leaves free (`fitting.turning_freely`); weight (n_block,) with zero where the
+    group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was stated, empty
+    where it is known; `stray` (n_block,) bool, empty where it was not looked for: far from both neighbours. `stated`:
+    taken from the identification of few blocks, unchecked by these."""
 
     covariance: tuple[np.ndarray, ...]
     precision: tuple[np.ndarray, ...]

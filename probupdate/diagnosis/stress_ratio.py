@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from probupdate.diagnosis.expected import parameters_with
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
@@ -127,15 +128,8 @@ def _spot(before: Stresses, after: Stresses, k: int, faster: float) -> dict:
 def _values(problem: DiagnosisProblem, fitted: Fit) -> dict[str, float]:
     """Parameters by name, effects in their full size."""
     names = problem.predictor.parameters.names
-    theta = np.array(fitted.theta)
-    for n in fitted.included:
-        if n.effect.observe is None:
-            for name, amount in n.effect.increments:
-                theta[names.index(name)] += _amount(n) * amount
+    throughout = [0.0 if n.time_profile.kind == "covariate" else 1.0 for n in fitted.included]
+    theta = parameters_with(problem.predictor.parameters, fitted.theta, fitted.included, throughout)
     known = {names[k] for k in problem.updated} | {
         name for n in fitted.included for name, _ in n.effect.increments if n.effect.observe is None}
     return {name: float(v) for name, v in zip(names, theta, strict=True) if name in known}
-
-
-def _amount(included: IncludedEffect) -> float:
-    return 0.0 if included.time_profile.kind == "covariate" else included.size
