@@ -268,7 +268,8 @@ def _central(taken: dict[int, dict[int, int]], poles: PoleStack, n_member: int) 
     wanted = found >= 0.5 * there.any(axis=1).sum()
     complete = np.flatnonzero(there[:, wanted].all(axis=1))
     if not len(complete):
-        wanted = found == found.max()
+        # as often one member as the other, never both together: one of them
+        wanted = np.arange(n_member) == np.argmax(found)
         complete = np.flatnonzero(there[:, wanted].all(axis=1))
     some = value[complete][:, wanted]
     distance = np.sum(np.abs(some - np.median(some, axis=0)), axis=(1, 2))

@@ -148,6 +148,24 @@ def test_a_weak_mode_at_few_orders_is_found_there(jacket, reference):
             assert set(choice.criterion[scarce]) == {rules.UNSTABLE}
 
 
+def test_of_a_pair_whose_members_are_never_found_together_one_is_taken(jacket, reference):
+    """Each at two of six orders, none at both: as a mode of a mast that shook along one of its axes at a time."""
+    full, own = block(0, jacket, reference, strays=0)
+    poles = full.poles
+    (pair,) = [g for g in reference.groups if len(g) == 2 and 3 in g]
+    rows = np.ones(len(poles.order), bool)
+    for member, orders in zip(pair, (ORDERS[:2], ORDERS[2:4]), strict=True):
+        rows &= ~(np.abs(poles.frequency_hz / own[member] - 1) < 1e-3) | np.isin(poles.order, orders)
+    stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
+                      damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])
+    like = rules.comparison(stack, reference)
+    judged = replace(full, poles=stack, comparison=like,
+                     verdict=rules.block_criteria(stack, like, reference, SETTINGS))
+    choice = tracking.track([judged], SETTINGS).choices[0]
+    assert list(choice.share[list(pair)]) == pytest.approx([2 / 6, 2 / 6])
+    assert sum(choice.pole[j] >= 0 for j in pair) == 1
+
+
 def test_of_the_orders_the_most_central_stands_for_the_mode(jacket, reference):
     judged, own = block(3, jacket, reference, strays=0)
     choice = tracking.track([judged], SETTINGS).choices[0]
