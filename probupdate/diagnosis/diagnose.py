@@ -143,6 +143,7 @@ def examine(
         adequacy_p=fits,
         notes=(
             *problem.blocks.notes,
+            *problem.stated_otherwise,
             *_by_chance(explored),
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),

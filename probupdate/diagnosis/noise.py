@@ -18,6 +18,9 @@ FEWEST_OF_STATE = 10
 LEAST_OWN, MOST_FACTORINGS = 1e-3, 200
 # standard deviations of chi-square beyond which a block that is far from both its neighbours counts less
 WRONG = 4.0
+# times the largest eigenvalue that noise as stated has, from which it is not as stated; variance, in that stated, below
+# which numbers are real and have no scatter at all
+BEYOND_EDGE, SCATTERS = 2.0, 1e-12
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -231,6 +234,27 @@ def _scaled(pattern: np.ndarray, sample: np.ndarray, kinds: Sequence[slice]) -> 
         known = (variance > 1e-3 * variance.max()) & (seen > 0)
         scale[part] = np.sqrt(np.mean(seen[known] / variance[known])) if known.any() else 1.0
     return pattern * np.outer(scale, scale)
+
+
+def agrees(covariance: np.ndarray, numbers: np.ndarray, n_log: int) -> bool:
+    """Whether neighbouring blocks' numbers (n_block, n_response), the first `n_log` of them of frequencies, scatter as
+    standard deviations alone say, but for the scale of each kind: without covariances the shapes of a close pair, which
+    turn as one, are said to be many times better known along that turn than they are. The largest eigenvalue of noise
+    that is as stated ends at (1 + sqrt(p / n))^2 (Marchenko & Pastur 1967)."""
+    if len(numbers) < 3:
+        return True
+    difference = usual(np.diff(numbers, axis=0) / np.sqrt(2))
+    covariance = _scaled(covariance, difference, _kinds(len(covariance), n_log, apart=True))
+    std = np.sqrt(np.diag(covariance))
+    used = std > 0
+    value, turn = np.linalg.eigh(covariance[np.ix_(used, used)] / np.outer(std[used], std[used]))
+    kept = value > 1e-6 * value[-1]
+    white = (difference[:, used] / std[used]) @ turn[:, kept] / np.sqrt(value[kept])
+    square = np.mean(white**2, axis=0)
+    there = square > SCATTERS
+    n, p = len(white), np.count_nonzero(there)
+    largest = np.linalg.svd(white[:, there], compute_uv=False)[0] ** 2 / n
+    return bool(largest < BEYOND_EDGE * (1 + np.sqrt(p / n)) ** 2 * np.median(square[there]))
 
 
 def factored(sample: np.ndarray) -> np.ndarray:

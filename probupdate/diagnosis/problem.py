@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, of_model, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
-from probupdate.diagnosis.noise import factored, usual
+from probupdate.diagnosis.noise import agrees, factored
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_profiles, weather_profiles
@@ -24,8 +24,6 @@ from probupdate.runtime.arrays import frozen_array
 # references are computed at every angle that differs by this, signatures for every one that differs by BIN_DEG: what
 # rotor and nacelle do to the torsion's small components at the tower turns with the heading, many times the noise
 ANGLE_DEG, BIN_DEG = 1.0, 2.0
-# times the largest eigenvalue that noise as stated has, from which it is not as stated
-BEYOND_EDGE = 2.0
 # columns in whose own unit an effect's prior scale is given
 TEMPERATURE = "air_temperature_c"
 NATURAL = ("water_level_m", TEMPERATURE, "thrust_share")
@@ -185,8 +183,20 @@ class DiagnosisProblem:
             # each block's standard deviations come from few parts of it
             covariance = factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
             numbers = self.measured[0][q][self.measured[1][q]]
-            result.append(covariance if not blocks.std_alone or _agrees(covariance, numbers) else None)
+            n_log = 1 if len(group) == 1 else 3
+            result.append(covariance if not blocks.std_alone or agrees(covariance, numbers, n_log) else None)
         return tuple(result)
+
+    @property
+    def stated_otherwise(self) -> list[str]:
+        """What to say of modes of which sets scatter otherwise than the standard deviations stated say."""
+        blocks, stating = self.blocks, np.array([d is not None for d in self.blocks.factors])
+        if blocks.few or not blocks.std_alone or stating.mean() < 0.5:
+            return []
+        names = [blocks.group_name(q) for q, pattern in enumerate(self.stated)
+                 if pattern is None and np.sum(stating & blocks.present[:, q]) >= len(blocks) / 3]
+        return [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in more "
+                "than a common factor; how they scatter counts"] if names else []
 
     def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""
@@ -201,27 +211,6 @@ class DiagnosisProblem:
         """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
         own = {self.predictor.parameters.names[k] for k in self.updated}
         return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)
-
-
-def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
-    """Whether neighbouring blocks' numbers (n_block, n_response) scatter as a stated covariance says, but for its
-    scale: without covariances the shapes of a close pair, which turn as one, are said to be many times better known
-    along that turn than they are. The largest eigenvalue of noise that is as stated ends at (1 + sqrt(p / n))^2
-    (Marchenko & Pastur 1967)."""
-    if len(numbers) < 3:
-        return True
-    difference = usual(np.diff(numbers, axis=0) / np.sqrt(2))
-    std = np.sqrt(np.diag(covariance))
-    used = std > 0
-    value, turn = np.linalg.eigh(covariance[np.ix_(used, used)] / np.outer(std[used], std[used]))
-    kept = value > 1e-6 * value[-1]
-    white = (difference[:, used] / std[used]) @ turn[:, kept] / np.sqrt(value[kept])
-    square = np.mean(white**2, axis=0)
-    # shapes that are real have phases without scatter
-    there = square > 1e-3 * square.max()
-    n, p = len(white), np.count_nonzero(there)
-    largest = np.linalg.svd(white[:, there], compute_uv=False)[0] ** 2 / n
-    return bool(largest < BEYOND_EDGE * (1 + np.sqrt(p / n)) ** 2 * np.median(square[there]))
 
 
 def diagnosis_problem(

@@ -171,10 +171,12 @@ def changed_together(
     """The few candidates among `rows`, at most so many, that changed together along a time profile, beside what is
     included already: all that change one parameter each are estimated at once, of which their heavy-tailed prior lets
     few be large; then those that explain most of these sizes, one after the other, members of a group as the group.
-    With the parameters of that fit. Raises ConvergenceError where the model has no modes on the way."""
+    Masses on springs are not among them: each brings modes of its own, and dozens at once more than are compared. With
+    the parameters of that fit. Raises ConvergenceError where the model has no modes on the way."""
     effects = {k: problem.effects[problem.which[k, 0]] for k in rows}
     moving = {k: dict(e.increments) for k, e in effects.items() if e.observe is None and not e.discrete}
-    alone = {name: k for k, names in moving.items() if len(names) == 1 for name in names}
+    hung = {problem.predictor.parameters.names[one.column] for one in problem.predictor.small.tuned}
+    alone = {name: k for k, names in moving.items() if len(names) == 1 for name in names if name not in hung}
     own = [IncludedEffect(effect=effects[k], time_profile=profile, size=0.0) for k in alone.values()]
     fitted = fitted_without_candidates(problem, problem.predictor.parameters.initial, (*included, *own))
     size = np.array([n.size for n in fitted.included[len(included):]])

@@ -293,13 +293,13 @@ class LocalModel:
         return core, stiffness, mass, residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
-        """The lowest `count` modes with the nacelle at that angle (default: N_CORE), from as many modes of the mean
+        """The lowest `count` modes with the nacelle at that angle (default and at most: N_CORE), from N_CORE of the mean
         over all angles, which turn little (frequencies to 1e-5, shapes to 3e-4 of their largest)."""
         try:
             core, stiffness, mass, _ = self._core
             wave = _harmonics(angle_deg)[: len(stiffness)]
             value, vectors = linalg.eigh(np.tensordot(wave, stiffness, 1), np.tensordot(wave, mass, 1),
-                                         subset_by_index=None if count is None else (0, count - 1))
+                                         subset_by_index=None if count is None else (0, min(count, len(core.T)) - 1))
         except linalg.LinAlgError as error:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors,

@@ -6,7 +6,7 @@ from scipy import stats
 
 from probupdate.diagnosis.fitting import with_column_scatter
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import Noise, estimate_noise, factored
+from probupdate.diagnosis.noise import Noise, agrees, estimate_noise, factored
 from probupdate.diagnosis.problem import IncludedEffect
 from probupdate.diagnosis.search import exceeded, tail
 from probupdate.diagnosis.time_profiles import TimeProfile
@@ -160,8 +160,6 @@ def test_blocks_at_a_step_and_blocks_of_a_quiet_record_count_whole():
 @pytest.mark.parametrize("real", [False, True])
 def test_standard_deviations_alone_are_believed_where_blocks_scatter_so(n, real):
     """Independent noise as stated, at any scale; and the same standard deviations made by one common turn."""
-    from probupdate.diagnosis.problem import _agrees
-
     rng, p = np.random.default_rng(12), 40
     std = 0.01 * (1 + rng.random(p))
     if real:
@@ -170,13 +168,25 @@ def test_standard_deviations_alone_are_believed_where_blocks_scatter_so(n, real)
     for scale in (0.5, 1.0, 3.0):
         noise = scale * std * rng.standard_normal((n, p))
         noise[:, p // 2 :] *= not real
-        assert _agrees(np.diag(std**2), noise)
+        assert agrees(np.diag(std**2), noise, 2)
         # one block that went wrong and a step change nothing of how the others scatter
         noise[5] += 20 * scale * std * rng.standard_normal(p)
         noise[n // 2 :] += 20 * scale * std * rng.standard_normal(p)
-        assert _agrees(np.diag(std**2), noise)
+        assert agrees(np.diag(std**2), noise, 2)
     turned = std * rng.standard_normal((n, 1)) + 0.2 * std * rng.standard_normal((n, p))
-    assert not _agrees(np.diag(1.04 * std**2), turned)
+    assert not agrees(np.diag(1.04 * std**2), turned, 2)
+
+
+@pytest.mark.parametrize("n", [8, 24, 48])
+@pytest.mark.parametrize("which", [0, 5, 30], ids=["frequency", "real part", "phase"])
+def test_standard_deviations_of_which_one_is_far_too_small_are_not_believed(n, which):
+    """A slip of the unit in one of forty; the kinds, two frequencies, real parts, phases, may each have their scale."""
+    rng, p = np.random.default_rng(13), 40
+    std, scale = 0.01 * (1 + rng.random(p)), np.repeat([3.0, 1.0, 0.05], [2, 19, 19])
+    noise = scale * std * rng.standard_normal((n, p))
+    assert agrees(np.diag(std**2), noise, 2)
+    std[which] *= 1e-3
+    assert not agrees(np.diag(std**2), noise, 2)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.2])
