@@ -12,6 +12,7 @@ import pandas as pd
 
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import LARGEST_TEXT, input_file
+from probupdate.modal.modes import refuse_no_celsius
 
 ROW_MINUTES = 10
 # of any time that a file may state; what counts nanoseconds ends in 2262
@@ -85,6 +86,8 @@ def read_scada(path: str | Path) -> pd.DataFrame:
             if absurd.any():
                 raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number "
                                  "that a turbine or the weather has", "leave the cell empty where it is unknown")
+    if "air_temperature_c" in table:
+        refuse_no_celsius(str(path), table["air_temperature_c"].to_numpy(float))
     again = table.index.duplicated()
     kept = table[~again]
     kept.attrs["path"] = str(path)

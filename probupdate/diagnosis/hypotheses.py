@@ -22,7 +22,7 @@ from probupdate.diagnosis.evidence import (
     only_promised,
     over_error_scales,
 )
-from probupdate.diagnosis.expected import residuals_at
+from probupdate.diagnosis.expected import parameters_with, residuals_at
 from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, linearised
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -203,9 +203,10 @@ def moves_from(
             itself = (effect_of == effect_of[own]) & np.array([name == names[own] for name in names])
             promises = [np.where(itself, -np.inf, p) for p in promises]
         chosen = {k: float(p[k]) for p in reversed(promises) for k in _most_promising(problem, p, enough)}
-        result += [Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
-                        included=(*base.included, _added(problem, base, k, size[k])))
-                   for k, promise in chosen.items()]
+        for k, promise in chosen.items():
+            added = _added(problem, base, k, size[k])
+            result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
+                               included=(*base.included, added), theta=_given_back(problem, base.theta, added)))
     return sorted(result, key=lambda m: -m.promise)
 
 
@@ -258,6 +259,18 @@ def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) ->
     if time_profile.kind == "step":
         time_profile = sharpened(problem, base, int(j), time_profile)
     return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).begun_at(size)
+
+
+def _given_back(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEffect) -> np.ndarray | None:
+    """Parameters to begin a fit with beside an effect that changes them: without it they were bent to follow its mean
+    over the record, and are taken back by that, but not beyond where the prior expects them. None beside others."""
+    if not added.exact or not added.effect.increments:
+        return None
+    begun, parameters = np.array(theta), problem.predictor.parameters
+    back = parameters_with(parameters, theta, [added], [-np.mean(added.time_profile.value)])
+    updated, expected = list(problem.updated), parameters.initial
+    begun[updated] = np.clip(back, np.minimum(theta, expected), np.maximum(theta, expected))[updated]
+    return begun
 
 
 def large_moves(

@@ -433,6 +433,8 @@ def _format(path: Path, kind: str, remedy: str) -> Iterator[None]:
         yield
     except RecursionError:
         raise InputError(str(path), f"not {kind} (nested deeper than {DEEPEST} levels)", remedy) from None
+    except UnicodeDecodeError:
+        raise InputError(str(path), f"not {kind} (no text in UTF-8)", remedy) from None
     except ValueError as error:
         raise InputError(str(path), f"not {kind} ({error})", remedy) from None
 

@@ -367,7 +367,8 @@ def refuse_another_unit(where: str, ratios: Sequence[float] | np.ndarray) -> Non
     if max(ratio, 1 / ratio) > OTHER_UNIT:
         raise InputError(
             where, f"its frequencies are {ratio:.3g} times (median) those of modes of like shape",
-            "give Hz (rad/s are 6.28 times as many), or check the model's units",
+            "give Hz (rad/s are 6.28 times as many), or check the model's units (N/m belongs to kg, kN/m to t; one of "
+            "each is 31.6 times off)",
         )
 
 

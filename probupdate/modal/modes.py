@@ -1,7 +1,7 @@
 """Modes, measured or computed: what other rooms and users import of sensors, modal sets, `modes.json` and shape
 criteria."""
 
-from probupdate.modal.modes_file import read_modes, write_modes
+from probupdate.modal.modes_file import read_modes, refuse_no_celsius, write_modes
 from probupdate.modal.sets import (
     QUANTITIES,
     CovarianceFactors,
@@ -26,6 +26,6 @@ from probupdate.modal.shape_criteria import (
 __all__ = [
     "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
-    "mac", "modal_phase_collinearity", "normalise", "pair_by_mac", "plane_mac", "read_modes", "rotate_to_real",
-    "subspace_mac", "unit_largest", "write_modes",
+    "mac", "modal_phase_collinearity", "normalise", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
+    "rotate_to_real", "subspace_mac", "unit_largest", "write_modes",
 ]

@@ -91,6 +91,15 @@ def _refuse_odd(where: str, environment: Mapping) -> None:
                              "mend it or leave it out")
 
 
+def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
+    """Raises InputError for temperatures of the air (n,), NaN where unknown, of which the middle one is none."""
+    known = temperature[np.isfinite(temperature)]
+    middle = float(np.median(known)) if len(known) else 0.0
+    if abs(middle) > WARMEST_C:
+        raise InputError(f"{where}, {AIR}", f"{middle:.4g} in the middle is no temperature of the air: are these "
+                         "kelvin, or degrees Fahrenheit?", "give degrees Celsius, null where not measured")
+
+
 def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
     """A condition that is a number in one set and a word in another would count as not measured there."""
     numbers = {key: s.id for s in sets for key, value in s.environment.items() if not isinstance(value, str | None)}
@@ -119,6 +128,8 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
             raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?")
 
 
+# the temperature of the air, and how far from zero degrees Celsius it is in the middle of no record
+AIR, WARMEST_C = "air_temperature_c", 60.0
 # what a file is by its ending that is given for modal sets and is no JSON
 NO_MODES = {
     ".npz": "an archive of arrays such as a model's", ".toml": "a TOML file such as a model's or a campaign's",
@@ -149,6 +160,8 @@ def _read_modes(path: Path) -> ModalData:
     sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
     _refuse_mixed(path, sets)
+    warm = [s.environment.get(AIR) for s in sets]
+    refuse_no_celsius(str(path), np.array([x if isinstance(x, int | float) else np.nan for x in warm], float))
     return ModalData(
         channels=channels,
         sets=sets,

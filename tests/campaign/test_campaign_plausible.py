@@ -150,3 +150,10 @@ def test_numbers_that_no_turbine_has_are_refused(tmp_path, value):
     (tmp_path / "scada.csv").write_text(f"time,power_kw\n2020-01-01T00:00Z,{value}\n")
     with pytest.raises(InputError, match=r"scada\.csv, power_kw: .* is no number that a turbine or the weather has"):
         read_scada(tmp_path / "scada.csv")
+
+
+def test_kelvin_are_no_degrees_celsius(tmp_path):
+    rows = "".join(f"2020-01-01T00:{minute}0Z,{value}\n" for minute, value in enumerate(("", 281.3, 282.0)))
+    (tmp_path / "scada.csv").write_text("time,air_temperature_c\n" + rows)
+    with pytest.raises(InputError, match=r"scada\.csv, air_temperature_c: 281.6 .* kelvin.*; give degrees Celsius"):
+        read_scada(tmp_path / "scada.csv")

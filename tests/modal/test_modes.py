@@ -164,6 +164,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
         (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9 .* are these per cent\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
+        (lambda c: c["sets"][0].update(environment={"air_temperature_c": 288.2}), "air_temperature_c: 288.2 .* kelvin"),
         (lambda c: c["sets"].append(dict(c["sets"][0])), "share one id"),
         (lambda c: c.update(labels=["a", "b"]), "labels"),
         (lambda c: c.update(labels=["X1", "X1"]), "labels: X1 stands for 2 modes; give every mode a name of its own"),

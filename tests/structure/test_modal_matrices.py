@@ -189,6 +189,12 @@ def test_files_that_hold_no_matrices(folder):
         load_model(folder / "model.npz")
 
 
+def test_parameters_given_as_the_model_are_no_model(folder):
+    save(folder)
+    with pytest.raises(InputError, match="states parameters and no model; give the model that they are of"):
+        load_model(folder / "parameters.toml")
+
+
 def test_parameters_must_be_known(tmp_path):
     path = save(tmp_path)
     with pytest.raises(InputError, match=r"its parameters are not known; write parameters\.toml beside it"):
