@@ -247,3 +247,15 @@ def test_without_a_model_a_step_of_the_structure_is_at_its_set(number: int, at: 
                      reference="what was hidden")
     found = diagnose_without_model(record.data, record.world.sensors)
     row.equal([change["since"] for change in found.details["changes"]], [record.data.sets[at].id], "since", case=number)
+
+
+def test_a_diagonal_that_lost_a_half_before_the_record_began_is_named(tmp_path, validation):
+    """A truss's diagonal at 0.51 of what it should be: the fit without an effect has it there, 16 standard deviations
+    of its prior away. Begun there, the effect led to a tenth of the stiffness, and the verdict was *unexplained*."""
+    row = validation(what="a truss drawn at random of which a diagonal has 0.51 of its stiffness throughout: verdict, "
+                          "place; size", reference="what was hidden", why="three standard deviations")
+    record = draw_record("loss constant", 10046)
+    found = probupdate.diagnose(prepare(record.world.write(tmp_path), sensors=record.world.sensors), record.data,
+                                extend=False)
+    row.equal((found.verdict, [f.location for f in found.findings]), ("named", [record.hidden]), "named")
+    row.error((found.findings[0].size - record.size) / found.findings[0].size_std, 3, "size")
