@@ -142,8 +142,7 @@ def examine(
         threshold=first.threshold,
         adequacy_p=fits,
         notes=(
-            *problem.blocks.notes,
-            *problem.stated_otherwise,
+            *problem.notes,
             *_by_chance(explored),
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),

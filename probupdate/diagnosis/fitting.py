@@ -26,6 +26,9 @@ WARM = 3
 FLAT, FLAT_SHARE = 0.1, 0.03
 # a step is no longer than so many prior standard deviations at once
 LONGEST, HALVINGS = 1.0, 6
+# a step that leads back by this share of its length, and is this much of the last one at least, goes to and fro; by how
+# much more of the next steps is taken where it does not
+BACK, BACK_AS_FAR, RECOVERS = 0.5, 0.7, 1.25
 # steps that may go uphill
 MOST_LEAPS = 8
 # signatures of tolerances and effects are computed anew every so many steps on the way, those of the updated
@@ -350,6 +353,7 @@ def fitted_without_candidates(
         noise = base.design.noise
         design = design_without_candidates(problem, theta, included, noise, base.design)
     fresh, renewed, leaps, step = base is None, base is not None, 0, np.inf
+    relaxed, way = 1.0, np.zeros(0)
     for number in range(MOST_STEPS):
         ended = step < SETTLED
         # far from where the fit ends the noise is not what it is there
@@ -371,7 +375,8 @@ def fitted_without_candidates(
         before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
-        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before)
+        relaxed, way = _relaxed(relaxed, way, newton.way(included))
+        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before, relaxed)
         if trial is not None:
             # a step that had to be shortened is not a small one
             step = _length(problem, design, theta, included, trial) * newton.whole / trial.share
@@ -426,6 +431,22 @@ class _Newton:
     whole: float
     beyond: float
 
+    def way(self, included: Sequence[IncludedEffect]) -> np.ndarray:
+        """The whole step in prior standard deviations."""
+        sizes = [d / n.prior_std for d, n in zip(self.change, included, strict=True)]
+        return self.whole * np.array([*self.move, *sizes])
+
+
+def _relaxed(share: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
+    """The share of the next step that is taken, after `share` of the last one, and the `way` itself: half of it where
+    that leads back along the way `before` (empty for the first). Of two points each may be better as seen from the
+    other, as what is not known of an effect grows with its size."""
+    if not len(before):
+        return share, way
+    last, length = float(np.linalg.norm(before)), float(np.linalg.norm(way))
+    back = length > BACK_AS_FAR * last and before @ way < -BACK * last * length
+    return min(1.0, share * (0.5 if back else RECOVERS)), way
+
 
 def _newton(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
@@ -479,10 +500,11 @@ class _Trial:
 
 def _downhill(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
-    newton: _Newton, before: float,
+    newton: _Newton, before: float, relaxed: float = 1.0,
 ) -> _Trial | None:
-    """The longest of the step's halvings that lowers -2 ln posterior from `before`; None where none does."""
-    for share in newton.whole * 0.5 ** np.arange(HALVINGS):
+    """The longest of the halvings of a `relaxed` share of the step that lowers -2 ln posterior from `before`; None
+    where none does."""
+    for share in relaxed * newton.whole * 0.5 ** np.arange(HALVINGS):
         trial = _trial(problem, design, theta, included, newton, share)
         if trial.misfit < before:
             return trial

@@ -267,7 +267,7 @@ def _given_back(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEff
     if not added.exact or not added.effect.increments:
         return None
     begun, parameters = np.array(theta), problem.predictor.parameters
-    back = parameters_with(parameters, theta, [added], [-np.mean(added.time_profile.value)])
+    back = parameters_with(parameters, theta, [added], [-float(np.mean(added.time_profile.value))])
     updated, expected = list(problem.updated), parameters.initial
     begun[updated] = np.clip(back, np.minimum(theta, expected), np.maximum(theta, expected))[updated]
     return begun

@@ -188,15 +188,16 @@ class DiagnosisProblem:
         return tuple(result)
 
     @property
-    def stated_otherwise(self) -> list[str]:
-        """What to say of modes of which sets scatter otherwise than the standard deviations stated say."""
+    def notes(self) -> list[str]:
+        """Of the blocks, and of modes of which sets scatter otherwise than the standard deviations stated say."""
         blocks, stating = self.blocks, np.array([d is not None for d in self.blocks.factors])
         if blocks.few or not blocks.std_alone or stating.mean() < 0.5:
-            return []
+            return [*blocks.notes]
         names = [blocks.group_name(q) for q, pattern in enumerate(self.stated)
                  if pattern is None and np.sum(stating & blocks.present[:, q]) >= len(blocks) / 3]
-        return [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in more "
-                "than a common factor; how they scatter counts"] if names else []
+        otherwise = [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in more "
+                     "than a common factor; how they scatter counts"] if names else []
+        return [*blocks.notes, *otherwise]
 
     def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""

@@ -293,7 +293,7 @@ class LocalModel:
         return core, stiffness, mass, residual
 
     def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
-        """The lowest `count` modes with the nacelle at that angle (default and at most: N_CORE), from N_CORE of the mean
+        """The lowest `count` modes with the nacelle at that angle (default and at most N_CORE), from those of the mean
         over all angles, which turn little (frequencies to 1e-5, shapes to 3e-4 of their largest)."""
         try:
             core, stiffness, mass, _ = self._core
