@@ -306,9 +306,13 @@ def _fit_together(
     runs: Executor,
 ) -> None:
     """Adds to `known` what of the structure changed together, beside what the most probable hypothesis says of sensors,
-    since the time that all of it shows."""
+    since the time that all of it shows; and large effects that were not tried at their own size yet, as a model as it is
+    that had bent far enough leaves no large score."""
+    start = known[frozenset()].with_design(problem)
     moves = _changed_together(problem, best, first, most)
-    _fit_moves(problem, known[frozenset()].with_design(problem), moves, known, noise_anew=True, runs=runs)
+    if not first.statistic.max() > LARGE:
+        moves += large_moves(problem, start, first, len(first.z), most)
+    _fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
     for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
         known[key] = _renewed(problem, known[key])
 
@@ -360,7 +364,7 @@ def explore(
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
-    asked = not first.statistic.max() > LARGE
+    asked = False
 
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
