@@ -11,10 +11,11 @@ from probupdate.diagnosis import elementary as elementary_parts
 from probupdate.diagnosis import free_form as free_form_module
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
+from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
 from probupdate.diagnosis.hypotheses import log_prior
-from probupdate.diagnosis.problem import diagnosis_problem
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import changed_together
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.small_model import N_CORE
@@ -96,6 +97,25 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
     article = "an" if cause == PART_CAUSES[2] else "a"
     assert said[0].startswith(f"something like {article} {cause}, {where}") and "no row of the catalogue" in said[1]
+
+
+@pytest.mark.parametrize(("storey", "starts"), [("k1", (0.5, 4.0)), ("k2", (0.5, 4.0, -4.0))])
+def test_fits_that_went_to_and_fro_settle_at_one_place(frame, storey, starts, validation):
+    """A storey is none of what happened, so that much is left over. What is not known of its effect grows with its size,
+    and from each of two points the other one is better: of these five fits four were still on their way after forty
+    steps, at sizes three standard deviations apart."""
+    row = validation(what="a storey's change fitted to a record of something else, begun at two and three sizes: fits "
+                          "that settle; largest difference of sizes, in the effect's own standard deviations",
+                     reference="one another", why="steps of a tenth of a standard deviation end a fit")
+    problem, theta = diagnosis_problem(frame, record(3, spring=3e5))
+    effect = next(e for e in problem.effects if e.parameter == storey)
+    step = min((profile for profile in problem.time_profiles if profile.kind == "step"),
+               key=lambda profile: abs(profile.at - 20))
+    null = fitted_without_candidates(problem, theta)
+    fitted = [fitted_without_candidates(problem, null.theta, [
+        IncludedEffect(effect=effect, time_profile=step, size=start * effect.prior_scale)]) for start in starts]
+    row.equal([one.settled for one in fitted], [True] * len(starts), "settled", case=storey)
+    row.error(np.ptp([one.included[0].size for one in fitted]) / effect.prior_scale, 0.2, "sizes", case=storey)
 
 
 def hung_record(seed, *, mass, hz, storey, from_block=20):
