@@ -306,8 +306,8 @@ def _fit_together(
     runs: Executor,
 ) -> None:
     """Adds to `known` what of the structure changed together, beside what the most probable hypothesis says of sensors,
-    since the time that all of it shows; and large effects that were not tried at their own size yet, as a model as it is
-    that had bent far enough leaves no large score."""
+    since the time that all of it shows; and large effects that were not tried at their own size yet, as a model that
+    had bent far enough leaves no large score."""
     start = known[frozenset()].with_design(problem)
     moves = _changed_together(problem, best, first, most)
     if not first.statistic.max() > LARGE:

@@ -195,8 +195,8 @@ class DiagnosisProblem:
             return [*blocks.notes]
         names = [blocks.group_name(q) for q, pattern in enumerate(self.stated)
                  if pattern is None and np.sum(stating & blocks.present[:, q]) >= len(blocks) / 3]
-        otherwise = [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in more "
-                     "than a common factor; how they scatter counts"] if names else []
+        otherwise = [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in "
+                     "more than a common factor; how they scatter counts"] if names else []
         return [*blocks.notes, *otherwise]
 
     def taken(self, chosen: np.ndarray) -> DiagnosisProblem:

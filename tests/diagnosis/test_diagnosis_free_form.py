@@ -101,9 +101,9 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
 
 @pytest.mark.parametrize(("storey", "starts"), [("k1", (0.5, 4.0)), ("k2", (0.5, 4.0, -4.0))])
 def test_fits_that_went_to_and_fro_settle_at_one_place(frame, storey, starts, validation):
-    """A storey is none of what happened, so that much is left over. What is not known of its effect grows with its size,
-    and from each of two points the other one is better: of these five fits four were still on their way after forty
-    steps, at sizes three standard deviations apart."""
+    """A storey is none of what happened, so that much is left over. What is not known of its effect grows with its
+    size, and from each of two points the other one is better: of these five fits four were still on their way after
+    forty steps, at other sizes and parameters."""
     row = validation(what="a storey's change fitted to a record of something else, begun at two and three sizes: fits "
                           "that settle; largest difference of sizes, in the effect's own standard deviations",
                      reference="one another", why="steps of a tenth of a standard deviation end a fit")
