@@ -63,7 +63,8 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
         return text + f"no record of these modes and channels distinguishes them; {_checks(first, second)}"
     text += f"telling them apart asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
     if finding.time_profile != "constant" and needed > abs(finding.z):
-        text += f"about {(needed / abs(finding.z)) ** 2:.0f} times as many blocks would do, or "
+        times = (needed / abs(finding.z)) ** 2
+        text += f"about {times:.{0 if times > 3 else 1}f} times as many blocks would do, or "
     places = " and ".join(places_of_difference(problem, design, best, competitor))
     return text + f"they differ most in {places}; {_checks(first, second)}"
 

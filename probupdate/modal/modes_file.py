@@ -183,9 +183,13 @@ def _json_of_modes(path: Path) -> dict:
             raise
         raise InputError(str(path), f"is {kind}, not modal sets",
                          "give a modes.json, as `probupdate identify` writes it") from None
-    if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
-        raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
+    if not isinstance(content, dict):
+        raise InputError(str(path), "is no table", 'write {"channels": [...], "sets": [...]} (docs/formats/modes.md)')
     _refuse_misspelt(str(path), content, FILE_KEYS)
+    for key in ("channels", "sets"):
+        if key not in content or (key == "sets" and not isinstance(content[key], list)):
+            raise InputError(f"{path}, {key}", "is no list" if key in content else "is missing",
+                             "give modal sets, as `probupdate identify` writes them (docs/formats/modes.md)")
     known = content.get("format", FORMAT)
     if isinstance(known, bool) or not isinstance(known, int) or known > FORMAT:
         raise InputError(str(path), f"has the format {known!r}; {FORMAT} is the newest known",
@@ -216,12 +220,15 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
     covariance_factors = factors.get(str(raw.get("id", number)))
+    shape_std = shapes("shape_std")
+    if np.any(shape_std < 0):
+        raise InputError(f"{where}, shape_std", "a standard deviation is negative", "use null where unknown")
     return ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
         shape=(real + 1j * np.nan_to_num(imaginary)).T,
         damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
-        shape_std=shapes("shape_std").T,
+        shape_std=shape_std.T,
         environment=raw.get("environment") or {},
         covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
         **std,

@@ -22,6 +22,9 @@ def read_description(path: str | Path) -> Description:
 
 
 def parse_description(raw: dict, where: str) -> Description:
+    if raw and raw.keys() <= {"parameter", "correlation"}:
+        raise InputError(where, "states parameters and no model",
+                         "give the model that they are of (the model.npz beside it, or a model.toml)")
     try:
         description = Description.model_validate(raw)
     except ValidationError as error:

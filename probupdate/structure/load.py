@@ -83,9 +83,6 @@ def load_model(
     raw = read_toml(path)
     if "subdyn" in raw:
         return described_model(raw, path, parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
-    if raw.keys() <= {"parameter", "correlation"}:
-        raise InputError(str(path), "states parameters and no model",
-                         "give the model that they are of (the model.npz beside it, or a model.toml)")
     if "matrices" in raw:
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters, table)
