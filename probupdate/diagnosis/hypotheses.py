@@ -301,7 +301,7 @@ def large_moves(
     return result
 
 
-def _fit_together(
+def _fit_at_last(
     problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], best: Hypothesis, first: Search, most: int,
     runs: Executor,
 ) -> None:
@@ -364,7 +364,7 @@ def explore(
     promised: dict[int, float] = {}
     compared, renewed = Ranking(runs), set()
     first = search(problem, null, seed=seed)
-    asked = False
+    at_last = False
 
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
@@ -373,11 +373,11 @@ def explore(
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _next_looked_at(keys, relative, searches, promised if one_more.get(keys[0]) else {})
-        if key is None and (asked or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
+        if key is None and (at_last or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
         if key is None:
-            asked = True
-            _fit_together(problem, known, known[keys[0]], first, most, runs)
+            at_last = True
+            _fit_at_last(problem, known, known[keys[0]], first, most, runs)
             continue
         if key and key not in renewed:
             renewed.add(key)

@@ -216,13 +216,11 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         raise InputError(f"{where}, frequency_hz", f"{np.nanmax(frequency):.3g} Hz is no structure's frequency",
                          "give hertz, and null where not measured")
     std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
-    for key, value in std.items():
+    shape_std = shapes("shape_std")
+    for key, value in {**std, "shape_std": shape_std}.items():
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
     covariance_factors = factors.get(str(raw.get("id", number)))
-    shape_std = shapes("shape_std")
-    if np.any(shape_std < 0):
-        raise InputError(f"{where}, shape_std", "a standard deviation is negative", "use null where unknown")
     return ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,

@@ -128,6 +128,16 @@ def test_a_mode_inside_the_swept_band_all_the_time_is_still_followed(jacket, ref
     assert np.isfinite(wrong).all() and np.abs(wrong).max() < 0.003
 
 
+def with_poles(full, reference, rows):
+    """The block with these of its poles alone (n_pole,), judged anew."""
+    poles = full.poles
+    stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
+                      damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])
+    like = rules.comparison(stack, reference)
+    return replace(full, poles=stack, comparison=like,
+                   verdict=rules.block_criteria(stack, like, reference, SETTINGS))
+
+
 def test_a_weak_mode_at_few_orders_is_found_there(jacket, reference):
     """Torsion at two of six orders, the chosen one not among them; at one of eight it is too scarce."""
     full, own = block(0, jacket, reference, strays=0)
@@ -135,16 +145,12 @@ def test_a_weak_mode_at_few_orders_is_found_there(jacket, reference):
     torsion = np.abs(poles.frequency_hz / own[2] - 1) < 0.01
     for kept, expected in (((24, 28), True), ((28,), False)):
         rows = ~torsion | np.isin(poles.order, kept)
-        stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
-                          damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])
-        like = rules.comparison(stack, reference)
-        judged = replace(full, poles=stack, comparison=like,
-                         verdict=rules.block_criteria(stack, like, reference, SETTINGS))
+        judged = with_poles(full, reference, rows)
         choice = tracking.track([judged], SETTINGS).choices[0]
         assert (choice.pole[2] >= 0) == expected
         assert choice.share[2] == pytest.approx(len(kept) / 6)
         if not expected:
-            scarce = np.flatnonzero(np.abs(stack.frequency_hz / own[2] - 1) < 0.01)
+            scarce = np.flatnonzero(np.abs(judged.poles.frequency_hz / own[2] - 1) < 0.01)
             assert set(choice.criterion[scarce]) == {rules.UNSTABLE}
 
 
@@ -156,12 +162,7 @@ def test_of_a_pair_whose_members_are_never_found_together_one_is_taken(jacket, r
     rows = np.ones(len(poles.order), bool)
     for member, orders in zip(pair, (ORDERS[:2], ORDERS[2:4]), strict=True):
         rows &= ~(np.abs(poles.frequency_hz / own[member] - 1) < 1e-3) | np.isin(poles.order, orders)
-    stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
-                      damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])
-    like = rules.comparison(stack, reference)
-    judged = replace(full, poles=stack, comparison=like,
-                     verdict=rules.block_criteria(stack, like, reference, SETTINGS))
-    choice = tracking.track([judged], SETTINGS).choices[0]
+    choice = tracking.track([with_poles(full, reference, rows)], SETTINGS).choices[0]
     assert list(choice.share[list(pair)]) == pytest.approx([2 / 6, 2 / 6])
     assert sum(choice.pole[j] >= 0 for j in pair) == 1
 
