@@ -267,6 +267,10 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
             "longer record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's "
             "frequencies and shapes are known to (frequency_std_hz, shape_std)",
         )
+    zero = [s.id for s in sets if _states_zero(s)]
+    if zero:
+        notes.append(f"{plural(len(zero), 'set')} with a standard deviation of zero ({', '.join(zero[:3])}"
+                     f"{', ...' * (len(zero) > 3)}): taken as not known; write what it is, or null")
     if few:
         who = "1 set says nothing of its" if len(sets) == 1 else f"{len(sets)} sets say nothing of their"
         notes.append(f"{who} own scatter: the "
@@ -398,6 +402,16 @@ def _states_std(modal_set) -> bool:
     measured = np.isfinite(modal_set.frequency_hz)
     frequency, shape = modal_set.frequency_std_hz[measured], modal_set.shape_std[np.isfinite(modal_set.shape)]
     return bool(np.all(frequency > 0) and np.all(shape >= 0) and (shape.size == 0 or np.any(shape > 0)))
+
+
+def _states_zero(modal_set) -> bool:
+    """Whether a frequency that was measured is without error by its standard deviation, or all that the shapes have: of
+    a shape's largest component, which normalises it, zero is right."""
+    if modal_set.covariance_factors is not None:
+        return False
+    frequency = modal_set.frequency_std_hz[np.isfinite(modal_set.frequency_hz)]
+    shape = modal_set.shape_std[np.isfinite(modal_set.shape) & np.isfinite(modal_set.shape_std)]
+    return bool(np.any(frequency == 0) or (shape.size and not np.any(shape)))
 
 
 def _factors(modal_set, kept, channels, turn) -> SetFactors | None:

@@ -32,7 +32,7 @@ from probupdate.diagnosis.elementary import (
 )
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
+from probupdate.diagnosis.hypotheses import Explored, exchanged, explore, without
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import (
     DISCREPANCY_LOG,
@@ -43,6 +43,7 @@ from probupdate.diagnosis.problem import (
     local_std,
     prior_shift,
 )
+from probupdate.diagnosis.ranking import Hypothesis, key_of
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
 from probupdate.diagnosis.time_profiles import DAY_STD

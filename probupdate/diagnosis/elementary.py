@@ -19,20 +19,11 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import (
-    LEAST_LEFT,
-    SAME_TIME,
-    Explored,
-    Hypothesis,
-    Ranking,
-    hypothesis_of,
-    key_of,
-    log_prior,
-    without,
-)
+from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Explored, without
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.ranking import Hypothesis, Ranking, hypothesis_of, key_of, log_prior
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
 from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel
 from probupdate.diagnosis.time_profiles import TimeProfile

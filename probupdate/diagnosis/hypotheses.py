@@ -14,17 +14,9 @@ from types import MappingProxyType
 import numpy as np
 
 from probupdate.diagnosis.adequacy import explains
-from probupdate.diagnosis.evidence import (
-    linear_evidence,
-    log_evidence,
-    log_size_prior,
-    marginal_evidence,
-    only_promised,
-    over_error_scales,
-)
+from probupdate.diagnosis.evidence import linear_evidence, log_size_prior, over_error_scales
 from probupdate.diagnosis.expected import parameters_with, residuals_at
-from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, linearised
-from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, linearised
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.proposals import (
     SHARE_STEP,
@@ -36,10 +28,11 @@ from probupdate.diagnosis.proposals import (
     tried_whole,
     with_crosstalk,
 )
+from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of, prior_shares
 from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
-from probupdate.runtime.executors import SERIAL, Executor
+from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
 
 # hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
@@ -57,48 +50,6 @@ MOST_LOOKED = 10
 MOST_SHARPENED = 3
 # blocks by which two steps may lie apart and be one
 SAME_TIME = 2
-# ln evidence within which two hypotheses are compared about the same parameters
-CLOSE = 40.0
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Hypothesis:
-    """Effects with their time profiles beside the model (`candidates`, rows of the problem's `which`, in the order of
-    `fitted.included`), fitted; score z of each when it was proposed; ln prior probability of the set; ln evidence by
-    Laplace's method at its own noise, and what of it is `only_promised`. `stored`: the effects that its design, which
-    is not kept, was made with."""
-
-    candidates: tuple[int, ...]
-    z: tuple[float, ...]
-    fitted: Fit
-    log_prior: float
-    log_evidence: float
-    promised: float
-    stored: tuple[IncludedEffect, ...] | None = None
-
-    @property
-    def log_posterior(self) -> float:
-        return self.log_evidence + self.log_prior
-
-    def without_design(self) -> Hypothesis:
-        """The same without the signatures of its design, of which some dozen would be as large as all else."""
-        if self.stored is not None:
-            return self
-        return replace(self, fitted=replace(self.fitted, design=self.fitted.design.emptied()),
-                       stored=self.fitted.included)
-
-    def not_asked(self) -> Hypothesis:
-        """The same without what its design was asked for, which is as large as its signatures."""
-        return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
-
-    def with_design(self, problem: DiagnosisProblem) -> Hypothesis:
-        """The same with its design made anew, as for this problem, which may have taken up crosstalks since."""
-        fitted = self.fitted
-        if self.stored is None and len(fitted.design.which) == len(problem.which):
-            return self
-        included = fitted.included if self.stored is None else self.stored
-        design = design_at(problem, fitted.theta, included, fitted.design.noise)
-        return replace(self, fitted=replace(fitted, design=design), stored=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,22 +65,6 @@ class Explored:
     first: Search
     last: Search
     one_more: bool
-
-
-def log_prior(problem: DiagnosisProblem, candidates: Sequence[int]) -> float:
-    """ln prior probability of these effects and time profiles over that of none: a change is as probable as not, shared
-    out by the catalogue's odds, and at any of a step's times alike."""
-    shares = _shares(problem)
-    return float(np.sum(np.log(shares[list(candidates)])))
-
-
-def _shares(problem: DiagnosisProblem) -> np.ndarray:
-    """(n_candidate,) that sum to one, but for crosstalks, which were not in the catalogue."""
-    names = [problem.time_profiles[c].name for _, c in problem.which]
-    odds = np.array([problem.effects[j].prior_odds(name) for (j, _), name in zip(problem.which, names, strict=True)])
-    steps = max(sum(c.kind == "step" for c in problem.time_profiles), 1)
-    odds = odds / np.where([name == "step" for name in names], steps, 1)
-    return odds / odds.sum()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,7 +104,7 @@ def moves_from(
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
     exchanged for what looks like it and for any of its `competing` too (each an effect with the name of its time
     profile), whatever first order promises."""
-    priors = np.log(_shares(problem))
+    priors = np.log(prior_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
     least, result = best - MARGIN - here.log_posterior, []
     for out in (*([None] if add else []), *range(len(here.candidates))):
@@ -228,7 +163,7 @@ def _one_more_promises(problem: DiagnosisProblem, here: Hypothesis, found: Searc
     if not found.statistic.max() > found.threshold:
         return False
     _, z, gain, _ = _to_first_order(problem, here.fitted, here.candidates, here.z)
-    promise = gain / model_error_dispersion(float(np.abs(z).max())) + np.log(_shares(problem))
+    promise = gain / model_error_dispersion(float(np.abs(z).max())) + np.log(prior_shares(problem))
     return bool(promise.max() > 0)
 
 
@@ -539,11 +474,6 @@ def _competing(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tu
     return {one: others - key for one, others in result.items()}
 
 
-def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
-    """Effects with the kinds of their time profiles: steps of other times are one hypothesis."""
-    return frozenset((int(j), problem.time_profiles[c].name) for j, c in problem.which[list(candidates)])
-
-
 def _fitted(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move: Move) -> Hypothesis | None:
     """The hypothesis that a move leads to, from these parameters and with the noise of `base` if that is given; None
     where the model has no modes there or nothing is left of an effect."""
@@ -567,14 +497,6 @@ def _of_this_process(one: Hypothesis, move: Move, base: Fit | None) -> Hypothesi
 
     return replace(one, fitted=replace(one.fitted, included=own(one.fitted.included), design=design),
                    stored=None if one.stored is None else own(one.stored))
-
-
-def hypothesis_of(
-    problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
-) -> Hypothesis:
-    """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
-    return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
-                      log_evidence=log_evidence(problem, fitted), promised=only_promised(problem, fitted))
 
 
 def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
@@ -608,76 +530,6 @@ def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothe
         included.append(replace(n, time_profile=nearest))
     return replace(one, fitted=replace(one.fitted, included=tuple(included)),
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
-
-
-class Ranking:
-    """Hypotheses by posterior probability, those near the best with their evidence relative to its, each pair about the
-    parameters of both fits, whichever is the better for each, and at the best one's noise. Signatures of all that is
-    marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both
-    alike; and far from its own fit neither is linear."""
-
-    def __init__(self, runs: Executor = SERIAL):
-        self._runs = runs
-        # with the objects whose numbers stand in the key, so that these stay theirs
-        self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
-
-    def order(
-        self, problem: DiagnosisProblem, known: dict[frozenset, Hypothesis]
-    ) -> tuple[list[frozenset], list[float]]:
-        """Keys, the most probable first, with the ln posterior relative to it. A fit that has not settled stands where
-        it stopped, below what its hypothesis could reach."""
-        best = known[max(known, key=lambda k: known[k].log_posterior)]
-        self._evaluate(problem, [h for h in known.values() if _is_close(h, best)], best)
-        relative = {k: self._relative(h, best) for k, h in known.items()}
-        top = max(relative.values())
-        keys = sorted(relative, key=lambda k: -relative[k])
-        return keys, [relative[k] - top for k in keys]
-
-    def _evaluate(self, problem: DiagnosisProblem, close: Sequence[Hypothesis], best: Hypothesis) -> None:
-        """The evidence of each of the hypotheses and of the best one, about the parameters of either; side by side
-        places, as at one of them the model is solved once for all."""
-        noise = best.fitted.design.noise
-        asked: dict[bytes, tuple[np.ndarray, dict[int, Hypothesis]]] = {}
-        for one in close:
-            for theta, h in ((p.fitted.theta, h) for p in (one, best) for h in (one, best)):
-                place = theta.tobytes()
-                if (place, id(h), id(noise)) not in self._known:
-                    asked.setdefault(place, (theta, {}))[1][id(h)] = h
-        tasks = [(theta, [h.fitted.included for h in there.values()]) for theta, there in asked.values()]
-        values = self._runs.in_order(_evidence_about, tasks, shared=(problem, noise))
-        for (place, (_, there)), found in zip(asked.items(), values, strict=True):
-            self._known |= {(place, number, id(noise)): (value, h, noise)
-                            for (number, h), value in zip(there.items(), found, strict=True)}
-
-    def _relative(self, one: Hypothesis, best: Hypothesis) -> float:
-        apart = one.log_posterior - best.log_posterior
-        if not _is_close(one, best):
-            return apart
-
-        def about(place: Hypothesis, h: Hypothesis) -> float:
-            return self._known[place.fitted.theta.tobytes(), id(h), id(best.fitted.design.noise)][0]
-
-        own, other = (max(about(place, h) for place in (one, best)) for h in (one, best))
-        if not np.isfinite([own, other]).all():
-            return apart
-        return own - other - (one.promised - best.promised) + one.log_prior - best.log_prior
-
-
-def _is_close(one: Hypothesis, best: Hypothesis) -> bool:
-    return one is not best and one.log_posterior - best.log_posterior >= -CLOSE
-
-
-def _evidence_about(
-    problem: DiagnosisProblem, noise: Noise, theta: np.ndarray, hypotheses: Sequence[Sequence[IncludedEffect]]
-) -> list[float]:
-    """`marginal_evidence` of each of the hypotheses, -inf where no modes of the model pair with the measured ones."""
-    found = []
-    for included in hypotheses:
-        try:
-            found.append(marginal_evidence(problem, theta, included, noise))
-        except ConvergenceError:
-            found.append(-np.inf)
-    return found
 
 
 def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:

@@ -14,8 +14,11 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import agrees, factored
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_profiles, weather_profiles
 from probupdate.effects.catalogue import Effect
+from probupdate.errors import InputError
+from probupdate.modal.channel_mistakes import channel_mistake
 from probupdate.modal.matching import refuse_another_unit
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
@@ -229,6 +232,7 @@ def diagnosis_problem(
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
     blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
     predictor = build_predictor(prepared.small, blocks, theta, unmatched)
+    _refuse_another_order(data, blocks.channels, prepared.small, theta)
     effects = prepared.effects_on(blocks.channels)
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
@@ -255,6 +259,20 @@ def diagnosis_problem(
         discrepancy_std=discrepancy_std,
         unrecorded=unrecorded,
     ), theta
+
+
+def _refuse_another_order(
+    data: ModalData, channels: Sequence[str], small: SmallModel, theta: np.ndarray
+) -> None:
+    """Raises InputError where the shapes of a set are the model's with the channels in another order, which no search
+    for a change of the structure or of one sensor finds its way out of."""
+    most = max(data.sets, key=lambda s: int(np.sum(s.measured))).of_channels([data.channels.index(c) for c in channels])
+    local = small.at(theta)
+    modes = local.solve(0.0, local.n_search)
+    rows = [small.channels.index(channel) for channel in channels]
+    found = channel_mistake(most, channels, [local.shapes(modes, local.n_search)[rows]])
+    if found is not None and found.whole_order:
+        raise InputError(f"set {most.id}", f"its modes are not this model's: {found.sentence}", found.remedy)
 
 
 def _unrecorded(blocks: Blocks, effects: Sequence[Effect]) -> tuple[tuple[int, TimeProfile, float], ...]:

@@ -57,11 +57,11 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     score_correlation = float(np.abs(design.score_correlation([best, competitor])[0, 1]))
     first, second = (problem.effects[problem.which[k, 0]] for k in (best, competitor))
     needed = needed_z(score_correlation)
-    text = (f"{first.name} and {second.name} look alike by {score_correlation:.2f} once all that is normal has taken "
-            "its part: ")
+    text = (f"{first.name} and {second.name} have a score correlation of {score_correlation:.2f} once all that is "
+            "normal has taken its part: ")
     if score_correlation > 0.999:
         return text + f"no record of these modes and channels distinguishes them; {_checks(first, second)}"
-    text += f"telling them apart asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
+    text += f"distinguishing them asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
     if finding.time_profile != "constant" and needed > abs(finding.z):
         times = (needed / abs(finding.z)) ** 2
         text += f"about {times:.{0 if times > 3 else 1}f} times as many blocks would do, or "

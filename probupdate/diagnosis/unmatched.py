@@ -29,11 +29,11 @@ from probupdate.diagnosis.free_form import (
     with_hung,
 )
 from probupdate.diagnosis.gain import measures
-from probupdate.diagnosis.hypotheses import log_prior
 from probupdate.diagnosis.mode_numbers import modes_with
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DiagnosisProblem, IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.ranking import log_prior
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.diagnosis.time_profiles import TimeProfile

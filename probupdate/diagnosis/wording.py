@@ -203,14 +203,14 @@ def adequacy_words(content: Mapping) -> str:
 
 
 def cause_probability_words(finding: Mapping) -> str:
-    """"probability 0.97, 0.33 before the data": how much of it came from the data, where it has competing
-    hypotheses."""
+    """"probability 0.97 among its competing hypotheses, prior probability 0.33": how much of it came from the data,
+    where it has any."""
     p, before = finding.get("posterior_probability"), finding.get("prior_probability")
     if p is None:
         return "probability unknown"
     if before is None or before > 0.999:
         return f"probability {p:.2f}"
-    return f"probability {p:.2f} among its competing hypotheses, {before:.2g} before the data"
+    return f"probability {p:.2f} among its competing hypotheses, prior probability {before:.2g}"
 
 
 def alternatives_words(finding: Mapping) -> str:

@@ -1,4 +1,5 @@
-"""Which one exchange of two channels, or one reversed channel, would make measured shapes a model's."""
+"""Which one exchange of two channels, one reversed channel, or other order of all would make measured shapes a
+model's."""
 
 from __future__ import annotations
 
@@ -15,6 +16,9 @@ from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 # mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
 # share; and how much worse others must be, or they explain as much
 FAR, EXPLAINED, DISTINCT = 0.05, 0.3, 2.0
+# mean of 1 - MAC from which another order of all channels is looked for, and turns in which order and signs of the modes
+# are found
+OTHER_ORDER, TURNS = 0.4, 3
 # more candidates than so many are no explanation
 MOST_CANDIDATES = 3
 # every pair of so many channels is tried; of more, pairs of those whose components are farthest from the model's
@@ -24,12 +28,17 @@ MOST_CHANNELS = 48
 @dataclass(frozen=True, kw_only=True)
 class ChannelMistake:
     """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a
-    reversed channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the
-    modes."""
+    reversed channel, or two exchanged), the best first, others explain as much, or all names in the order in which they
+    fit; mac_before, mac_after: means over the modes."""
 
     candidates: tuple[tuple[str, ...], ...]
     mac_before: float
     mac_after: float
+
+    @property
+    def whole_order(self) -> bool:
+        """Whether it is the order of all channels."""
+        return len(self.candidates[0]) > 2
 
     @property
     def sentence(self) -> str:
@@ -40,12 +49,16 @@ class ChannelMistake:
 
     @property
     def remedy(self) -> str:
+        if self.whole_order:
+            return "check the order of `channels`, and mend it"
         kind = "its sign" if len(self.candidates[0]) == 1 else "which cable is whose"
         return (f"check {kind} at {' and '.join(self.candidates[0])} "
                 "and mend campaign.toml or the shapes, then try again")
 
 
 def _by_words(channels: tuple[str, ...]) -> str:
+    if len(channels) > 2:
+        return f"the channels in another order ({', '.join(channels)})"
     return f"channel {channels[0]} with the opposite sign" if len(channels) == 1 else (
         f"channels {channels[0]} and {channels[1]} exchanged")
 
@@ -63,7 +76,8 @@ def channel_mistake(
     shape, clusters = shape[:, used], [c for c in clusters if c]
     best: ChannelMistake | None = None
     for model in computed:
-        found = _at(shape, clusters, tuple(channels), model)
+        found = (_at(shape, clusters, tuple(channels), model)
+                 or _in_another_order(shape, clusters, tuple(channels), model))
         if found is not None and (best is None or found.mac_after > best.mac_after):
             best = found
     return best
@@ -85,6 +99,26 @@ def _at(shape, clusters, channels, model) -> ChannelMistake | None:
     if least > EXPLAINED * before or len(alike) > MOST_CANDIDATES:
         return None
     return ChannelMistake(candidates=tuple(alike), mac_before=1 - before, mac_after=1 - least)
+
+
+def _in_another_order(shape, clusters, channels, model) -> ChannelMistake | None:
+    """All channels in the order in which each moves most as its name does in the model, the modes paired as they stand
+    in both: where shapes are a model's by nothing but their order, the lowest modes are the lowest."""
+    before = _loss(shape, clusters, model)
+    n = min(shape.shape[1], model.shape[1])
+    if not before > OTHER_ORDER or n < 2:
+        return None
+    unit = [np.nan_to_num(a[:, :n]) / np.maximum(np.linalg.norm(np.nan_to_num(a[:, :n]), axis=0), 1e-300)
+            for a in (shape, model)]
+    order = assign(np.abs(unit[1]) @ np.abs(unit[0]).T)
+    for _ in range(TURNS):
+        sign = np.sign(np.sum(unit[0][order] * unit[1], axis=0))
+        order = assign((unit[1] * sign) @ unit[0].T)
+    after = _loss(shape[order], clusters, model)
+    if after > FAR:
+        return None
+    return ChannelMistake(candidates=(tuple(channels[np.flatnonzero(order == k)[0]] for k in range(len(channels))),),
+                          mac_before=1 - before, mac_after=1 - after)
 
 
 def _reversed(shape: np.ndarray, channel: int) -> np.ndarray:

@@ -33,9 +33,8 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
         array = np.array(
             [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
              for row in value], dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where}, {key}", f"not a table of numbers ({str(error).split('.')[0]})",
-                         "use numbers, null where not measured") from None
+    except (TypeError, ValueError):
+        raise InputError(f"{where}, {key}", _not_a_table(value, shape), "use numbers, null where not measured") from None
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
         array = np.full(shape, np.nan)
@@ -45,6 +44,15 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
         raise InputError(f"{where}, {key}", f"has shape {array.shape}",
                          f"give {shape}{', a row for each mode' if len(shape) == 2 else ''}")
     return array
+
+
+def _not_a_table(value: list, shape: tuple[int, ...]) -> str:
+    """Which row of it is none, or of another length."""
+    for row, numbers in enumerate(value, start=1):
+        if len(shape) == 2 and not (isinstance(numbers, list) and len(numbers) == shape[1]):
+            found = plural(len(numbers), "number") if isinstance(numbers, list) else f"{numbers!r:.40}"
+            return f"is no table of numbers: row {row} has {found} for {plural(shape[1], 'channel')}"
+    return "is no table of numbers"
 
 
 def _refuse_no_numbers(where: str, values: list, key: str) -> None:

@@ -137,18 +137,20 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
          wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
-         fixed(f["posterior_probability"], 2), fixed(f.get("prior_probability"), 2), wording.alternatives_words(f))
+         fixed(f["posterior_probability"], 2), number(f.get("prior_probability"), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
     )
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
                Column(name="size with standard "
                            "deviation"), Column(name="time profile", number=False), Column(name="z", unit="-"),
-               Column(name="probability", unit="-"), Column(name="the same before the data", unit="-"),
+               Column(name="posterior probability", unit="-"), Column(name="prior probability", unit="-"),
                Column(name="or else", number=False))
     return Table(caption="Findings, in the order in which they were included", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its standard deviation counts "
-                      "tolerances and what "
-                 "else is normal. z: the score at which it was found.")
+                      "tolerances, what else is normal and the model's own error. z: the score at which it was found, "
+                      "in standard deviations of the noise alone, which is why it may be much larger than size over "
+                      "standard deviation. Both probabilities are among its competing hypotheses, the prior one by "
+                      "the catalogue's odds.")
 
 
 def _changes(changes: object) -> list[Element]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import archive_arrays
+from probupdate.io.result_table import plural
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
@@ -19,6 +21,9 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 
 SPARSE_PARTS = ("_data", "_indices", "_indptr")
+# what a file holds beside K_<name> and M_<name>
+ARRAYS = ("channel", "channel_dof", "channel_sign", "node_position_m", "dof_node", "dof_direction", "line",
+          *(f"{name}{part}" for name in ("K0", "M0", "channel_row") for part in ("", *SPARSE_PARTS)))
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
 
@@ -147,8 +152,13 @@ def _real(where: str, raw: np.ndarray) -> np.ndarray:
 
 
 def _refuse_unused(path: Path, content: Mapping, used: set[str], table: str) -> None:
-    """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said."""
+    """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said. Other arrays
+    may be another tool's; one that almost is one of ours is a slip."""
     for key in content:
+        close = [] if key in ARRAYS or key[:2] in ("K_", "M_") else difflib.get_close_matches(
+            key, ARRAYS, n=1, cutoff=0.8)
+        if close:
+            raise InputError(f"{path}, {key}", "no array of a model has this name", f"did you mean '{close[0]}'?")
         if key[:2] in ("K_", "M_"):
             name = key[2:]
             for part in SPARSE_PARTS:
@@ -178,7 +188,8 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
                          "give each channel's row, or combinations in channel_row")
     dof = np.asarray(content["channel_dof"])
     if dof.shape != (len(names),) or not np.issubdtype(dof.dtype, np.integer):
-        raise InputError(f"{path}, channel_dof", f"has shape {dof.shape}", f"give {len(names)} whole numbers")
+        raise InputError(f"{path}, channel_dof", f"has {dof.dtype} of shape {dof.shape}",
+                         f"give {plural(len(names), 'whole number')}, a row of the matrices for each channel")
     if len(names) and (dof.min() < 0 or dof.max() >= n):
         raise InputError(f"{path}, channel_dof", f"row {int(dof.max())} is outside 0..{n - 1}", "count rows from zero")
     sign = _real(f"{path}, channel_sign", np.asarray(content.get("channel_sign", np.ones(len(names)))))

@@ -61,7 +61,8 @@ MODES = {
     "no standard deviation": (in_set("frequency_std_hz", [0.01, None, 0.01, 0.01]),
                               ("frequency_std_hz of mode 2", "--weights")),
     "negative standard deviation": (in_set("shape_std", [[-0.1] * 5] * 4), ("shape_std", "negative")),
-    "ragged": (in_set("shape_re", [[1, 2], [1] * 5, [1] * 5, [1] * 5]), ("shape_re", "not a table")),
+    "ragged": (in_set("shape_re", [[1, 2], [1] * 5, [1] * 5, [1] * 5]),
+               ("shape_re", "row 1 has 2 numbers for 5 channels")),
     "shape no table": (in_set("shape_re", 3), ("shape_re", "list")),
     "channels short": (in_set("shape_re", [[1.0] * 4] * 4), ("shape_re", "(4, 4)")),
     "misspelt": (rename("frequency_hz", "frequncy_hz"), ("frequncy_hz", "did you mean 'frequency_hz'")),
@@ -131,7 +132,9 @@ MATRICES = {
     "text": (matrix("K0", np.array([["a"]])), ("model.npz, K0", "not real numbers")),
     "complex": (matrix("K0", np.eye(20) * (1 + 1j)), ("model.npz, K0", "not real numbers")),
     "row outside": (matrix("channel_dof", np.array([1, 2, 3, 4, 20])), ("channel_dof", "row 20")),
-    "rows no integers": (matrix("channel_dof", np.array([1.5, 2, 3, 4, 5])), ("channel_dof", "whole numbers")),
+    "rows no integers": (matrix("channel_dof", np.array([1.5, 2, 3, 4, 5])),
+                         ("channel_dof", "float64", "whole numbers")),
+    "misspelt": (matrix("chanel_sign", np.ones(5)), ("chanel_sign", "did you mean 'channel_sign'")),
     "sign": (matrix("channel_sign", np.array(["a"] * 5)), ("channel_sign",)),
     "node outside": (lambda m: m.update(node_position_m=np.zeros((3, 3)), dof_node=np.full(20, 7),
                                         dof_direction=np.zeros(20, int)), ("dof_node",)),
@@ -163,6 +166,8 @@ TABLES = {
     "update": ("lower", 'update = "no"\nlower', ("update", "true")),
     "correlation": ("[[parameter]]", "correlation = 3\n[[parameter]]", ("correlation", "table")),
     "broken": ("[[parameter]]", "[[parameter", ("parameters.toml", "not TOML")),
+    "one table": (PARAMETERS, f"[parameter]{PARAMETERS.split('[[parameter]]')[1]}",
+                  ("parameters.toml, parameter", "write [[parameter]] before each")),
 }
 
 

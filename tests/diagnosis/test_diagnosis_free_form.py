@@ -14,9 +14,9 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of
 from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
-from probupdate.diagnosis.hypotheses import log_prior
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import changed_together
+from probupdate.diagnosis.ranking import log_prior
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.small_model import N_CORE
 from probupdate.diagnosis.wording import free_form_words

@@ -19,9 +19,10 @@ from probupdate.diagnosis.fitting import (
     fitted_without_candidates,
     noise_of,
 )
-from probupdate.diagnosis.hypotheses import hypothesis_of, large_moves
+from probupdate.diagnosis.hypotheses import large_moves
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import changed_together
+from probupdate.diagnosis.ranking import hypothesis_of
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.structure.load import load_model
 

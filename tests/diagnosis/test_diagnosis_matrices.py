@@ -22,19 +22,13 @@ from probupdate.diagnosis.fitting import (
     with_candidates,
 )
 from probupdate.diagnosis.free_form import own_response_content
-from probupdate.diagnosis.hypotheses import (
-    Hypothesis,
-    Ranking,
-    _with_noise_and_times_of,
-    log_prior,
-    moves_from,
-    without,
-)
+from probupdate.diagnosis.hypotheses import _with_noise_and_times_of, moves_from, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import _wider, crosstalk_effects
+from probupdate.diagnosis.ranking import Hypothesis, Ranking, log_prior
 from probupdate.diagnosis.search import drawn_scores, gains, search
 from probupdate.diagnosis.small_model import LocalModel
 from probupdate.effects.catalogue import measurement_effects
@@ -553,7 +547,7 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     assert one.prior_probability == pytest.approx(share / (1 + share + own), rel=1e-9)
     assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
-    assert words == "probability 0.97 among its competing hypotheses, 0.25 before the data"
+    assert words == "probability 0.97 among its competing hypotheses, prior probability 0.25"
 
 
 def test_a_logger_s_rate_hardly_ever_steps_and_steel_always_warms():

@@ -139,6 +139,30 @@ def test_a_set_without_a_mode_and_one_without_its_deviation_are_named(prepared, 
         probupdate.diagnose(prepared, replace(data, sets=(first, zero)), sampler=False)
 
 
+def test_a_standard_deviation_of_zero_is_not_known_and_said(record):
+    data = stated(record(3))
+    first = data.sets[0]
+    assert not any("of zero" in note for note in gather(data).notes)
+    largest = np.array(first.shape_std)
+    largest[np.argmax(np.abs(first.shape[:, 0])), 0] = 0.0
+    # what normalises a shape has none by definition
+    one = replace(data, sets=(replace(first, shape_std=largest, covariance_factors=None), *data.sets[1:]))
+    assert not any("of zero" in note for note in gather(one).notes)
+    zero = np.array(first.frequency_std_hz)
+    zero[1] = 0.0
+    one = replace(data, sets=(replace(first, frequency_std_hz=zero, covariance_factors=None), *data.sets[1:]))
+    assert any(f"1 set with a standard deviation of zero ({first.id}): taken as not known" in note
+               for note in gather(one).notes)
+
+
+def test_channels_in_another_order_are_refused_with_the_order_that_fits(prepared, record):
+    """No search for a change of the structure finds its way out of shapes of which every component is another's."""
+    data = record(3)
+    names = ", ".join(data.channels)
+    with pytest.raises(InputError, match=f"channels in another order \\({names}\\) would explain it"):
+        probupdate.diagnose(prepared, replace(data, channels=data.channels[::-1]), sampler=False)
+
+
 def with_one_more(data):
     """The record with a mode above all others."""
     def more(s):

@@ -142,7 +142,7 @@ NAN[2, 2] = np.nan
         ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
         ({"channel": np.array(["a", "a"])}, "channel", "'a' is listed twice"),
         ({"channel_dof": np.array([0, 6])}, "channel_dof", "row 6 is outside 0..5"),
-        ({"channel_dof": np.array([0])}, "channel_dof", "has shape (1,)"),
+        ({"channel_dof": np.array([0])}, "channel_dof", "of shape (1,)"),
         ({"channel_row": np.ones((2, 6))}, "channel_row", "stands beside channel_dof"),
         ({"channel_dof": None, "channel_row": np.ones((2, 5))}, "channel_row", "has shape (2, 5)"),
         ({"channel_dof": None, "channel_row": np.eye(2, 6) * [[1.0], [0.0]]}, "channel_row", "reads no degree"),

@@ -57,3 +57,17 @@ def test_shapes_of_another_structure_are_not_explained():
     data = measured_chain()
     other = replace(data.sets[0], shape=rng.standard_normal(data.sets[0].shape.shape))
     assert found(replace(data, sets=(other,))) is None
+
+
+def test_channels_in_another_order_are_put_in_the_order_that_fits(validation):
+    row = validation(what="order of ten channels drawn at random: the names in the order in which they fit",
+                     reference="what was done")
+    right = 0
+    for seed in range(20):
+        data = measured_chain(noise=0.003, seed=seed)
+        order = np.random.default_rng(seed).permutation(len(CHANNELS))
+        shape = data.sets[0].shape[order]
+        mistake = found(replace(data, sets=(replace(data.sets[0], shape=shape),)))
+        assert mistake is None or not mistake.whole_order or mistake.mac_after > 0.95
+        right += mistake is not None and mistake.candidates[0] == tuple(CHANNELS[k] for k in order)
+    row.count(right, 20, least=18)
