@@ -81,27 +81,34 @@ class ModalPredictor:
         return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
 
     def _paired(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        count = min(modes.n_search or local.n_search, modes.frequency_hz.size)
-        shape = local.shapes(modes, count)[self.rows]
-        log = np.log(modes.frequency_hz[:count])
-        score, sizes = [], []
+        shape, log = self._searched(local, modes)
         if not len(shape):
             measured = np.array([expected.mean() for expected in self.log_frequency])
             return shape, [(int(i),) for i in pair_in_order(measured, log)]
-        seen = _seen(shape)
+        chosen = assign(self._scores(shape, log, local.has_tuned))
+        groups, start = [], 0
+        for k in (plane.shape[1] for plane in self.planes):
+            groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
+            start += k
+        return shape, groups
+
+    def _searched(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes at the measured channels (n_channel, n_search) and ln f (n_search,) of the modes that are looked
+        through."""
+        count = min(modes.n_search or local.n_search, modes.frequency_hz.size)
+        return local.shapes(modes, count)[self.rows], np.log(modes.frequency_hz[:count])
+
+    def _scores(self, shape: np.ndarray, log: np.ndarray, has_tuned: bool) -> np.ndarray:
+        """(n_measured, n_search) share of a computed shape in the measured plane and closeness of frequencies, 2 at
+        most, which a pairing is by; -1 of modes that no sensor sees."""
+        score, seen = [], _seen(shape)
         for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
             near = _nearness(log - expected.mean())
             # without what has it, a mode that the model lacks takes none that another one is
-            counts = AFTER_ALL_OTHERS if q in self.lacked and not local.has_tuned else 1.0
+            counts = AFTER_ALL_OTHERS if q in self.lacked and not has_tuned else 1.0
             score += [counts * np.where(seen, share + near, -1.0)] * plane.shape[1]
-            sizes.append(plane.shape[1])
-        chosen = assign(np.array(score))
-        groups, start = [], 0
-        for k in sizes:
-            groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
-            start += k
-        return shape, groups
+        return np.array(score)
 
     @staticmethod
     def _with_mates(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
@@ -340,6 +347,21 @@ def expected_frequencies(
         alike = np.sum((basis.T @ plane) ** 2) > LOOKS_LIKE
         found[name] = float(modes.frequency_hz[i]) if alike else np.nan
     return found
+
+
+def unit_scores(
+    small: SmallModel, blocks: Blocks, theta: np.ndarray, unmatched: Collection[str], factors: Sequence[float]
+) -> np.ndarray:
+    """(n_factor,) how well the model's modes pair with those measured, 2 at most, if these are given in a unit of which
+    a hertz is so many; there are channels."""
+    start = _without_axes(small, blocks, [(j,) for j, name in enumerate(blocks.labels) if name not in unmatched])
+    local = small.at(theta)
+    shape, log = start._searched(local, local.solve())
+    found = []
+    for factor in factors:
+        score = start._scores(shape, log + np.log(factor), has_tuned=False)
+        found.append(score[np.arange(len(score)), assign(score)].mean())
+    return np.array(found)
 
 
 def _seen(shape: np.ndarray) -> np.ndarray:

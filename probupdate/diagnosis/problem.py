@@ -12,7 +12,7 @@ import numpy as np
 from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, of_model, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import agrees, factored
-from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
+from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies, unit_scores
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_profiles, weather_profiles
@@ -33,6 +33,12 @@ NATURAL = ("water_level_m", TEMPERATURE, "thrust_share")
 # residuals of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
 # largest component, phase in rad
 DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
+
+# units of frequency in which modes may be given by mistake, over hertz: rad/s, its inverse, and one of N/m and kg beside
+# one of kN/m and t; by how much one of them must pair better with the model's, of 2 (right ones stand at 1.4 to 2.0,
+# wrong ones 0.3 and more below)
+UNITS = (1.0, 2 * np.pi, 1 / (2 * np.pi), 1000**0.5, 1000**-0.5)
+OTHER_UNIT_BY = 0.25
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,6 +236,10 @@ def diagnosis_problem(
         found = np.array([expected.get(label, np.nan) for label in measured.labels])
         ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
+        # few sensors show higher modes of like shape, which frequencies in another unit pair with one by one
+        scores = unit_scores(prepared.small, measured, theta, unmatched, UNITS)
+        if scores.max() > scores[0] + OTHER_UNIT_BY:
+            refuse_another_unit("modes", [UNITS[int(np.argmax(scores))]])
     blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
     predictor = build_predictor(prepared.small, blocks, theta, unmatched)
     _refuse_another_order(data, blocks.channels, prepared.small, theta)

@@ -9,6 +9,7 @@ import probupdate
 from probupdate.diagnosis.blocks import gather, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.problem import diagnosis_problem
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
 
@@ -163,6 +164,17 @@ def test_channels_in_another_order_are_refused_with_the_order_that_fits(prepared
         probupdate.diagnose(prepared, replace(data, channels=data.channels[::-1]), sampler=False)
 
 
+@pytest.mark.parametrize("channels", [("x4", "y4"), ("x4", "y4", "x2", "y2"), None])
+def test_rad_per_second_are_refused_where_few_sensors_show_higher_modes_of_like_shape(prepared, record, channels):
+    data = record(3)
+    if channels:
+        data = data.without_channels([c for c in data.channels if c not in channels])
+    diagnosis_problem(prepared, data)
+    sets = tuple(replace(s, frequency_hz=2 * np.pi * s.frequency_hz) for s in data.sets)
+    with pytest.raises(InputError, match="rad/s are 6.28 times as many"):
+        diagnosis_problem(prepared, replace(data, sets=sets))
+
+
 def with_one_more(data):
     """The record with a mode above all others."""
     def more(s):
@@ -183,7 +195,6 @@ def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
 
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
-    from probupdate.diagnosis.problem import diagnosis_problem
     from probupdate.effects.catalogue import Effect
 
     prepared = prepare(frame_file)
