@@ -34,9 +34,9 @@ NATURAL = ("water_level_m", TEMPERATURE, "thrust_share")
 # largest component, phase in rad
 DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
 
-# units of frequency in which modes may be given by mistake, over hertz: rad/s, its inverse, and one of N/m and kg beside
-# one of kN/m and t; by how much one of them must pair better with the model's, of 2 (right ones stand at 1.4 to 2.0,
-# wrong ones 0.3 and more below)
+# units of frequency in which modes may be given by mistake, over hertz: rad/s, its inverse, and one of N/m and kg
+# beside one of kN/m and t; by how much one of them must pair better with the model's, of 2 (right ones stand at 1.4
+# to 2.0, wrong ones 0.3 and more below)
 UNITS = (1.0, 2 * np.pi, 1 / (2 * np.pi), 1000**0.5, 1000**-0.5)
 OTHER_UNIT_BY = 0.25
 

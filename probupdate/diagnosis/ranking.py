@@ -1,5 +1,5 @@
-"""Hypotheses, sets of effects with their time profiles that were fitted beside the model, and their ranking by posterior
-probability."""
+"""Hypotheses, sets of effects with their time profiles that were fitted beside the model, and their ranking by
+posterior probability."""
 
 from __future__ import annotations
 

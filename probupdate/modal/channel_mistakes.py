@@ -16,8 +16,8 @@ from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 # mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
 # share; and how much worse others must be, or they explain as much
 FAR, EXPLAINED, DISTINCT = 0.05, 0.3, 2.0
-# mean of 1 - MAC from which another order of all channels is looked for, and turns in which order and signs of the modes
-# are found
+# mean of 1 - MAC from which another order of all channels is looked for, and turns in which order and signs of the
+# modes are found
 OTHER_ORDER, TURNS = 0.4, 3
 # more candidates than so many are no explanation
 MOST_CANDIDATES = 3
@@ -28,8 +28,8 @@ MOST_CHANNELS = 48
 @dataclass(frozen=True, kw_only=True)
 class ChannelMistake:
     """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a
-    reversed channel, or two exchanged), the best first, others explain as much, or all names in the order in which they
-    fit; mac_before, mac_after: means over the modes."""
+    reversed channel, or two exchanged), the best first, others explain as much, or all names in the order in which
+    they fit; mac_before, mac_after: means over the modes."""
 
     candidates: tuple[tuple[str, ...], ...]
     mac_before: float

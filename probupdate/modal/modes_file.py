@@ -34,7 +34,8 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
             [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
              for row in value], dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{where}, {key}", _not_a_table(value, shape), "use numbers, null where not measured") from None
+        raise InputError(f"{where}, {key}", _not_a_table(value, shape),
+                         "use numbers, null where not measured") from None
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
         array = np.full(shape, np.nan)

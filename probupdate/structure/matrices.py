@@ -152,8 +152,8 @@ def _real(where: str, raw: np.ndarray) -> np.ndarray:
 
 
 def _refuse_unused(path: Path, content: Mapping, used: set[str], table: str) -> None:
-    """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said. Other arrays
-    may be another tool's; one that almost is one of ours is a slip."""
+    """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said. Other
+    arrays may be another tool's; one that almost is one of ours is a slip."""
     for key in content:
         close = [] if key in ARRAYS or key[:2] in ("K_", "M_") else difflib.get_close_matches(
             key, ARRAYS, n=1, cutoff=0.8)
