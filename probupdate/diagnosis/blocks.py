@@ -214,7 +214,8 @@ def of_model(data: ModalData, beside: Collection[str] = ()) -> tuple[ModalData, 
     """The modes that are compared with a model, each as one, and those `beside` them; and what to say of those that
     were two, or that are none of the model's."""
     data, notes = joined(data)
-    notes = [*notes, *map(unmatched_words, unmatched(data))]
+    # what the model lacks comes first
+    notes = [*map(unmatched_words, unmatched(data)), *notes]
     compared = data.compared()
     if not beside:
         return compared, notes

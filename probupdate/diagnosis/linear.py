@@ -132,20 +132,20 @@ class Design:
                                *error_scales])
 
     @cached_property
-    def _by_profile(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
-        """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, their
-        numbers (n,) and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each response has its
+    def _by_profile(self) -> tuple[list[tuple[int, slice, np.ndarray]], ...]:
+        """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, the n
+        numbers that they have and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each response has its
         own."""
         n_c, n_profile = self.nuisance_std.size, len(self.time_profiles)
         total = sum(f.size for f in self.discrepancy_std)
         result = []
         for q, rows in enumerate(self._offsets):
-            offsets = np.arange(rows.start, rows.stop)
-            own = [(n_profile, np.arange(n_c), self.nuisance[q])]
-            own += [(n_profile + 1 + k, np.array([n_c + k]), self.effect[q][:, :, [effect]])
+            own = [(n_profile, slice(0, n_c), self.nuisance[q])]
+            own += [(n_profile + 1 + k, slice(n_c + k, n_c + k + 1), self.effect[q][:, :, [effect]])
                     for k, (effect, _, _) in enumerate(self.included)]
-            own.append((n_profile, offsets, np.ones((self.n_bin, len(offsets)))))
-            own += [(n_profile + 1 + len(self.included) + k, offsets + (k + 1) * total, spread[q])
+            own.append((n_profile, rows, np.ones((self.n_bin, rows.stop - rows.start))))
+            own += [(n_profile + 1 + len(self.included) + k,
+                     slice(rows.start + (k + 1) * total, rows.stop + (k + 1) * total), spread[q])
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
@@ -160,9 +160,9 @@ class Design:
             for k, (row, number, made) in enumerate(parts):
                 for other, its, there in parts[: k + 1]:
                     total = _product(made, self.noise.precision[q], there, self._times[q][seen, row, other])
-                    information[np.ix_(number, its)] += total
+                    information[number, its] += total
                     if its is not number:
-                        information[np.ix_(its, number)] += total.T
+                        information[its, number] += total.T
         return information
 
     def with_error_scale(self, error_scale: float) -> Design:

@@ -148,12 +148,17 @@ def test_two_equal_states_are_silent(model):
     )
 
 
-def test_frequencies_before_and_after(model, validation):
+@pytest.fixture(scope="module")
+def frequencies_of_two_states(model):
+    return found_in(model, before_and_after(9, shapes=False))
+
+
+def test_frequencies_before_and_after(model, frequencies_of_two_states, validation):
     """Either of two equal modes may be the one that moved: x and y are equally probable."""
     row = validation(what="frequencies alone of two states of a frame equal in x and y, a storey of y and nothing "
                           "hidden: cause, time profile, places; verdict",
                      reference="what was hidden, along x or y; none")
-    found = found_in(model, before_and_after(9, shapes=False))
+    found = frequencies_of_two_states
     (one,) = found.findings
     places = {one.location, *(a.location for a in one.alternatives)}
     row.equal((found.verdict, one.cause, one.time_profile, places), ("ambiguous", "parameter", "step", {"kx1", "ky1"}))
@@ -192,7 +197,7 @@ def test_a_run_is_cut_at_its_longest_link():
     assert sorted(pairs_of((0, 1, 2, 3), apart, ("a", "b", "c", "d"))) == [(0, 1), (2, 3)]
 
 
-def test_frequencies_alone_through_update_and_report(model, tmp_path):
+def test_frequencies_alone_through_update_and_report(model, frequencies_of_two_states, tmp_path):
     data = before_and_after(9, shapes=False)
     for name in ("model.npz", "parameters.toml"):
         (tmp_path / name).write_bytes((model.parent / name).read_bytes())
@@ -212,8 +217,7 @@ def test_frequencies_alone_through_update_and_report(model, tmp_path):
     assert np.allclose(again.map_theta, record.map_theta, rtol=1e-9)
     with pytest.raises(InputError, match="--shapes none"):
         probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", **options)
-    found = probupdate.diagnose(tmp_path / "model.npz", tmp_path / "modes.json", **options)
-    found.write(tmp_path / "diagnosis.json")
+    frequencies_of_two_states.write(tmp_path / "diagnosis.json")
     page = probupdate.report(tmp_path, tmp_path / "report.html")
     assert "frequencies alone" in page.path.read_text()
 
