@@ -24,7 +24,6 @@ from probupdate.diagnosis.proposals import (
     changed_together,
     sharpened,
     sharpened_again,
-    tried_together,
     tried_whole,
     with_crosstalk,
 )
@@ -208,32 +207,22 @@ def _given_back(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEff
     return begun
 
 
-def large_moves(
-    problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int, most: int
-) -> list[Move]:
-    """One or, where there is room for as many, two effects added that were tried at their own size, where first order
-    says little: the parameters of the fit without them were bent to follow."""
+def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int) -> list[Move]:
+    """An effect added that was tried at its own size, where first order says little: the parameters of the fit without
+    it were bent to follow."""
     theta = np.array(problem.predictor.parameters.initial)
     included = here.fitted.included
     taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
     free = ~taken & (np.arange(len(problem.which)) < n_searched)
     try:
-        alone = tried_whole(problem, included, free)
-        # of two large ones each hides the other
-        room = len(included) + 2 <= most
-        together = tried_together(problem, included, free, alone) if alone[0].whole and room else None
+        tried = tried_whole(problem, included, free)
     except ConvergenceError:
         # where the prior expects the parameters the model has no modes that pair with the measured ones
         return []
-    result = []
-    for first, tried in ([(), alone], *([((together[0],), together[1])] if together else ())):
-        least = SHARE * max(tried[0].gain, 0.0)
-        for t in [t for t in tried if t.whole and t.gain > least][:MOST_MOVES]:
-            parts = (*first, t)
-            result.append(Move(candidates=(*here.candidates, *(p.candidate for p in parts)), theta=theta,
-                               z=(*here.z, *(float(found.z[p.candidate]) for p in parts)),
-                               included=(*included, *(_begun(problem, p) for p in parts)), promise=0.5 * t.gain))
-    return result
+    least = SHARE * max(tried[0].gain, 0.0)
+    return [Move(candidates=(*here.candidates, t.candidate), theta=theta, promise=0.5 * t.gain,
+                 z=(*here.z, float(found.z[t.candidate])), included=(*included, _begun(problem, t)))
+            for t in [t for t in tried if t.whole and t.gain > least][:MOST_MOVES]]
 
 
 def _fit_at_last(
@@ -246,7 +235,7 @@ def _fit_at_last(
     start = known[frozenset()].with_design(problem)
     moves = _changed_together(problem, best, first, most)
     if not first.statistic.max() > LARGE:
-        moves += large_moves(problem, start, first, len(first.z), most)
+        moves += large_moves(problem, start, first, len(first.z))
     _fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
     for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
         known[key] = _renewed(problem, known[key])
@@ -332,8 +321,8 @@ def explore(
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
         large = _is_large(problem, found, key)
-        moves = _small_and_large_moves(problem, here, large_moves(problem, here, found, n_searched, most)
-                                       if add and large else [], known, key, add=add)
+        moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()), *moves_from(
+            problem, here, add=add, competing=_competing(known, key), best=max(h.log_posterior for h in known.values()))]
         _fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
@@ -387,16 +376,6 @@ def _may_be_more(fitted: Hypothesis | None) -> bool:
 
 def _promised_by_one_more(moves: Sequence[Move], number: int) -> float:
     return max([m.promise for m in moves if len(m.candidates) > number], default=0.0)
-
-
-def _small_and_large_moves(
-    problem: DiagnosisProblem, here: Hypothesis, large: Sequence[Move], known: Mapping[frozenset, Hypothesis],
-    key: frozenset, *, add: bool,
-) -> list[Move]:
-    """The large moves, and those that first order promises: beside two large effects at once none is added."""
-    several = any(len(m.candidates) > len(here.candidates) + 1 for m in large)
-    return [*large, *moves_from(problem, here, add=add and not several, competing=_competing(known, key),
-                                best=max(h.log_posterior for h in known.values()))]
 
 
 def _next_looked_at(

@@ -134,8 +134,8 @@ class Design:
     @cached_property
     def _by_profile(self) -> tuple[list[tuple[int, slice, np.ndarray]], ...]:
         """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, the n
-        numbers that they have and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each response has its
-        own."""
+        numbers that they have and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each
+        response has its own."""
         n_c, n_profile = self.nuisance_std.size, len(self.time_profiles)
         total = sum(f.size for f in self.discrepancy_std)
         result = []

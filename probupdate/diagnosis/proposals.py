@@ -28,13 +28,10 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
 from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, step_profile
 from probupdate.effects.catalogue import Crosstalk, Effect
-from probupdate.errors import ConvergenceError
 from probupdate.runtime.arrays import frozen_array
 
 # of an effect's prior scale: a gain of 20, half a turn
 DOUBLINGS = 7
-# of -2 ln posterior that another one explains beside the best, for both to be estimated together; turns taken at that
-ANOTHER, MOST_TURNS = 400.0, 6
 # effects of the structure that are solved at their own size, the best to first order; of frequencies alone, which say
 # less to first order
 MOST_SOLVED, MOST_SOLVED_ALONE = 6, 12
@@ -139,32 +136,6 @@ def _about(effect: Effect, size: float) -> list[float]:
     return [float(s) for s in dict.fromkeys(steps) if s]
 
 
-def tried_together(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray, alone: Sequence[Tried]
-) -> tuple[Tried, list[Tried]] | None:
-    """The candidates once more, beside one that is as large: of two faults each hides the other, and what explains most
-    `alone` may be neither. The best and the best beside it by turns until neither changes: one of them, and the
-    candidates beside it, the best first; None where nothing else is large. Where the first one stays either may yet
-    be fitted alone in vain: parameters bent to follow the other leave first order nothing to say."""
-    first, result = alone[0], None
-    for _ in range(MOST_TURNS):
-        try:
-            beside = _beside(problem, included, candidates, first)
-            if not beside or not beside[0].whole or beside[0].gain < ANOTHER:
-                break
-            again = _beside(problem, included, candidates, beside[0])
-        except ConvergenceError:
-            # beside a size at which the model has no such modes stands nothing
-            break
-        if not again[0].whole:
-            break
-        stays = problem.which[again[0].candidate, 0] == problem.which[first.candidate, 0]
-        first, result = again[0], (beside[0], again)
-        if stays:
-            break
-    return result
-
-
 def changed_together(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], rows: Sequence[int], profile: TimeProfile, most: int
 ) -> tuple[np.ndarray, list[Tried]]:
@@ -207,15 +178,6 @@ def _explained(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.nda
     right = E.T @ precision @ size
     best = np.linalg.lstsq(E.T @ precision @ E, right, rcond=None)[0]
     return float(right @ best), best
-
-
-def _beside(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray, one: Tried
-) -> list[Tried]:
-    """`tried_whole` with one of them included at its size."""
-    j, c = problem.which[one.candidate]
-    known = IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=one.size)
-    return tried_whole(problem, (*included, known), candidates & (problem.which[:, 0] != j))
 
 
 def _by_effect_and_kind(problem: DiagnosisProblem, candidates: np.ndarray) -> list[list[int]]:

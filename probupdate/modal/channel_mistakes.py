@@ -59,8 +59,8 @@ class ChannelMistake:
 def _by_words(channels: tuple[str, ...]) -> str:
     if len(channels) > 2:
         return f"the channels in another order ({', '.join(channels)})"
-    return f"channel {channels[0]} with the opposite sign" if len(channels) == 1 else (
-        f"channels {channels[0]} and {channels[1]} exchanged")
+    return f"channels {' and '.join(channels)} exchanged" if len(channels) > 1 else (
+        f"channel {channels[0]} with the opposite sign")
 
 
 def channel_mistake(

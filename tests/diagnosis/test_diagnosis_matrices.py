@@ -8,7 +8,7 @@ import pytest
 from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 import probupdate
-from probupdate.diagnosis import hypotheses, wording
+from probupdate.diagnosis import ranking, wording
 from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, SHAPES, adequacy, frequencies_off, shapes_off
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
@@ -205,21 +205,13 @@ def test_what_chance_alone_does_not_make_is_unexplained_however_improbable_each_
 ):
     """Prior odds of every cause of e^-60: none is more probable than chance, which does not explain the record; what
     its residuals say by themselves is left aside."""
-    monkeypatch.setattr(hypotheses, "log_prior", lambda problem, candidates: -60.0 * len(candidates))
+    monkeypatch.setattr(ranking, "log_prior", lambda problem, candidates: -60.0 * len(candidates))
     monkeypatch.setattr("probupdate.diagnosis.diagnose.NOT_BY_CHANCE", limit)
     monkeypatch.setattr("probupdate.diagnosis.diagnose.ADEQUATE", 0.0)
     found = diagnose(prepared, record(5, gain=("y4", gain)))
     assert found.verdict == verdict and not found.findings
     assert (found.p_value < 2e-3) == (gain != 1.0)
     assert any("more probable than chance" in note for note in found.notes) == (gain != 1.0)
-
-
-def test_two_large_effects_are_tried_together_only_where_there_is_room(prepared, record, monkeypatch):
-    asked = []
-    monkeypatch.setattr(hypotheses, "tried_together", lambda *given: asked.append(given) or ())
-    outcome = examine(prepared, record(5, gain=("y4", 2.0), mass=(2, 1.6)), most=1)
-    assert outcome.first.statistic.max() > hypotheses.LARGE
-    assert not asked and len(outcome.fitted.included) == 1
 
 
 def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, record, monkeypatch):
