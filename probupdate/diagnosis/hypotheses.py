@@ -286,9 +286,8 @@ def explore(
     one_more: dict[frozenset, bool] = {}
     # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
     promised: dict[int, float] = {}
-    compared, renewed = Ranking(runs), set()
+    compared, renewed, at_last = Ranking(runs), set(), False
     first = search(problem, null, seed=seed)
-    at_last = False
 
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
@@ -321,8 +320,9 @@ def explore(
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here.without_design()
         large = _is_large(problem, found, key)
-        moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()), *moves_from(
-            problem, here, add=add, competing=_competing(known, key), best=max(h.log_posterior for h in known.values()))]
+        best = max(h.log_posterior for h in known.values())
+        moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()),
+                 *moves_from(problem, here, add=add, competing=_competing(known, key), best=best)]
         _fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:

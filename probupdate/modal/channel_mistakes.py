@@ -57,10 +57,10 @@ class ChannelMistake:
 
 
 def _by_words(channels: tuple[str, ...]) -> str:
-    if len(channels) > 2:
-        return f"the channels in another order ({', '.join(channels)})"
-    return f"channels {' and '.join(channels)} exchanged" if len(channels) > 1 else (
-        f"channel {channels[0]} with the opposite sign")
+    if len(channels) == 1:
+        return f"channel {channels[0]} with the opposite sign"
+    return f"channels {' and '.join(channels)} exchanged" if len(channels) == 2 else (
+        f"the channels in another order ({', '.join(channels)})")
 
 
 def channel_mistake(
