@@ -190,6 +190,7 @@ def test_braces_that_are_lost_are_named(prepared, number, pattern, time_profile,
     row.error((one["size"] - run.true_size(pattern, one["location"])) / one["std"], 3, "size")
 
 
+@pytest.mark.long
 def test_two_braces_at_one_step_of_which_each_alone_is_fitted_in_vain_are_named(prepared, validation):
     """Neither settles in 40 steps by itself, and beside it first order promises the other one nothing."""
     row = validation(what="one brace each of two storeys lost at a step in the IASC-ASCE frame: judged; sizes (a half "
