@@ -146,7 +146,9 @@ def _state(
     moved = parameters_with(predictor.parameters, theta, included, values)
     seen = [(n.effect, n.size * value) for n, value in zip(included, values, strict=True)
             if n.effect.observe is not None and value]
-    return predictor, np.clip(moved, predictor.parameters.lower, predictor.parameters.upper), seen
+    moved = np.clip(moved, predictor.parameters.lower, predictor.parameters.upper)
+    turned = [effect for effect, size in seen if size in effect.discrete]
+    return predictor.behind(predictor.small.at(moved), turned) if turned else predictor, moved, seen
 
 
 def parameters_with(

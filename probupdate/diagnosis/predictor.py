@@ -41,7 +41,7 @@ class ModalPredictor:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
     axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
     ones are known. `lacked`: numbers of groups that the model by itself has nothing for. `state`: the blocks whose
-    planes and ln f these are, one byte each; empty of all."""
+    planes and ln f these are, one byte each, none of all, and what sensors do to them."""
 
     small: SmallModel
     rows: np.ndarray
@@ -73,6 +73,17 @@ class ModalPredictor:
         if not others:
             return self
         return replace(self, planes=tuple(planes), log_frequency=tuple(logs), state=chosen.tobytes())
+
+    def behind(self, local: LocalModel, effects: Sequence[Effect]) -> ModalPredictor:
+        """With planes as they were before these sensors' effects, each of one size and its own inverse, where modes
+        pair otherwise so: with two channels exchanged a measured shape may be more like that of another mode."""
+        planes = list(self.planes)
+        for effect in sorted(effects, key=lambda e: e.stage, reverse=True):
+            planes = [np.real(effect.seen(plane, np.ones(plane.shape[1]), effect.discrete[0])[0]) for plane in planes]
+        marks = "|".join(f"{e.cause}, {e.location}" for e in effects)
+        other = replace(self, planes=tuple(planes), state=self.state + marks.encode())
+        same = other._paired(local, local.at_rest)[1] == self._paired(local, local.at_rest)[1]
+        return self if same else other
 
     def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with

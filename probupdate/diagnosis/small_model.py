@@ -305,6 +305,11 @@ class LocalModel:
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors,
                           on_core=vectors)
 
+    @cached_property
+    def at_rest(self) -> SmallModes:
+        """The modes looked through, with the nacelle as in the model."""
+        return self.solve(0.0, self.n_search)
+
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
         return self.at_channels @ modes.vectors[:, :count]
