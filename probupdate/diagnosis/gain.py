@@ -380,8 +380,11 @@ def _frequency_errors(residual: np.ndarray) -> np.ndarray:
 
 
 def _mac(residual: np.ndarray, target: np.ndarray, n_channel: int) -> np.ndarray:
-    """MAC (n, k) of shapes `target` (n_channel, k) and those off by `residual` (n, 2 k n_channel)."""
+    """MAC (n, k) of shapes `target` (n_channel, k) and those off by `residual` (n, 2 k n_channel); NaN of frequencies
+    alone."""
     k = target.shape[1]
+    if not n_channel:
+        return np.full((len(residual), k), np.nan)
     parts = residual.reshape(len(residual), 2, k, n_channel)
     seen = target.T + parts[:, 0] + 1j * parts[:, 1]
     product = np.abs(np.einsum("ck,nkc->nk", target, seen)) ** 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -363,13 +364,18 @@ def expected_frequencies(
 def unit_scores(
     small: SmallModel, blocks: Blocks, theta: np.ndarray, unmatched: Collection[str], factors: Sequence[float]
 ) -> np.ndarray:
-    """(n_factor,) how well the model's modes pair with those measured, 2 at most, if these are given in a unit of which
-    a hertz is so many; there are channels."""
+    """(n_factor,) how well the model's modes pair with those measured, 2 at most, of frequencies alone 1, if these are
+    given in a unit of which a hertz is so many."""
     start = _without_axes(small, blocks, [(j,) for j, name in enumerate(blocks.labels) if name not in unmatched])
     local = small.at(theta)
     shape, log = start._searched(local, local.solve())
     found = []
     for factor in factors:
+        if not blocks.channels:
+            measured = np.array([expected.mean() for expected in start.log_frequency])
+            there = log + np.log(factor)
+            found.append(_nearness(measured - there[pair_in_order(measured, there)]).mean())
+            continue
         score = start._scores(shape, log + np.log(factor), has_tuned=False)
         found.append(score[np.arange(len(score)), assign(score)].mean())
     return np.array(found)
@@ -386,8 +392,11 @@ def _seen(shape: np.ndarray) -> np.ndarray:
 def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> ModalPredictor:
     missing = [c for c in blocks.channels if c not in small.channels]
     if missing:
-        raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
-                         "name the model's channels as the data's")
+        close = difflib.get_close_matches(missing[0].lower(), [c.lower() for c in small.channels], n=1)
+        meant = f"; did you mean {next(c for c in small.channels if c.lower() == close[0])}?" if close else ""
+        raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model{meant}",
+                         f"name the channels as the model does: {', '.join(small.channels[:12])}"
+                         f"{', ...' * (len(small.channels) > 12)}")
     rows, measured = np.array([small.channels.index(c) for c in blocks.channels], int), sum(map(len, groups))
     if measured > small.n_search:
         raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",

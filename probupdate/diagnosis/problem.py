@@ -35,10 +35,10 @@ NATURAL = ("water_level_m", TEMPERATURE, "thrust_share")
 DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
 
 # units of frequency in which modes may be given by mistake, over hertz: rad/s, its inverse, and one of N/m and kg
-# beside one of kN/m and t; by how much one of them must pair better with the model's, of 2 (right ones stand at 1.4
-# to 2.0, wrong ones 0.3 and more below)
+# beside one of kN/m and t; by how much one of them must pair better with the model's than hertz, and how well, as a
+# share of the most there is (right ones stand at 1.4 to 2.0 of 2, wrong ones 0.3 and more below)
 UNITS = (1.0, 2 * np.pi, 1 / (2 * np.pi), 1000**0.5, 1000**-0.5)
-OTHER_UNIT_BY = 0.25
+OTHER_UNIT_BY, UNIT_FITS = 0.25, 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -236,10 +236,10 @@ def diagnosis_problem(
         found = np.array([expected.get(label, np.nan) for label in measured.labels])
         ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
-        # few sensors show higher modes of like shape, which frequencies in another unit pair with one by one
-        scores = unit_scores(prepared.small, measured, theta, unmatched, UNITS)
-        if scores.max() > scores[0] + OTHER_UNIT_BY:
-            refuse_another_unit("modes", [UNITS[int(np.argmax(scores))]])
+    # few sensors show higher modes of like shape, which frequencies in another unit pair with one by one
+    scores = unit_scores(prepared.small, measured, theta, unmatched, UNITS)
+    if scores.max() > max(scores[0] + OTHER_UNIT_BY, UNIT_FITS * (2 if measured.channels else 1)):
+        refuse_another_unit("modes", [UNITS[int(np.argmax(scores))]])
     blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
     predictor = build_predictor(prepared.small, blocks, theta, unmatched)
     _refuse_another_order(data, blocks.channels, prepared.small, theta)

@@ -349,6 +349,8 @@ def read_json(path: str | Path, remedy: str = "mend the file at that place", *, 
     path = input_file(path, absent, largest=LARGEST_TEXT)
     with _format(path, "JSON", remedy):
         text = read_bytes(path, absent).decode("utf-8")
+        if not text.strip():
+            raise ValueError("it is empty")
         content = json.loads(text, parse_constant=_constant if not nan else None, object_pairs_hook=_table,
                              parse_int=_integer if re.search(r"\d{19}", text) else None,
                              parse_float=_float if re.search(r"\d{300}|[eE]\+?0*[1-9]\d\d", text) else None)

@@ -3,6 +3,7 @@ stiffness is lost, shapes of later sets are unlike those before, and who follows
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -16,6 +17,8 @@ FEWEST = 8
 # the first is there in at least, and the second in at most such shares of the sets before the change, and the other
 # way round after it
 THERE, NOT_THERE = 0.8, 0.25
+# what an id that is a time begins with
+TIME = re.compile(r"\d{4}-\d\d")
 # this near in ln f, or if as alike as far
 SAME_PLACE, MOVED, ALIKE_MAC = 0.02, 0.10, 0.5
 
@@ -79,7 +82,9 @@ def _notes(sets: Sequence[ModalSet], labels: Sequence[str], pairs: Sequence[tupl
 
 
 def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
-    """Hours since the first id where all of them are times (ISO 8601)."""
+    """Hours since the first id where all of them are times (ISO 8601); a number is no year."""
+    if not all(TIME.match(i) for i in ids):
+        return None
     try:
         times = np.array([np.datetime64(i.removesuffix("Z").removesuffix("+00:00"), "s") for i in ids])
     except ValueError:

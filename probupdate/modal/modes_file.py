@@ -158,8 +158,8 @@ def read_modes(path: str | Path) -> ModalData:
 def _read_modes(path: Path) -> ModalData:
     content = _json_of_modes(path)
     channels = _texts(path, content, "channels")
-    if len(set(channels)) < len(channels):
-        raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
+    if repeated := [c for c in dict.fromkeys(channels) if channels.count(c) > 1]:
+        raise InputError(f"{path}, channels", f"{repeated[0]} is listed twice", "keep one")
     labels = _texts(path, content, "labels")
     twice = [label for label, n in Counter(labels).items() if label and n > 1]
     if twice:

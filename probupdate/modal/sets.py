@@ -301,8 +301,8 @@ class ModalData:
                     "use the same channels and the same modes, null where not measured",
                 )
         ids = [s.id for s in self.sets]
-        if len(set(ids)) < len(ids):
-            raise InputError("modal data", "two sets share one id", "give each set its own")
+        if twice := [i for i in dict.fromkeys(ids) if ids.count(i) > 1]:
+            raise InputError(f"modal data, set {twice[0]}", "two sets share one id", "give each set its own")
         if self.labels and len(self.labels) != n_mode:
             raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
         if self.records and len(self.records) != n_mode:

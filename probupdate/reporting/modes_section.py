@@ -74,7 +74,8 @@ def _said(measured: bool, updated: bool) -> str:
     computed = "as first computed and after the update" if updated else "as computed with the initial parameters"
     if measured:
         return f"as measured, {computed}" if updated else f"as measured and {computed}"
-    return f"{computed}; where the channels are is not known, so the measured shapes are not drawn"
+    return (f"{computed}; the measured shapes are not drawn: they need modes.json in the folder, and the sensors' "
+            "places of a campaign or a model.toml")
 
 
 def _shapes_by_channel(run: Run, model: ModelValues) -> Picture | None:

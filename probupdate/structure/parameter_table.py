@@ -49,7 +49,8 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
     row = table_as(ParameterRow, table, f"{where} {named}" if isinstance(named, str) else where)
     where = f"{where} {row.name}"
     if (row.cov is None) == (row.std is None):
-        raise InputError(where, "needs exactly one of 'cov' and 'std'", "keep one of them")
+        raise InputError(where, "needs exactly one of 'cov' and 'std'",
+                         "give one of them" if row.cov is None else "keep one of them")
     if row.cov is not None and row.initial == 0:
         raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
     std = row.std if row.cov is None else row.cov * abs(row.initial)

@@ -400,8 +400,8 @@ def _notes(
         notes.append("frequencies that scatter over the sets more than identification states (p < 0.05): "
                      + (", ".join(varying) if varying else "none"))
     else:
-        notes.append("the sets carry no standard deviations of identification's own: noise and variation of "
-                     "frequencies are indistinguishable")
+        notes.append("the sets state no covariances of identification's own (an HDF5 file beside modes.json): noise "
+                     "and variation of frequencies are not separated here")
     notes.append("sets that were selected for their agreement scatter less than the campaign: tau is theirs")
     return notes
 

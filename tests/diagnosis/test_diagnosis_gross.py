@@ -19,7 +19,7 @@ from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import sizes_of, tried_whole
 from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
-from probupdate.modal.modes import Sensor
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
 
 SENSORS = tuple(
     Sensor(channel=f"top-{axis}", position_m=np.array([0.0, 0.0, 10.0]), direction=np.eye(3)[k], level="top")
@@ -54,6 +54,56 @@ def test_exchanged_channels_are_named(prepared, record, first, second, validatio
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location, one.time_profile),
               ("named", "swapped channels", f"{first} and {second}", "constant"))
+
+
+# inner points and parts of a beam on a bed that makes its five lowest modes lie within an octave, points with a channel
+N_POINT, N_SPAN, BED, SEEN = 11, 4, 2e7, (0, 2, 4, 6, 8, 10)
+
+
+def curvatures():
+    """(N_POINT, N_POINT) second differences of a beam on two supports at its inner points."""
+    return 2 * np.eye(N_POINT) - np.eye(N_POINT, k=1) - np.eye(N_POINT, k=-1)
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """Bending stiffness of its quarters as parameters."""
+    folder, rows = tmp_path_factory.mktemp("beam"), curvatures()
+    arrays = {f"K_s{k}": 4e7 * rows[own].T @ rows[own] for k, own in
+              enumerate(np.array_split(np.arange(N_POINT), N_SPAN))}
+    channels = np.array([f"p{k:02d}" for k in SEEN])
+    np.savez(folder / "model.npz", K0=BED * np.eye(N_POINT), M0=2e3 * np.eye(N_POINT), channel=channels,
+             channel_dof=np.array(SEEN), **arrays)
+    (folder / "model.toml").write_text("".join(
+        f'[[parameter]]\nname = "s{k}"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.2\nupper = 2.0\n'
+        for k in range(N_SPAN)))
+    return prepare(folder / "model.npz"), arrays, tuple(map(str, channels))
+
+
+@pytest.mark.parametrize(("first", "second"), [
+    (0, 1), (1, 2), (4, 5), *(pytest.param(*pair, marks=pytest.mark.long) for pair in ((2, 3), (0, 2), (3, 5))),
+])
+def test_neighbours_exchanged_where_shapes_are_more_like_other_modes_are_named(beam, first, second, validation):
+    """Modes are paired as these channels show them."""
+    row = validation(what="two of six channels of a beam on a bed exchanged: cause, places",
+                     reference="what was hidden")
+    prepared, arrays, channels = beam
+    rng = np.random.default_rng([first, second])
+    stiffness = BED * np.eye(N_POINT) + sum((1 + 0.03 * rng.standard_normal()) * K for K in arrays.values())
+    value, phi = np.linalg.eigh(stiffness / 2e3)
+    frequency, phi = np.sqrt(value[:5]) / (2 * np.pi), phi[list(SEEN), :5]
+    phi = phi / np.abs(phi).max(axis=0)
+    sets = []
+    for b in range(24):
+        shape = phi + 0.01 * (rng.standard_normal(phi.shape) + 1j * rng.standard_normal(phi.shape))
+        sets.append(ModalSet(
+            id=f"2026-01-{b + 1:02d}T00:00:00", frequency_hz=frequency * (1 + 2e-3 * rng.standard_normal(5)),
+            shape=exchanged(shape, first, second), damping_ratio=np.full(5, 0.01),
+            frequency_std_hz=2e-3 * frequency, shape_std=np.full(phi.shape, 0.01)))
+    (one,) = probupdate.diagnose(prepared, ModalData(channels=channels, sets=tuple(sets)), sampler=False,
+                                 extend=False).findings
+    row.equal((one.cause, one.location), ("swapped channels", f"{channels[first]} and {channels[second]}"), "finding")
+    assert one.posterior_probability > 0.95
 
 
 def test_sets_in_which_another_mode_was_identified_count_for_nothing_and_are_said(prepared, record, validation):

@@ -164,11 +164,14 @@ def test_channels_in_another_order_are_refused_with_the_order_that_fits(prepared
         probupdate.diagnose(prepared, replace(data, channels=data.channels[::-1]), sampler=False)
 
 
-@pytest.mark.parametrize("channels", [("x4", "y4"), ("x4", "y4", "x2", "y2"), None])
+@pytest.mark.parametrize("channels", [(), ("x4", "y4"), ("x4", "y4", "x2", "y2"), None])
 def test_rad_per_second_are_refused_where_few_sensors_show_higher_modes_of_like_shape(prepared, record, channels):
+    """Of frequencies alone too."""
     data = record(3)
     if channels:
         data = data.without_channels([c for c in data.channels if c not in channels])
+    elif channels is not None:
+        data = of_frequencies(data)
     diagnosis_problem(prepared, data)
     sets = tuple(replace(s, frequency_hz=2 * np.pi * s.frequency_hz) for s in data.sets)
     with pytest.raises(InputError, match="rad/s are 6.28 times as many"):
@@ -208,12 +211,14 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
         assert any("water_level_m is stated in" in note for note in notes) is said
 
 
-def test_an_id_that_is_no_time_among_others_is_named(record):
+@pytest.mark.parametrize("other", ["block five", "5"])
+def test_an_id_that_is_no_time_among_others_is_named(record, other):
+    """A number is no year."""
     data = record(1)
     sets = list(data.sets)
-    sets[4] = replace(sets[4], id="block five")
+    sets[4] = replace(sets[4], id=other)
     notes = " ".join(gather(replace(data, sets=tuple(sets))).notes)
-    assert "of 40 ids 1 is no time ('block five'; mend" in notes
+    assert f"of 40 ids 1 is no time ('{other}'; mend" in notes
     named = tuple(replace(s, id=f"block {k}") for k, s in enumerate(data.sets))
     assert "the sets' ids are no times" in " ".join(gather(replace(data, sets=named)).notes)
 
