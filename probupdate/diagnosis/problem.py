@@ -19,7 +19,7 @@ from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_p
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.channel_mistakes import channel_mistake
-from probupdate.modal.matching import refuse_another_unit
+from probupdate.modal.matching import common_factor_words, refuse_another_unit
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -39,6 +39,9 @@ DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3,
 # share of the most there is (right ones stand at 1.4 to 2.0 of 2, wrong ones 0.3 and more below)
 UNITS = (1.0, 2 * np.pi, 1 / (2 * np.pi), 1000**0.5, 1000**-0.5)
 OTHER_UNIT_BY, UNIT_FITS = 0.25, 0.9
+# scatter of ln f of the initial parameters over measured below which all are off by one factor, if that is twice as
+# much: a quarter of every stiffness
+COMMON_FACTOR = 0.06
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -232,9 +235,9 @@ def diagnosis_problem(
     data, joined_modes = of_model(data, unmatched)
     measured = gather(data)
     expected = expected_frequencies(prepared.small, measured, theta, unmatched)
+    found = np.array([expected.get(label, np.nan) for label in measured.labels])
+    ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
     if measured.channels:
-        found = np.array([expected.get(label, np.nan) for label in measured.labels])
-        ratios = np.nanmedian(measured.frequency_hz, axis=0) / found
         refuse_another_unit("modes", ratios[np.isfinite(ratios)])
     # few sensors show higher modes of like shape, which frequencies in another unit pair with one by one
     scores = unit_scores(prepared.small, measured, theta, unmatched, UNITS)
@@ -254,6 +257,8 @@ def diagnosis_problem(
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
+    if factor := common_factor_words(-np.log(ratios), COMMON_FACTOR):
+        notes.append(f"before any parameter is updated {factor}")
     blocks = replace(blocks, notes=tuple(notes))
     which = _candidates(effects, time_profiles)
     n_channel = len(blocks.channels)

@@ -372,6 +372,17 @@ def refuse_another_unit(where: str, ratios: Sequence[float] | np.ndarray) -> Non
         )
 
 
+def common_factor_words(off: np.ndarray, scatter: float) -> str:
+    """What to say where ln of computed over measured frequencies (n_mode,), NaN where unknown, scatters by at most so
+    much about more than twice of it; empty elsewhere."""
+    off = off[np.isfinite(off)]
+    if len(off) < 2 or np.std(off) > scatter or abs(np.mean(off)) < 2 * scatter:
+        return ""
+    factor = float(np.exp(np.mean(off)))
+    return (f"all frequencies of the model are {factor:.3g} times the measured ones, as with stiffness over mass "
+            f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
+
+
 def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]

@@ -13,6 +13,7 @@ from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json_table, write_json
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
+from probupdate.modal.matching import common_factor_words
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components
@@ -271,13 +272,8 @@ def _usual_cov(record: UpdateRecord) -> float:
 
 def _one_factor(record: UpdateRecord) -> str:
     """What to say where the model at its best has all frequencies off by one factor."""
-    off = np.log(record.map_hz / record.measured_hz)
-    off = off[np.isfinite(off)]
-    if len(off) < 2 or np.std(off) > COMMON_FACTOR or abs(np.mean(off)) < 2 * COMMON_FACTOR:
-        return ""
-    factor = float(np.exp(np.mean(off)))
-    return (f"; all frequencies of the model are {factor:.3g} times the measured ones, as with stiffness over mass "
-            f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
+    words = common_factor_words(np.log(record.map_hz / record.measured_hz), COMMON_FACTOR)
+    return f"; {words}" if words else ""
 
 
 def beyond_chance(n_effective: int) -> float:

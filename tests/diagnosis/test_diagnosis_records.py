@@ -178,6 +178,14 @@ def test_rad_per_second_are_refused_where_few_sensors_show_higher_modes_of_like_
         diagnosis_problem(prepared, replace(data, sets=sets))
 
 
+def test_frequencies_that_are_all_off_by_one_factor_are_said(prepared, record):
+    data = record(3)
+    half = replace(data, sets=tuple(replace(s, frequency_hz=s.frequency_hz / np.sqrt(2)) for s in data.sets))
+    notes = " ".join(diagnosis_problem(prepared, half)[0].blocks.notes)
+    assert "are 1.41 times the measured ones, as with stiffness over mass 2 times what it is" in notes
+    assert "times the measured ones" not in " ".join(diagnosis_problem(prepared, data)[0].blocks.notes)
+
+
 def with_one_more(data):
     """The record with a mode above all others."""
     def more(s):
