@@ -261,6 +261,9 @@ def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, 
                              "give whole numbers: a node's row; 0, 1, 2 for motion along x, y, z (3, 4, 5 rotation)")
     if dof_node.dtype.kind not in "iu" or np.any((dof_node < 0) | (dof_node >= len(node))):
         raise InputError(f"{path}, dof_node", f"is not a row of node_position_m, 0..{len(node) - 1}", "count from zero")
+    if np.any(direction > 5):
+        raise InputError(f"{path}, dof_direction", f"{direction.max():g} is none",
+                         "give 0, 1, 2 for motion along x, y, z, 3, 4, 5 for rotation, and -1 for neither")
     rows = np.flatnonzero((direction >= 0) & (direction < 3))
     picture = sparse.csr_array(
         (np.ones(len(rows)), (3 * dof_node[rows] + direction[rows], rows)), shape=(3 * len(node), n)

@@ -155,6 +155,8 @@ NAN[2, 2] = np.nan
          "node_position_m", "has shape (6, 2)"),
         ({"node_position_m": np.zeros((6, 3)), "dof_node": np.zeros(5, int), "dof_direction": np.zeros(6, int)},
          "dof_node", "one number for each of the 6 rows of K0"),
+        ({"node_position_m": np.zeros((6, 3)), "dof_node": np.zeros(6, int), "dof_direction": np.full(6, 9)},
+         "dof_direction", "9 is none"),
         ({"K0": None, "K0_data": np.ones(2), "K0_indices": np.array([0, 9]), "K0_indptr": np.array([0, 1, 2])},
          "K0", "_indices do not fit"),
         ({"M0": None, "M0_data": np.ones(2), "M0_indices": np.array([0, 1]), "M0_indptr": np.array([0, 1, 2])},
