@@ -5,6 +5,7 @@ Mode shapes are columns: (n_channel, n_mode). NaN marks a mode or a component th
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -301,8 +302,9 @@ class ModalData:
                     "use the same channels and the same modes, null where not measured",
                 )
         ids = [s.id for s in self.sets]
-        if twice := [i for i in dict.fromkeys(ids) if ids.count(i) > 1]:
-            raise InputError(f"modal data, set {twice[0]}", "two sets share one id", "give each set its own")
+        if len(set(ids)) < len(ids):
+            twice = next(i for i, n in Counter(ids).items() if n > 1)
+            raise InputError(f"modal data, set {twice}", "two sets share one id", "give each set its own")
         if self.labels and len(self.labels) != n_mode:
             raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
         if self.records and len(self.records) != n_mode:
