@@ -27,6 +27,8 @@ PROFILE_WORDS = {
 SURPRISING, LEAST_SHIFT = 1.645, 0.5
 # chance alone makes as much so seldom that "nothing" asks for a word more
 SELDOM = 0.01
+# prior probability from which a finding has no competing hypotheses to speak of
+ALONE = 0.999
 # standard deviations from which a mode is said to show what a sensor does to it
 SHOWN = 2.0
 
@@ -202,13 +204,19 @@ def adequacy_words(content: Mapping) -> str:
     return f"residuals {rest} are within what chance allows ({probability_words(p)})"
 
 
+def prior_probability(finding: Mapping) -> float | None:
+    """That of a finding among its competing hypotheses; None where it has none, or next to none."""
+    before = finding.get("prior_probability")
+    return None if before is None or before > ALONE else before
+
+
 def cause_probability_words(finding: Mapping) -> str:
     """"probability 0.97 among its competing hypotheses, prior probability 0.33": how much of it came from the data,
     where it has any."""
-    p, before = finding.get("posterior_probability"), finding.get("prior_probability")
+    p, before = finding.get("posterior_probability"), prior_probability(finding)
     if p is None:
         return "probability unknown"
-    if before is None or before > 0.999:
+    if before is None:
         return f"probability {p:.2f}"
     return f"probability {p:.2f} among its competing hypotheses, prior probability {before:.2g}"
 

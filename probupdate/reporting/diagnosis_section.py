@@ -137,7 +137,7 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
          wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
-         fixed(f["posterior_probability"], 2), number(f.get("prior_probability"), 2), wording.alternatives_words(f))
+         fixed(f["posterior_probability"], 2), number(wording.prior_probability(f), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
     )
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
@@ -150,7 +150,7 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
                       "tolerances, what else is normal and the model's own error. z: the score at which it was found, "
                       "in standard deviations of the noise alone, which is why it may be much larger than size over "
                       "standard deviation. Both probabilities are among its competing hypotheses, the prior one by "
-                      "the catalogue's odds.")
+                      "the catalogue's odds; there is none where nothing was about as probable in its place.")
 
 
 def _changes(changes: object) -> list[Element]:

@@ -540,6 +540,8 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, prior probability 0.25"
+    alone = {"posterior_probability": 1.0, "prior_probability": 1.0}
+    assert wording.cause_probability_words(alone) == "probability 1.00" and wording.prior_probability(alone) is None
 
 
 def test_a_logger_s_rate_hardly_ever_steps_and_steel_always_warms():
