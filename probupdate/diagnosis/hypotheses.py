@@ -215,7 +215,7 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
     taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
     free = ~taken & (np.arange(len(problem.which)) < n_searched)
     try:
-        tried = tried_whole(problem, included, free)
+        tried = tried_whole(problem, included, free, MOST_MOVES)
     except ConvergenceError:
         # where the prior expects the parameters the model has no modes that pair with the measured ones
         return []
@@ -269,8 +269,8 @@ def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search
 
 
 def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
-    j, c = problem.which[tried.candidate]
-    return IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=tried.size)
+    effect = problem.effects[problem.which[tried.candidate, 0]]
+    return IncludedEffect(effect=effect, time_profile=tried.time_profile, size=tried.size)
 
 
 def explore(

@@ -69,6 +69,19 @@ def _inverse(shape: np.ndarray) -> np.ndarray:
     return np.linalg.solve(shape.T.conj() @ shape, shape.T.conj())
 
 
+def directions_in(axes: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """(n, k, k) unit directions, columns, of complex shapes (n, n_channel, k) in the plane of the axes (n_channel, k),
+    each along its own main phase."""
+    in_plane = _inverse(axes) @ shape
+    turned = in_plane * np.exp(-0.5j * np.angle(np.sum(in_plane**2, axis=1)))[:, None, :]
+    return turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
+
+
+def independence(directions: np.ndarray) -> np.ndarray:
+    """(n,) how far directions (n, k, k) are from one: their smallest singular value."""
+    return np.linalg.svd(directions, compute_uv=False)[:, -1]
+
+
 def numbers_of_modes(
     frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray, least: float = INDEPENDENCE
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -88,10 +101,7 @@ def numbers_of_modes(
         independent = along >= least * np.linalg.norm(shape[:, :, 0], axis=1)
         tensor = log[:, :, None]
     else:
-        # each shape's direction in the plane, along its own main phase
-        turned = in_plane * np.exp(-0.5j * np.angle(np.sum(in_plane**2, axis=1)))[:, None, :]
-        directions = turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
-        left, singular, right = np.linalg.svd(directions)
+        left, singular, right = np.linalg.svd(directions_in(axes, shape))
         independent = singular[:, -1] >= least
         turn = left @ right
         tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)

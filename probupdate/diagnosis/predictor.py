@@ -11,7 +11,14 @@ from itertools import pairwise
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.mode_numbers import Reference, n_response, signature
+from probupdate.diagnosis.mode_numbers import (
+    INDEPENDENCE,
+    Reference,
+    directions_in,
+    independence,
+    n_response,
+    signature,
+)
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
@@ -33,6 +40,11 @@ LOOKS_LIKE = 0.5
 CLOSENESS = 0.2
 # modes of a state are others than over the whole record where shape and closeness count less by this together
 ANOTHER_STATE = 0.1
+# share of blocks in which a pair's shapes are independent where they are apart for other reasons than noise: of
+# directions by chance it is half
+REPRODUCED = 0.9
+# shapes of a pair nearer to each other than this are one
+LEAST_APART = 0.01
 # what shape and closeness of a mode that the model lacks count in a pairing where nothing is there that has it
 AFTER_ALL_OTHERS = 1e-6
 
@@ -41,8 +53,9 @@ AFTER_ALL_OTHERS = 1e-6
 class ModalPredictor:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
     axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
-    ones are known. `lacked`: numbers of groups that the model by itself has nothing for. `state`: the blocks whose
-    planes and ln f these are, one byte each, none of all, and what sensors do to them."""
+    ones are known. `lacked`: numbers of groups that the model by itself has nothing for. `seen`: the sensors' effects
+    with their sizes behind which modes are paired. `state`: the blocks whose planes and ln f these are, one byte each,
+    none of all, and those effects."""
 
     small: SmallModel
     rows: np.ndarray
@@ -50,6 +63,7 @@ class ModalPredictor:
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
     lacked: frozenset[int] = frozenset()
+    seen: tuple[tuple[Effect, float], ...] = ()
     state: bytes = b""
     known: dict[tuple, list] = field(default_factory=dict, repr=False)
 
@@ -75,14 +89,11 @@ class ModalPredictor:
             return self
         return replace(self, planes=tuple(planes), log_frequency=tuple(logs), state=chosen.tobytes())
 
-    def behind(self, local: LocalModel, effects: Sequence[Effect]) -> ModalPredictor:
-        """With planes as they were before these sensors' effects, each of one size and its own inverse, where modes
-        pair otherwise so: with two channels exchanged a measured shape may be more like that of another mode."""
-        planes = list(self.planes)
-        for effect in sorted(effects, key=lambda e: e.stage, reverse=True):
-            planes = [np.real(effect.seen(plane, np.ones(plane.shape[1]), effect.discrete[0])[0]) for plane in planes]
-        marks = "|".join(f"{e.cause}, {e.location}" for e in effects)
-        other = replace(self, planes=tuple(planes), state=self.state + marks.encode())
+    def behind(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
+        """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
+        channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
+        marks = "|".join(f"{e.cause}, {e.location} {size!r}" for e, size in effects)
+        other = replace(self, seen=tuple(effects), state=self.state + marks.encode())
         same = other._paired(local, local.at_rest)[1] == self._paired(local, local.at_rest)[1]
         return self if same else other
 
@@ -97,7 +108,8 @@ class ModalPredictor:
         if not len(shape):
             measured = np.array([expected.mean() for expected in self.log_frequency])
             return shape, [(int(i),) for i in pair_in_order(measured, log)]
-        chosen = assign(self._scores(shape, log, local.has_tuned))
+        shown, shift = _as_seen(shape, np.exp(log), self.seen)
+        chosen = assign(self._scores(shown, log + shift, local.has_tuned))
         groups, start = [], 0
         for k in (plane.shape[1] for plane in self.planes):
             groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
@@ -115,7 +127,7 @@ class ModalPredictor:
         most, which a pairing is by; -1 of modes that no sensor sees."""
         score, seen = [], _seen(shape)
         for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
-            share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
+            share = _squares(plane.T @ shape) / np.where(seen, _squares(shape), 1.0)
             near = _nearness(log - expected.mean())
             # without what has it, a mode that the model lacks takes none that another one is
             counts = AFTER_ALL_OTHERS if q in self.lacked and not has_tuned else 1.0
@@ -331,7 +343,8 @@ def build_predictor(
     start = replace(_without_axes(small, blocks, blocks.groups), lacked=lacked)
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
-    axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(start.planes, groups, strict=True))
+    axes = tuple(_along_alike(blocks, group, _along(plane, shape[:, list(members)]))
+                 for group, plane, members in zip(blocks.groups, start.planes, groups, strict=True))
     return replace(start, axes=axes, known={})
 
 
@@ -389,6 +402,11 @@ def _seen(shape: np.ndarray) -> np.ndarray:
     return size > UNSEEN * np.max(size, initial=0.0)
 
 
+def _squares(shape: np.ndarray) -> np.ndarray:
+    """(n,) sum of squares of each column, possibly complex."""
+    return np.sum(np.abs(shape) ** 2, axis=0)
+
+
 def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> ModalPredictor:
     missing = [c for c in blocks.channels if c not in small.channels]
     if missing:
@@ -419,6 +437,26 @@ def _measured(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[
     basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
     projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
     return np.ascontiguousarray(np.linalg.eigh(projector)[1][:, -len(members):]), log
+
+
+def _along_alike(blocks: Blocks, group: Sequence[int], axes: np.ndarray) -> np.ndarray:
+    """Axes (n_channel, k) along the mean shapes of a pair that are alike and yet not one shape but for noise, as where
+    one channel is ten times too large: along others nearly all blocks would say nothing."""
+    members = list(group)
+    there = np.flatnonzero(blocks.have(members))
+    if not axes.size or len(members) == 1 or blocks.few:
+        return axes
+    own = directions_in(axes, blocks.shape[there][:, :, members])
+    if np.mean(independence(own) >= INDEPENDENCE) >= REPRODUCED:
+        return axes
+    mean = np.linalg.eigh(np.einsum("nik,njk->kij", own, own))[1][:, :, -1].T
+    along = axes @ mean
+    if np.linalg.svd(mean)[1][-1] < LEAST_APART:
+        return axes
+    seen = directions_in(along, blocks.shape[there][:, :, members])
+    if np.mean(independence(seen) >= INDEPENDENCE) < REPRODUCED:
+        return axes
+    return frozen_array(along / np.max(np.abs(along), axis=0))
 
 
 def _nearness(apart: np.ndarray) -> np.ndarray:

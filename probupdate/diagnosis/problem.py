@@ -137,12 +137,11 @@ class DiagnosisProblem:
     def predictor_where(
         self, included: Sequence[IncludedEffect], values: Sequence[float] | np.ndarray
     ) -> ModalPredictor:
-        """The predictor in the state that the effects of the structure among `included` make where their time profiles
-        have these values."""
+        """The predictor in the state that the effects among `included` make where their time profiles have these
+        values."""
         there = np.ones(len(self.blocks), bool)
         for n, value in zip(included, values, strict=True):
-            if n.effect.observe is None:
-                there &= n.time_profile.value == value
+            there &= n.time_profile.value == value
         if there.all() or not there.any():
             return self.predictor
         key = there.tobytes()

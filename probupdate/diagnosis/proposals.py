@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
@@ -23,6 +24,7 @@ from scipy import optimize
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
@@ -39,10 +41,11 @@ MOST_SOLVED, MOST_SOLVED_ALONE = 6, 12
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tried:
-    """A candidate with the size that explains most, and by how much it lowers -2 ln posterior with the scale of all
-    noise as the record then asks for. `whole`: at that size itself, not to first order."""
+    """A candidate with the time profile and size that explain most, and by how much it lowers -2 ln posterior with the
+    scale of all noise as the record then asks for. `whole`: at that size itself, not to first order."""
 
     candidate: int
+    time_profile: TimeProfile
     size: float
     gain: float
     whole: bool
@@ -57,56 +60,94 @@ def sizes_of(effect: Effect) -> list[float]:
     return [float(s) for s in (*-steps[::-1], *steps) if effect.lower <= s <= effect.upper]
 
 
-def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray) -> list[Tried]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _AtOwnSizes:
+    """Candidates beside what is included already, each at its own size, where the prior expects the parameters (theta):
+    those of a fit were bent to follow what is wrong. `centre`: what there is no misfit from."""
+
+    problem: DiagnosisProblem
+    included: Sequence[IncludedEffect]
+    theta: np.ndarray
+    design: Design
+    noise: Noise
+    centre: Sequence[np.ndarray]
+    answers: ModelAnswers
+
+    @cached_property
+    def count(self) -> int:
+        """Numbers that are compared."""
+        return sum(int(np.count_nonzero(w > 0)) * f.size
+                   for w, f in zip(self.noise.weight, self.problem.discrepancy_std, strict=True))
+
+    def surprise(self, each: Sequence[Sequence[IncludedEffect]]) -> np.ndarray:
+        """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
+        left = kept(residuals_of_sizes(self.problem, self.theta, each, self.answers), self.noise)
+        return self.count * np.log(
+            self.design.misfits(tuple(y - c for y, c in zip(left, self.centre, strict=True)), []))
+
+    @cached_property
+    def before(self) -> float:
+        return float(self.surprise([self.included])[0])
+
+    def at_best_size(self, t: Tried, sizes: Sequence[float] | None = None) -> Tried:
+        """At that of these sizes, or of all that are tried, that explains most."""
+        effect = self.problem.effects[self.problem.which[t.candidate, 0]]
+        if sizes is None:
+            sizes = _about(effect, t.size) if effect.observe is None else sizes_of(effect)
+        if not sizes:
+            return t
+        gain = self.before - self.surprise(
+            [(*self.included, IncludedEffect(effect=effect, time_profile=t.time_profile, size=s)) for s in sizes])
+        best = int(np.argmax(gain))
+        return replace(t, size=sizes[best], gain=float(gain[best]), whole=True)
+
+    def at_best_time(self, t: Tried) -> Tried:
+        """A step between its neighbours in the grid: one block on the wrong side of a gain of ten makes another gain of
+        it, and nothing of its evidence."""
+        if not t.whole or t.time_profile.kind != "step":
+            return t
+        best = max((self.at_best_size(replace(t, time_profile=own), [t.size])
+                    for own in _between_neighbours(self.problem, t.time_profile)), key=lambda one: one.gain)
+        return max(best, self.at_best_size(best), key=lambda one: one.gain)
+
+
+def tried_whole(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray, most: int
+) -> list[Tried]:
     """The `candidates` (bool) beside what is included already, each effect's best time profile of every kind, the most
-    telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
+    telling first, of which the `most` first step where they explain most. All where the prior expects the parameters,
+    as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
     answers = ModelAnswers()
     here = residuals_at(problem, theta, included, answers)
     noise = noise_of(problem, here)
     design, residuals, centred = linearised(problem, theta, included, noise, here)
-    centre = [y - c for y, c in zip(residuals, centred, strict=True)]
-    count = sum(
-        int(np.count_nonzero(w > 0)) * f.size for w, f in zip(noise.weight, problem.discrepancy_std, strict=True)
-    )
-
-    def surprise(each: Sequence[Sequence[IncludedEffect]]) -> np.ndarray:
-        """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
-        left = kept(residuals_of_sizes(problem, theta, each, answers), noise)
-        return count * np.log(design.misfits(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
-
-    misfit, before = design.misfit(centred, []), surprise([included])[0]
+    own = _AtOwnSizes(problem=problem, included=included, theta=theta, design=design, noise=noise, answers=answers,
+                      centre=[y - c for y, c in zip(residuals, centred, strict=True)])
+    misfit = design.misfit(centred, [])
     size, lower = _linear(problem, design, centred)
     exchanged = _pairs_exchanged(problem, theta, centred)
     if exchanged is not None:
         other, more = _linear(problem, design, exchanged)
         size, lower = np.where(more > lower, other, size), np.maximum(more, lower)
-    linear = count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
-
-    def at_its_size(k: int, sizes: Sequence[float]) -> Tried:
-        effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
-        gain = before - surprise([(*included, IncludedEffect(effect=effect, time_profile=time_profile, size=s))
-                                  for s in sizes])
-        best = int(np.argmax(gain))
-        return Tried(candidate=k, size=sizes[best], gain=float(gain[best]), whole=True)
-
+    linear = own.count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
     result, structural = [], []
     for rows in _by_effect_and_kind(problem, candidates):
-        k = rows[np.argmax(lower[rows])]
+        k = int(rows[np.argmax(lower[rows])])
         effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
+        t = Tried(candidate=k, time_profile=time_profile, size=float(size[k]), gain=float(linear[k]), whole=False)
         if time_profile.kind not in ("constant", "step"):
-            result.append(Tried(candidate=k, size=float(size[k]), gain=float(linear[k]), whole=False))
+            result.append(t)
         elif effect.observe is None:
-            structural.append(Tried(candidate=k, size=float(size[k]), gain=float(linear[k]), whole=False))
+            structural.append(t)
         else:
-            result.append(at_its_size(k, sizes_of(effect)))
+            result.append(own.at_best_size(t))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
     n_solved = MOST_SOLVED if problem.blocks.channels else MOST_SOLVED_ALONE
-    for t in structural[:n_solved]:
-        sizes = _about(problem.effects[problem.which[t.candidate, 0]], t.size)
-        result.append(at_its_size(t.candidate, sizes) if sizes else t)
-    return sorted([*result, *structural[n_solved:]], key=lambda t: -t.gain)
+    result = sorted([*map(own.at_best_size, structural[:n_solved]), *structural[n_solved:], *result],
+                    key=lambda t: -t.gain)
+    return sorted([*map(own.at_best_time, result[:most]), *result[most:]], key=lambda t: -t.gain)
 
 
 def _pairs_exchanged(
@@ -166,7 +207,7 @@ def changed_together(
         (total, best_sizes), parts = found[best], [*(t.candidate for t in chosen), best]
         gained = [*(t.gain for t in chosen), total - explained]
         within = [float(np.clip(s, effects[k].lower, effects[k].upper)) for k, s in zip(parts, best_sizes, strict=True)]
-        chosen = [Tried(candidate=k, size=s, gain=g, whole=True)
+        chosen = [Tried(candidate=k, time_profile=profile, size=s, gain=g, whole=True)
                   for k, s, g in zip(parts, within, gained, strict=True)]
         explained = total
     return fitted.theta, chosen

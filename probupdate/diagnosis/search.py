@@ -134,7 +134,8 @@ def estimated_noise_factor(
 ) -> float:
     """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
     as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
-    if all(c is not None for c in problem.stated):
+    # where not one number is left to be scored, all maxima are zero
+    if all(c is not None for c in problem.stated) or not typical:
         return 1.0
     rng = np.random.default_rng([seed, 23])
     sizes = tuple(len(g) for g in problem.blocks.groups)
