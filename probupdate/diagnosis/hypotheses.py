@@ -330,6 +330,11 @@ def explore(
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
                                 if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = compared.order(problem, known)
+    while keys[0] and keys[0] not in renewed:
+        # the last one looked at may have led to it
+        renewed.add(keys[0])
+        known |= _renewed_with_its_like(problem, known, keys[0], renewed)
+        keys, relative = compared.order(problem, known)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
     found = searches.get(keys[0]) or beside(last)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
@@ -507,7 +512,10 @@ def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothe
                 and (not n.effect.discrete or np.isin(s.time_profile.value, (0.0, 1.0)).all())]
         nearest = min(near, key=lambda profile: abs(profile.at - n.time_profile.at), default=n.time_profile)
         included.append(replace(n, time_profile=nearest))
-    return replace(one, fitted=replace(one.fitted, included=tuple(included)),
+    # a design that is made anew is of the times that the effects have
+    stored = one.stored and tuple(replace(n, time_profile=own.time_profile)
+                                  for n, own in zip(one.stored, included, strict=True))
+    return replace(one, fitted=replace(one.fitted, included=tuple(included)), stored=stored,
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 
 

@@ -20,6 +20,8 @@ from probupdate.runtime.arrays import frozen_array
 # a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
 # does not give its tensor: what the noise does to it grows with the square of one over this
 INDEPENDENCE = 0.5
+# modes whose ln f differ by less are equal but for rounding
+EQUAL = 1e-9
 ACROSS = "a mode of the model lies across the measured one that it is paired with"
 
 
@@ -148,16 +150,39 @@ def signature(
     turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
     aligned = np.einsum("cjn,ji->cin", shape_change, back)
     outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)
-    if in_plane.shape[0] == 1:
-        tensor = tensor_change
-    else:
-        left, _, right = np.linalg.svd(np.real(in_plane) / np.linalg.norm(np.real(in_plane), axis=0))
-        turn = left @ right
-        spin = 0.5 * (turning - turning.transpose(1, 0, 2)).real
-        here = turn @ reference.tensor @ turn.T
-        tensor = np.einsum("ia,abn,jb->ijn", turn, tensor_change, turn)
-        tensor = tensor + np.einsum("ijn,jk->ikn", spin, here) - np.einsum("ij,jkn->ikn", here, spin)
+    tensor = tensor_change
+    if len(in_plane) > 1:
+        tensor = _tensor_change(reference, tensor_change, in_plane, np.einsum("kc,cjn->kjn", onto, shape_change))
     return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1)).T)
+
+
+def _tensor_change(
+    reference: Reference, tensor_change: np.ndarray, in_plane: np.ndarray, plane_change: np.ndarray
+) -> np.ndarray:
+    """(k, k, n) change of R diag(ln f) R^T, R the rotation nearest to the modes' directions (its polar factor, of
+    which the derivative solves a Lyapunov equation; Higham, Functions of Matrices, 2008, ch. 8), with changes of the
+    tensor in the reference's own axes and of its shapes in the plane (k, k, n)."""
+    log, turn = np.linalg.eigh(reference.tensor)
+    of_modes = np.einsum("ia,ijn,jb->abn", turn, tensor_change, turn)
+    apart = log - log[:, None]
+    # modes turn by one over this, and the tensor by this times their turn: equal ones are as good as a little apart
+    apart = np.where(np.abs(apart) < EQUAL, EQUAL * np.where(np.tri(len(log), k=-1) > 0, -1, 1), apart)
+    own = np.where(np.eye(len(log))[:, :, None] > 0, 0.0, of_modes / apart[:, :, None])
+    shape = in_plane @ turn
+    change = np.einsum("ijn,jb->ibn", plane_change, turn) + np.einsum("ia,abn->ibn", shape, own)
+    phase = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
+    shape, change = (shape * phase).real, (change * phase[:, None]).real
+    length = np.linalg.norm(shape, axis=0)
+    direction = shape / length
+    along = np.einsum("ib,ibn->bn", direction, change)
+    change = (change - direction[:, :, None] * along) / length[:, None]
+    left, singular, right = np.linalg.svd(direction)
+    rotation = left @ right
+    spin = np.einsum("ai,ibn->abn", left.T, np.einsum("ijn,bj->ibn", change, right))
+    spin = (spin - spin.transpose(1, 0, 2)) / (singular + singular[:, None])[:, :, None]
+    spin = np.einsum("ia,abn,jb->ijn", right.T, spin, right.T)
+    within = np.where(np.eye(len(log))[:, :, None] > 0, of_modes, spin * apart[:, :, None])
+    return np.einsum("ia,abn,jb->ijn", rotation, within, rotation)
 
 
 def stated_columns(

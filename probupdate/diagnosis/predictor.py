@@ -449,14 +449,15 @@ def _along_alike(blocks: Blocks, group: Sequence[int], axes: np.ndarray) -> np.n
     own = directions_in(axes, blocks.shape[there][:, :, members])
     if np.mean(independence(own) >= INDEPENDENCE) >= REPRODUCED:
         return axes
-    mean = np.linalg.eigh(np.einsum("nik,njk->kij", own, own))[1][:, :, -1].T
-    along = axes @ mean
-    if np.linalg.svd(mean)[1][-1] < LEAST_APART:
-        return axes
+    # of all blocks alike: the geometric mean of what makes the directions of each orthonormal
+    value, turn = np.linalg.eigh(own @ own.transpose(0, 2, 1))
+    value, turn = np.linalg.eigh(np.mean((turn * np.log(np.maximum(value, LEAST_APART**2))[:, None, :])
+                                         @ turn.transpose(0, 2, 1), axis=0))
+    along = axes @ (turn * np.exp(0.5 * value)) @ turn.T
     seen = directions_in(along, blocks.shape[there][:, :, members])
     if np.mean(independence(seen) >= INDEPENDENCE) < REPRODUCED:
         return axes
-    return frozen_array(along / np.max(np.abs(along), axis=0))
+    return frozen_array(along / np.max(np.abs(along)))
 
 
 def _nearness(apart: np.ndarray) -> np.ndarray:

@@ -228,6 +228,11 @@ def _sensor(family, number, world, rng):
         size = float(rng.choice([-1, 1]) * rng.uniform(0.08, 0.5))
         factor[i, i] += size
         places = frozenset([("sensor gain", world.channels[i])])
+    elif family == "large gain":
+        # an amplifier's range, g for m/s2
+        size = float(10 ** (rng.choice([-1, 1]) * rng.uniform(0.6, 1.2))) - 1
+        factor[i, i] += size
+        places = frozenset([("sensor gain", world.channels[i])])
     elif family == "polarity":
         size = -2.0
         factor[i, i] = -1.0
@@ -348,6 +353,6 @@ _MADE = {
     "one channel": _few, "one channel null": _few,
     # a family's place seeds its records: a new one goes last
     "null, unstated": _harder_null, "null, too sure": _harder_null, "null, strays": _harder_null,
-    "null, masses": _harder_null,
+    "null, masses": _harder_null, "large gain": _sensor,
 }
 FAMILIES = tuple(_MADE)
