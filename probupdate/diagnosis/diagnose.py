@@ -48,7 +48,7 @@ from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis,
 from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
 from probupdate.diagnosis.time_profiles import DAY_STD
 from probupdate.effects.catalogue import Effect
-from probupdate.errors import ConvergenceError
+from probupdate.errors import ConvergenceError, InputError
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.executors import SERIAL, Executor
@@ -198,7 +198,10 @@ def _explored(
     """The model as it is, fitted, and all that was fitted beside it. A few sets show no scatter that would say by how
     much the model is wrong everywhere: the scale of its discrepancy is then an unknown too, alike before the data, and
     the one with the most probable hypothesis is kept; of frequencies, whose share of it differs from one structure to
-    another, once more beside that of the shapes."""
+    another, once more beside that of the shapes. Raises InputError where not one group of modes has numbers."""
+    if not any(used.any() for used in problem.measured[1]):
+        raise InputError("modes", f"{ALIKE_SHAPES}: nothing is left that can be compared",
+                         "identify both modes of each pair, or give frequencies without shapes")
     if not problem.blocks.few:
         null = fit(problem, theta)
         return null, explore(problem, null, most=most, begun=begun, seed=seed, runs=runs, progress=progress)

@@ -329,12 +329,7 @@ def explore(
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
             one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
                                 if len(m.candidates) > len(key) and m.promise > 0)
-    keys, relative = compared.order(problem, known)
-    while keys[0] and keys[0] not in renewed:
-        # the last one looked at may have led to it
-        renewed.add(keys[0])
-        known |= _renewed_with_its_like(problem, known, keys[0], renewed)
-        keys, relative = compared.order(problem, known)
+    keys, relative = _ordered_at_last(problem, compared, known, renewed)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
     found = searches.get(keys[0]) or beside(last)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
@@ -420,6 +415,18 @@ def _renewed_with_its_like(
     here = _renewed(problem, known[key])
     return {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
             if len(k) == len(key) and k not in renewed} | {key: here}
+
+
+def _ordered_at_last(
+    problem: DiagnosisProblem, compared: Ranking, known: dict[frozenset, Hypothesis], renewed: set[frozenset]
+) -> tuple[list[frozenset], list[float]]:
+    """`compared.order` with the most probable one renewed, which the last one looked at may have led to."""
+    keys, relative = compared.order(problem, known)
+    while keys[0] and keys[0] not in renewed:
+        renewed.add(keys[0])
+        known |= _renewed_with_its_like(problem, known, keys[0], renewed)
+        keys, relative = compared.order(problem, known)
+    return keys, relative
 
 
 def _fit_moves(

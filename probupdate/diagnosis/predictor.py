@@ -440,8 +440,8 @@ def _measured(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[
 
 
 def _along_alike(blocks: Blocks, group: Sequence[int], axes: np.ndarray) -> np.ndarray:
-    """Axes (n_channel, k) along the mean shapes of a pair that are alike and yet not one shape but for noise, as where
-    one channel is ten times too large: along others nearly all blocks would say nothing."""
+    """Axes (n_channel, k) in which a pair's shapes are apart that are alike and yet not one shape but for noise, as
+    where one channel is ten times too large: in others hardly a block would say anything. A few sets show no noise."""
     members = list(group)
     there = np.flatnonzero(blocks.have(members))
     if not axes.size or len(members) == 1 or blocks.few:

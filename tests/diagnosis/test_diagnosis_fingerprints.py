@@ -7,7 +7,7 @@ from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.expected import residuals_at, signatures_at
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
-from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes, signature
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
@@ -342,6 +342,30 @@ def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing(validation):
     mixed = shape @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     numbers = numbers_of_modes(np.full((2, 2), 1.3), np.array([shape, mixed]), axes)[0]
     row.error(numbers[1] - numbers[0], 1e-12)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.8])
+def test_the_change_of_modes_whose_shapes_are_not_perpendicular_is_that_of_their_numbers(phase, validation):
+    """One channel eight times too large, one a phase late: shapes at an angle of each other, as none of a frame are."""
+    row = validation(what="signatures of a pair of like shapes, with a channel eight times too large and "
+                          "late, in axes apart from them", reference="central differences of their numbers",
+                     why="their own error, of the largest")
+    rng, k, n_channel, n, h = np.random.default_rng(int(10 * phase)), 2, 7, 5, 1e-5
+    factor = np.ones(n_channel, complex)
+    factor[3], factor[5] = 8.0, np.exp(1j * phase)
+    tensor, shape = rng.standard_normal((k, k)), factor[:, None] * rng.standard_normal((n_channel, k))
+    d_tensor = rng.standard_normal((k, k, n))
+    d_shape = factor[:, None, None] * rng.standard_normal((n_channel, k, n))
+    tensor, d_tensor = 0.01 * (tensor + tensor.T), 0.01 * (d_tensor + d_tensor.transpose(1, 0, 2))
+    axes = shape.real @ (np.eye(k) + 0.3 * rng.standard_normal((k, k))) + 0.1 * rng.standard_normal((n_channel, k))
+    made = signature(Reference(tensor=tensor, shape=shape), d_tensor, d_shape, axes)
+
+    def numbers(j, step):
+        moved = tensor + step * d_tensor[:, :, j], shape + step * d_shape[:, :, j]
+        return numbers_of(Reference(tensor=moved[0][None], shape=moved[1][None]), axes)[0]
+
+    differences = np.column_stack([(numbers(j, h) - numbers(j, -h)) / (2 * h) for j in range(n)])
+    row.error((made - differences) / np.abs(differences).max(axis=0), 1e-4)
 
 
 def test_departures_far_from_the_model_change_as_the_design_says(prepared, record, validation):

@@ -19,6 +19,7 @@ from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import sizes_of, tried_whole
 from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
+from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 
 SENSORS = tuple(
@@ -147,6 +148,18 @@ def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
     found = probupdate.diagnose(prepared, of_sensors(record(14), change), sampler=False)
     assert found.verdict == "unexplained" and not found.findings
     assert any(ALIKE_SHAPES in note for note in found.notes)
+
+
+def test_sets_whose_every_pair_is_one_shape_are_refused(prepared, record):
+    """Not one number of theirs can be scored."""
+    data = record(14, n_mode=2)
+
+    def change(shape):
+        shape[:, 1] = shape[:, 0]
+        return shape
+
+    with pytest.raises(InputError, match="modes: .*nothing is left that can be compared.*frequencies without shapes"):
+        probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
 
 
 def test_two_causes_at_the_end_of_what_they_can_be_are_no_explanation(prepared, record, monkeypatch):
