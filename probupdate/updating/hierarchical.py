@@ -282,7 +282,9 @@ def sample_population(
     return Population(
         mean=frozen_array(flat[:, : hyper.n]), tau=frozen_array(tau), factor=frozen_array(factor),
         log_likelihood=frozen_array(likelihoods.marginal(flat[:, : hyper.n], factor)), r_hat=judged[0], ess=judged[1],
-        converged=converged, verdict=f"converged: {words}" if converged else f"NOT converged after {words}",
+        converged=converged, verdict=f"converged: {words}" if converged else
+        f"NOT converged after {words}: its means and scatter are provisional; hold parameters that the sets hardly "
+        "identify (a smaller cov in their table) or give more sets",
     )
 
 
