@@ -65,6 +65,9 @@ NOT_BY_CHANCE = 1e-3
 # of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
 # frequencies beside shapes
 DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0, 16.0)
+# sets of which nothing is compared are said where they are so many, as a share of all, on one side of a time, and this
+# share of that side
+LOST_SHARE, MOSTLY = 0.1, 0.8
 # share of a stiffness from which it is lost altogether
 GONE = 0.9
 # standard deviations from zero at which something within its tolerance is said; within which nothing is left of a size
@@ -122,14 +125,13 @@ def examine(
         # what no row describes of a single channel is no row's neighbour either
         own_response = own_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
-    silent, pinned = _silent(fitted), _pinned(fitted)
+    silent, lost = _silent(fitted), _lost_from_sight(problem)
     parameters = tuple(_parameters(problem, null, fitted))
     far, foreign = [*_far(parameters), *_no_weather(problem, fitted)], _foreign(findings)
     beyond, beyond_chance = _beyond_sense(found), not findings and first.p_value < NOT_BY_CHANCE
     unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or _bent(problem, fitted) or far
-                   or beyond or foreign or not fitted.settled)
+                   or beyond or foreign or not fitted.settled or (lost and not findings))
     verdict = "unexplained" if unexplained else verdict_of(findings)
-    included = () if verdict == "unexplained" else tuple(findings)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
     noted = _tolerances_noted(problem, fitted)
     if verdict == "unexplained":
@@ -137,19 +139,20 @@ def examine(
         details["nearest"], noted = [f"{f.cause}, {f.location}" for f in findings], []
     diagnosis = Diagnosis(
         verdict=verdict,
-        findings=included,
+        findings=() if verdict == "unexplained" else tuple(findings),
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else _p_value(problem, null, first, seed),
         detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
         adequacy_p=fits,
         notes=(
+            *lost,
             *problem.notes,
             *_by_chance(explored),
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
             *noted,
-            *pinned,
+            *_pinned(fitted),
             *far,
             *foreign,
             *beyond,
@@ -376,6 +379,30 @@ def _by_chance(explored: Explored) -> list[str]:
 def _silent(fitted: Fit) -> list[int]:
     """Groups of which no block says anything at the fit."""
     return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
+
+
+def _lost_from_sight(problem: DiagnosisProblem) -> list[str]:
+    """What to say where since a set, or up to it, hardly any has a number of any group of modes although modes were
+    identified, and others have: what happened is not followed, and is not nothing. By the hypergeometric probability of
+    so many of all such sets on one side, for every set and either side."""
+    lost = ~np.any(problem.measured[1], axis=0)
+    n, total = len(lost), int(lost.sum())
+    if problem.blocks.few or not total:
+        return []
+    at = np.arange(1, n)
+    before = np.cumsum(lost)[:-1]
+    sides = np.concatenate([n - at, at]), np.concatenate([total - before, before])
+    chance = stats.hypergeom.sf(sides[1] - 1, n, total, sides[0])
+    chance[(sides[0] <= LOST_SHARE * n) | (sides[1] < MOSTLY * sides[0])] = 1.0
+    best = int(np.argmin(chance))
+    if len(chance) * chance[best] > NOT_BY_CHANCE:
+        return []
+    ids, since = problem.blocks.ids, best < n - 1
+    when = f"since {ids[at[best]]}" if since else f"before {ids[at[best - n + 1]]}"
+    one_side, silent = int(sides[0][best]), int(sides[1][best])
+    return [f"{when} {silent} of {one_side} sets have modes and say nothing, as of each group one is missing or as good "
+            f"as another; of the others {total - silent} of {n - one_side}: a sensor or the structure may have changed; "
+            "look at the levels of the channels before and since"]
 
 
 def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:

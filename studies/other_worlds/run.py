@@ -28,7 +28,7 @@ from probupdate.diagnosis.run import _read_groups
 SURE = 0.95
 # families of which accelerations are made: the others are of what modal sets lack
 MEASURED = ("null", "null, masses", "loss step", "loss constant", "gain", "polarity", "swap", "turned", "clock",
-            "temperature", "temperature untold", "ground spring", "tuned mass")
+            "temperature", "temperature untold", "ground spring", "tuned mass", "large gain")
 
 
 def judged(found, record: Record) -> str:
