@@ -401,8 +401,8 @@ def _lost_from_sight(problem: DiagnosisProblem) -> list[str]:
     when = f"since {ids[at[best]]}" if since else f"before {ids[at[best - n + 1]]}"
     side, silent = int(sides[0][best]), int(sides[1][best])
     return [f"{when} {silent} of {side} sets have modes and say nothing, as of each group one is missing or as good as "
-            f"another; of the others {total - silent} of {n - side}: a sensor or the structure may have changed; look at "
-            "the levels of the channels before and since"]
+            f"another; of the others {total - silent} of {n - side}: a sensor or the structure may have changed; look "
+            "at the levels of the channels before and since"]
 
 
 def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
