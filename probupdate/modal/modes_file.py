@@ -224,11 +224,6 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     if np.any(frequency > HIGHEST_HZ):
         raise InputError(f"{where}, frequency_hz", f"{np.nanmax(frequency):.3g} Hz is no structure's frequency",
                          "give hertz, and null where not measured")
-    damping = _numbers(where, raw.get("damping_ratio"), vector, "damping_ratio")
-    if np.any(damping < 0):
-        raise InputError(f"{where}, damping_ratio", f"{np.nanmin(damping):.3g} is below zero: no vibration that lasts "
-                         "under wind and waves, so that an identification has made it up",
-                         "leave such modes out, or give null where the damping was not measured")
     std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
     shape_std = shapes("shape_std")
     for key, value in {**std, "shape_std": shape_std}.items():
@@ -239,7 +234,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
         shape=(real + 1j * np.nan_to_num(imaginary)).T,
-        damping_ratio=damping,
+        damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
         shape_std=shape_std.T,
         environment=raw.get("environment") or {},
         covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
