@@ -19,6 +19,7 @@ from probupdate.diagnosis.adequacy import (
     shapes_off,
     span_left,
 )
+from probupdate.diagnosis.blocks import FEWEST
 from probupdate.diagnosis.elementary import (
     COMPETING_HEIGHTS,
     OWN_RESPONSE,
@@ -201,12 +202,9 @@ def _explored(
     """The model as it is, fitted, and all that was fitted beside it. A few sets show no scatter that would say by how
     much the model is wrong everywhere: the scale of its discrepancy is then an unknown too, alike before the data, and
     the one with the most probable hypothesis is kept; of frequencies, whose share of it differs from one structure to
-    another, once more beside that of the shapes. Raises InputError where not one group of modes has numbers."""
-    if not any(used.any() for used in problem.measured[1]):
-        raise InputError("modes", f"{ALIKE_SHAPES}: nothing is left that can be compared",
-                         "identify both modes of each pair, or give frequencies without shapes")
+    another, once more beside that of the shapes."""
     if not problem.blocks.few:
-        null = fit(problem, theta)
+        null = _fitted_null(problem, theta)
         return null, explore(problem, null, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     tried: dict[tuple[float, float], tuple[Fit, Explored]] = {}
     failures = []
@@ -214,7 +212,7 @@ def _explored(
     def explore_at(frequencies: float, shapes: float) -> None:
         scaled = _scaled(problem, frequencies, shapes)
         try:
-            null = fit(scaled, theta)
+            null = _fitted_null(scaled, theta)
             tried[frequencies, shapes] = null, explore(scaled, null, most=most, begun=begun, seed=seed, runs=runs,
                                                             progress=progress)
         except ConvergenceError as error:
@@ -234,6 +232,18 @@ def _explored(
     if frequencies != common:
         explore_at(frequencies, shapes)
     return tried[_most_probable(tried)]
+
+
+def _fitted_null(problem: DiagnosisProblem, theta: np.ndarray) -> Fit:
+    """The model as it is, fitted; raises InputError where hardly a set says anything of any group of modes: the scatter
+    between fewer than FEWEST, or half of a short record, is no noise that effects could be tested against."""
+    null = fit(problem, theta)
+    n, say = len(problem.blocks), int(np.count_nonzero(np.any(null.design.noise.weight, axis=0)))
+    if say < (1 if problem.blocks.few else min(FEWEST, n // 2)):
+        raise InputError("modes", f"{n - say} of {n} sets say nothing, as of each group of modes one is missing or as "
+                         "good as another: too little is left that can be compared",
+                         "identify both modes of each pair, or give frequencies without shapes")
+    return null
 
 
 def _most_probable(tried: Mapping[tuple[float, float], tuple[Fit, Explored]]) -> tuple[float, float]:

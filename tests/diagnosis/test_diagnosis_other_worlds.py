@@ -56,7 +56,7 @@ def test_accelerations_of_drawn_structures_to_their_verdict(family, number, tmp_
 
 @pytest.mark.parametrize("number", [
     9,  # a mast: the modes since are none that the mean of both states was paired with (it had been none at p = 1)
-    55,  # a beam: of its lowest pair the shapes are at 50 degrees of each other since, and its fit did not settle
+    55,  # a beam: of its lowest pair the shapes are at 55 degrees of each other since, and its fit did not settle
     45,  # a mast, from the beginning: of its pairs the shapes are as good as one
 ])
 def test_a_channel_many_times_too_large_is_named(number, tmp_path, validation):
