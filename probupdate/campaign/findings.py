@@ -259,7 +259,8 @@ def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tup
         late = [c for c in late if c not in group]
         value, spread = float(np.median(centre[group])), float(np.median(error[group]))
         text = (f"suspect: the clock of {', '.join(channels[c] for c in group)} is {1e3 * abs(value):.1f} +- "
-                f"{1e3 * spread:.1f} ms {'late' if value > 0 else 'early'} against the median channel")
+                f"{1e3 * spread:.1f} ms {'ahead of' if value > 0 else 'behind'} the median channel: what happens is "
+                f"recorded {'late' if value > 0 else 'early'}")
         change = float(np.median(slope[group]))
         if change:
             text += f", and it changes by {1e3 * change:+.1f} ms a day ({change / 0.0864:+.2f} ppm)"

@@ -62,7 +62,8 @@ def add_commands(verb: AddCommand) -> None:
                    help="channels that are not looked at, as they are known to be wrong")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--no-extend", action="store_true",
-                   help="leave out the gain on held-out blocks and the model and data with the findings in them")
+                   help="leave out the gain on held-out blocks, the model and data with the findings in them, and the "
+                   "elementary parts that an unknown cause may be like")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
                    "(40 s for a turbine); the command that samples it is said instead")
     on_workers(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do not "

@@ -595,17 +595,7 @@ def turning_freely(
         for angle in angles:
             for found, (made, std) in zip(turns, predictor.unknown_turns(local, angle, seen), strict=True):
                 found.append(made * std)
-    precision = []
-    for P, found in zip(noise.precision, turns, strict=True):
-        W = np.hstack(found)
-        if not W.size:
-            precision.append(P)
-            continue
-        left = P @ W
-        # (C + W W^T)^-1, by Woodbury's identity
-        P = P - left @ np.linalg.solve(np.eye(W.shape[1]) + W.T @ left, left.T)
-        precision.append(frozen_array(0.5 * (P + P.T)))
-    return replace(noise, precision=tuple(precision))
+    return noise.with_free([np.hstack(found) for found in turns])
 
 
 def with_column_scatter(
@@ -628,7 +618,7 @@ def with_column_scatter(
             if np.any(w > 0):
                 C += share**2 * (s.T * w) @ s / np.count_nonzero(w > 0)
     return replace(noise, covariance=tuple(map(frozen_array, covariance)),
-                   precision=tuple(frozen_array(np.linalg.inv(C)) for C in covariance))
+                   precision=tuple(frozen_array(np.linalg.inv(C)) for C in covariance), free=())
 
 
 def _scatter_share(seen: np.ndarray, known: np.ndarray) -> float:

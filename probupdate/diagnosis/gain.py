@@ -352,7 +352,8 @@ def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[n
 def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
     """The design of the responses B y."""
     covariance = [B @ C @ B.T for B, C in zip(maps, design.noise.covariance, strict=True)]
-    noise = replace(design.noise, covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)))
+    noise = replace(design.noise, covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)),
+                    free=())
     return replace(
         design, noise=noise, nuisance=tuple(B @ G for B, G in zip(maps, design.nuisance, strict=True)),
         effect=tuple(B @ E for B, E in zip(maps, design.effect, strict=True)),

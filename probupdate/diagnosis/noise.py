@@ -21,6 +21,8 @@ WRONG = 4.0
 # times the largest eigenvalue that noise as stated has, from which it is not as stated; variance, in that stated, below
 # which numbers are real and have no scatter at all
 BEYOND_EDGE, SCATTERS = 2.0, 1e-12
+# variance, in that of a block, along a way below which leaving it free changes nothing
+HIDDEN = 2.0
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -28,8 +30,8 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one; `precision` with which it counts,
-    its inverse, less along what a fit leaves free (`fitting.turning_freely`); weight (n_block,) with zero where the
-    group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was stated, empty
+    its inverse, less along the ways W (n_response, n) that a model leaves free (`free`, empty where it leaves none; see
+    `fitting.turning_freely`), a standard deviation each; weight (n_block,) with zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was stated, empty
     where it is known; `stray` (n_block,) bool, empty where it was not looked for: far from both neighbours. `stated`:
     taken from the identification of few blocks, unchecked by these."""
 
@@ -39,6 +41,29 @@ class Noise:
     degrees: tuple[np.ndarray, ...] = ()
     stray: tuple[np.ndarray, ...] = ()
     stated: bool = False
+    free: tuple[np.ndarray, ...] = ()
+
+    def with_free(self, free: Sequence[np.ndarray]) -> Noise:
+        """With these ways (n_response, n) of each group free: (C + W W^T)^-1 by Woodbury's identity."""
+        if not any(W.size for W in free):
+            return self
+        precision = []
+        for C, W in zip(self.covariance, free, strict=True):
+            P = np.linalg.inv(C)
+            left = P @ W
+            P = P - left @ np.linalg.solve(np.eye(W.shape[1]) + W.T @ left, left.T)
+            precision.append(frozen_array(0.5 * (P + P.T)))
+        return replace(self, precision=tuple(precision), free=tuple(map(frozen_array, free)))
+
+    def also_free(self, other: Noise) -> Noise:
+        """With what another noise leaves free too; the same object where that is no more than scatters anyway."""
+        if not other.free or all(
+            np.einsum("mi,mn,ni->i", W, P, W, optimize=True).max(initial=0.0) < HIDDEN
+            for W, P in zip(other.free, self.precision, strict=True)
+        ):
+            return self
+        own = self.free or tuple(W[:, :0] for W in other.free)
+        return self.with_free([np.hstack(both) for both in zip(own, other.free, strict=True)])
 
     def taken(self, chosen: np.ndarray) -> Noise:
         """Of only the blocks numbered `chosen`."""
@@ -51,7 +76,7 @@ class Noise:
             return tuple(rows[q] for q in numbers) if rows else ()
 
         return replace(self, covariance=of(self.covariance), precision=of(self.precision), weight=of(self.weight),
-                       degrees=of(self.degrees), stray=of(self.stray))
+                       degrees=of(self.degrees), stray=of(self.stray), free=of(self.free))
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses

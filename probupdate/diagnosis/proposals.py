@@ -28,7 +28,7 @@ from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
-from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, step_profile
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.effects.catalogue import Crosstalk, Effect
 from probupdate.runtime.arrays import frozen_array
 
@@ -347,9 +347,9 @@ def _within_a_block(time_profile: TimeProfile, left: Callable[[TimeProfile], flo
 
 
 def _between_neighbours(problem: DiagnosisProblem, time_profile: TimeProfile) -> list[TimeProfile]:
-    """Steps at all blocks between the neighbours of one in the search's grid."""
+    """Steps at all blocks between the neighbours of one in the search's grid, or an end of the record."""
     n = len(problem.blocks)
-    grid = np.array([EDGE, *(c.at for c in problem.time_profiles if c.kind == "step"), n - EDGE])
-    low = int(np.max(grid[grid < time_profile.at], initial=min(EDGE, time_profile.at)))
-    high = int(np.min(grid[grid > time_profile.at], initial=max(n - EDGE, time_profile.at)))
+    grid = np.array([1, *(c.at for c in problem.time_profiles if c.kind == "step"), n - 1])
+    low = int(np.max(grid[grid < time_profile.at], initial=1))
+    high = int(np.min(grid[grid > time_profile.at], initial=n - 1))
     return [step_profile(n, at) for at in range(low, high + 1)]

@@ -23,8 +23,8 @@ CLOSE = 40.0
 class Hypothesis:
     """Effects with their time profiles beside the model (`candidates`, rows of the problem's `which`, in the order of
     `fitted.included`), fitted; score z of each when it was proposed; ln prior probability of the set; ln evidence by
-    Laplace's method at its own noise, and what of it is `only_promised`. `stored`: the effects that its design, which
-    is not kept, was made with."""
+    Laplace's method at its own noise, and what of it is `only_promised`, and what it has for ways that it leaves free
+    (`not_predicted`). `stored`: the effects that its design, which is not kept, was made with."""
 
     candidates: tuple[int, ...]
     z: tuple[float, ...]
@@ -32,11 +32,17 @@ class Hypothesis:
     log_prior: float
     log_evidence: float
     promised: float
+    not_predicted: float = 0.0
     stored: tuple[IncludedEffect, ...] | None = None
 
     @property
     def log_posterior(self) -> float:
         return self.log_evidence + self.log_prior
+
+    @property
+    def predicted(self) -> float:
+        """ln posterior with all that was measured counted, what it leaves free too."""
+        return self.log_posterior - self.not_predicted
 
     def without_design(self) -> Hypothesis:
         """The same without the signatures of its design, of which some dozen would be as large as all else."""
@@ -84,46 +90,67 @@ def hypothesis_of(
     problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
 ) -> Hypothesis:
     """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
+    own = log_evidence(problem, fitted)
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
-                      log_evidence=log_evidence(problem, fitted), promised=only_promised(problem, fitted))
+                      log_evidence=own, promised=only_promised(problem, fitted),
+                      not_predicted=_not_predicted(problem, fitted, own))
+
+
+def _not_predicted(problem: DiagnosisProblem, fitted: Fit, log_evidence_of: float) -> float:
+    """What the ln evidence of a fit is larger by for what it leaves free and need not explain."""
+    noise = fitted.design.noise
+    if not noise.free:
+        return 0.0
+    design = replace(fitted.design, noise=replace(noise, precision=tuple(map(np.linalg.inv, noise.covariance)), free=()))
+    return max(0.0, log_evidence_of - log_evidence(problem, replace(fitted, design=design)))
 
 
 class Ranking:
     """Hypotheses by posterior probability, those near the best with their evidence relative to its, each pair about the
     parameters of both fits, whichever is the better for each, and at the best one's noise. Signatures of all that is
     marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both
-    alike; and far from its own fit neither is linear."""
+    alike; and far from its own fit neither is linear. What one of two leaves free says nothing of either: a mode that a
+    small mass puts beside a measured one would else be evidence for that mass, as it need not explain that one's
+    shape."""
 
     def __init__(self, runs: Executor = SERIAL):
         self._runs = runs
         # with the objects whose numbers stand in the key, so that these stay theirs
         self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
+        self._noises: dict[tuple[int, int], tuple[Noise, Hypothesis, Hypothesis]] = {}
 
     def order(
         self, problem: DiagnosisProblem, known: dict[frozenset, Hypothesis]
     ) -> tuple[list[frozenset], list[float]]:
         """Keys, the most probable first, with the ln posterior relative to it. A fit that has not settled stands where
         it stopped, below what its hypothesis could reach."""
-        best = known[max(known, key=lambda k: known[k].log_posterior)]
+        best = known[max(known, key=lambda k: known[k].predicted)]
         self._evaluate(problem, [h for h in known.values() if _is_close(h, best)], best)
         relative = {k: self._relative(h, best) for k, h in known.items()}
         top = max(relative.values())
         keys = sorted(relative, key=lambda k: -relative[k])
         return keys, [relative[k] - top for k in keys]
 
+    def _noise(self, one: Hypothesis, best: Hypothesis) -> Noise:
+        """The best one's, with what the other leaves free too."""
+        key = id(one), id(best)
+        if key not in self._noises:
+            self._noises[key] = best.fitted.design.noise.also_free(one.fitted.design.noise), one, best
+        return self._noises[key][0]
+
     def _evaluate(self, problem: DiagnosisProblem, close: Sequence[Hypothesis], best: Hypothesis) -> None:
         """The evidence of each of the hypotheses and of the best one, about the parameters of either; side by side
         places, as at one of them the model is solved once for all."""
-        noise = best.fitted.design.noise
-        asked: dict[bytes, tuple[np.ndarray, dict[int, Hypothesis]]] = {}
+        asked: dict[tuple[bytes, int], tuple[np.ndarray, Noise, dict[int, Hypothesis]]] = {}
         for one in close:
+            noise = self._noise(one, best)
             for theta, h in ((p.fitted.theta, h) for p in (one, best) for h in (one, best)):
                 place = theta.tobytes()
                 if (place, id(h), id(noise)) not in self._known:
-                    asked.setdefault(place, (theta, {}))[1][id(h)] = h
-        tasks = [(theta, [h.fitted.included for h in there.values()]) for theta, there in asked.values()]
-        values = self._runs.in_order(_evidence_about, tasks, shared=(problem, noise))
-        for (place, (_, there)), found in zip(asked.items(), values, strict=True):
+                    asked.setdefault((place, id(noise)), (theta, noise, {}))[2][id(h)] = h
+        tasks = [(theta, noise, [h.fitted.included for h in there.values()]) for theta, noise, there in asked.values()]
+        values = self._runs.in_order(_evidence_about, tasks, shared=(problem,))
+        for ((place, _), (_, noise, there)), found in zip(asked.items(), values, strict=True):
             self._known |= {(place, number, id(noise)): (value, h, noise)
                             for (number, h), value in zip(there.items(), found, strict=True)}
 
@@ -131,9 +158,10 @@ class Ranking:
         apart = one.log_posterior - best.log_posterior
         if not _is_close(one, best):
             return apart
+        noise = self._noise(one, best)
 
         def about(place: Hypothesis, h: Hypothesis) -> float:
-            return self._known[place.fitted.theta.tobytes(), id(h), id(best.fitted.design.noise)][0]
+            return self._known[place.fitted.theta.tobytes(), id(h), id(noise)][0]
 
         own, other = (max(about(place, h) for place in (one, best)) for h in (one, best))
         if not np.isfinite([own, other]).all():
@@ -142,11 +170,11 @@ class Ranking:
 
 
 def _is_close(one: Hypothesis, best: Hypothesis) -> bool:
-    return one is not best and one.log_posterior - best.log_posterior >= -CLOSE
+    return one is not best and one.log_posterior - best.predicted >= -CLOSE
 
 
 def _evidence_about(
-    problem: DiagnosisProblem, noise: Noise, theta: np.ndarray, hypotheses: Sequence[Sequence[IncludedEffect]]
+    problem: DiagnosisProblem, theta: np.ndarray, noise: Noise, hypotheses: Sequence[Sequence[IncludedEffect]]
 ) -> list[float]:
     """`marginal_evidence` of each of the hypotheses, -inf where no modes of the model pair with the measured ones."""
     found = []

@@ -21,6 +21,7 @@ from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.unmatched import unmatched_modes, with_unmatched
 from probupdate.diagnosis.without_model import diagnose_without_model
+from probupdate.diagnosis.wording import nearest_part_words
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
@@ -133,7 +134,10 @@ def _whole(
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few and "free_form" not in details:
         content = _unknown_cause(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
-        details |= {"free_form": content} if content else {}
+        if content.get("gain", {}).get("significant", False):
+            details["free_form"] = content
+        elif content:
+            found = replace(found, notes=(*found.notes, nearest_part_words(content)))
     return replace(found, splits=found.splits or splits(outcome), details=details)
 
 

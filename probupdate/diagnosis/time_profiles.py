@@ -11,7 +11,7 @@ from probupdate.runtime.arrays import frozen_array
 
 # times of a step that are tried; finer ones are found in the refit
 N_STEP = 16
-# blocks that must lie on either side of a step
+# blocks that lie on either side of a step that is looked for; one that was found may be nearer to an end
 EDGE = 4
 # of the weather, in degrees: a day's wave and its first overtone, and waves that are slower than two days, by their
 # number; how many of these at most
@@ -50,7 +50,7 @@ def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimePr
     """constant, steps, ramp, and the named columns that the blocks show and that vary."""
     n, margin = len(blocks), 1 if blocks.few else EDGE
     time_profiles = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
-    if n >= 2 * margin + (not blocks.few):
+    if n >= 2 * margin:
         for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
             time_profiles.append(step_profile(n, int(at)))
     if n >= 2 * EDGE + 1:

@@ -144,6 +144,14 @@ def free_form_words(content: Mapping) -> list[str]:
     return said
 
 
+def nearest_part_words(found: Mapping) -> str:
+    """Of elementary parts that predict no better: which come nearest, and that they are not the cause."""
+    parts = " and ".join(name_of(part) for part in found["parts"] if part["elementary"])
+    return (f"no elementary part (a spring, a mass, a mass on springs, a response of a channel's own) predicts held-out "
+            f"sets better than the model as it is; nearest comes {_with_article(parts)}: gain on held-out blocks "
+            f"{gain_words(found)}")
+
+
 def probability_words(p: float | None) -> str:
     if p is None:
         return "p unknown"

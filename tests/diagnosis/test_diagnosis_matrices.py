@@ -28,7 +28,7 @@ from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import _wider, crosstalk_effects
-from probupdate.diagnosis.ranking import Hypothesis, Ranking, log_prior
+from probupdate.diagnosis.ranking import Hypothesis, Ranking, hypothesis_of, log_prior
 from probupdate.diagnosis.search import drawn_scores, gains, search
 from probupdate.diagnosis.small_model import LocalModel
 from probupdate.effects.catalogue import measurement_effects
@@ -64,6 +64,20 @@ def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared
     # k3 itself is drawn with 2 % about 1
     row.error(np.maximum(0, abs(one.size + 0.1) - 0.006) / one.size_std, 3, "size")
     assert one.time_profile_start.startswith("2020-01-06")
+
+
+@pytest.mark.parametrize(("sets", "at"), [((14, 22), 4), ((13, 21), 5), ((0, 21), 18), ((0, 20), 18), ((16, 40), 2)])
+def test_a_step_of_a_short_record_or_near_its_end_is_named_with_its_time(prepared, record, sets, at, validation):
+    """Of eight sets, the fewest whose scatter is estimated, no step had been looked for (*none*, p = 1), and one
+    within the last three was dated four sets before the end."""
+    row = validation(what="a storey that loosens by 20 % in the middle of eight sets, in the last three or two of 20, "
+                          "from the third of 24 on: named with cause, place and time",
+                     reference="what was hidden")
+    data = record(2, storey=2, factor=0.8, from_block=sets[0] + at)
+    data = replace(data, sets=data.sets[sets[0] : sets[1]])
+    (found,) = probupdate.diagnose(prepared, data, seed=2).findings
+    row.equal((found.cause, found.location, found.time_profile, found.time_profile_start),
+              ("parameter", "k3", "step", data.sets[at].id), "finding", case=str(len(data.sets)))
 
 
 def test_a_wrong_gain_is_named_with_its_channel(prepared, record, validation):
@@ -461,6 +475,30 @@ def test_the_prior_of_hypotheses_is_shared_out(loosened, validation):
     assert len(own[1]) > 3
     row.error(np.ptp(own[1]), 1e-12, "range")
     row.error(sum(own[0]) / sum(own[1]) - 1, 1e-12, "all times")
+
+
+def test_what_one_of_two_leaves_free_is_no_evidence_for_it(loosened, prepared, record, validation):
+    """The model as it is, once with a way free along which it misses the record by most: what needs not be explained
+    had counted as if it was."""
+    row = validation(what="one fit twice, once with the way free along which it leaves most: ln evidence apart as each "
+                          "counts by itself; as they are ranked; an effect's beside it where the model leaves the same "
+                          "way free, less where none does", reference="0 and the effect's own")
+    problem, null, step = loosened
+    own = hypothesis_of(problem, (), (), null)
+    noise = null.design.noise
+    most = int(np.argmax([np.abs(np.mean(r, axis=0)).max() for r in null.residuals]))
+    free = noise.with_free([(10.0 if q == most else 0.0) * np.mean(r, axis=0)[:, None]
+                            for q, r in enumerate(null.residuals)])
+    lax = hypothesis_of(problem, (), (), replace(null, design=replace(null.design, noise=free)))
+    row.least(lax.log_evidence - own.log_evidence, 20, "by itself")
+    assert own.not_predicted == 0.0 and lax.predicted == pytest.approx(own.predicted, abs=1e-6)
+    keys, relative = Ranking().order(problem, {frozenset(): own, frozenset([1]): lax})
+    # but for what the equations of each only promise
+    row.error(relative, 1.0, "ranked")
+    storey = _hypothesis(problem, null, ("parameter", "k3", step, -0.05))
+    both = [Ranking().order(problem, {frozenset(): without_it, frozenset([1]): storey}) for without_it in (own, lax)]
+    # named with either; a model that leaves part of it free is none the worse for it
+    assert all(keys[0] == frozenset([1]) for keys, _ in both) and both[1][1][1] >= both[0][1][1] - 1e-6
 
 
 def test_hypotheses_are_compared_about_the_same_parameters(loosened, validation):

@@ -101,6 +101,25 @@ def test_phases_have_a_scale_of_their_own_where_standard_deviations_alone_were_s
     assert of_all[-1] == pytest.approx(2 * degrees[-1])
 
 
+def test_ways_that_are_free_count_by_what_is_not_known_along_them(validation):
+    row = validation(what="precision with two ways free, one of them twice; with what another noise leaves free too",
+                     reference="the inverse of C + W W^T")
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((6, 6))
+    C = root @ root.T + np.eye(6)
+    noise = Noise(covariance=(C,), precision=(np.linalg.inv(C),), weight=(np.ones(4),))
+    W, more = 30.0 * rng.standard_normal((6, 2)), 20.0 * rng.standard_normal((6, 1))
+    free = noise.with_free([W])
+    row.error(free.precision[0] - np.linalg.inv(C + W @ W.T), 1e-10, "precision")
+    row.error(free.also_free(noise.with_free([more])).precision[0] - np.linalg.inv(C + W @ W.T + more @ more.T), 1e-10,
+              "together")
+    assert noise.with_free([W[:, :0]]) is noise and free.also_free(noise) is free
+    # the same ways again, or ways within the scatter, are no more
+    assert free.also_free(noise.with_free([0.7 * W])) is free
+    assert noise.also_free(noise.with_free([0.1 * root[:, :1]])) is noise
+    assert free.taken(np.arange(2)).free is free.free and free.of_groups([]).free == ()
+
+
 def test_scales_are_drawn_together_where_they_were_told_together():
     own = np.array([7.0, 30.0, 30.0])
     noise = Noise(covariance=(np.eye(3),), precision=(np.eye(3),), weight=(np.ones(4),), degrees=(own,))
