@@ -79,8 +79,8 @@ CHANCE = "chance alone"
 NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
               "tested")
 NOT_SETTLED = "the fit did not settle: the residuals are too large for the model to follow"
-NO_PLACES = ("where the sensors are is not known: rotations, clocks, filters and the sampling rate were not looked for; give "
-             "node_position_m, dof_node and dof_direction in the model, or --campaign")
+NO_PLACES = ("where the sensors are is not known: rotations, clocks, filters and the sampling rate were not looked "
+             "for; give node_position_m, dof_node and dof_direction in the model, or --campaign")
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they carry no information"
 
 
@@ -160,8 +160,7 @@ def examine(
             *foreign,
             *beyond,
             *_short(fitted, [f.size_std for f in findings]),
-            *([NO_PLACES] if verdict == "unexplained" and not prepared.sensors and problem.blocks.channels else []),
-            *([] if fitted.settled else [NOT_SETTLED]),
+            *_left_open(verdict, prepared, fitted),
             *(f"modes {problem.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent),
             *_strays(problem, fitted),
         ),
@@ -170,6 +169,12 @@ def examine(
     )
     return Outcome(diagnosis=diagnosis, proposed=tuple(findings), problem=problem, null=null, fitted=fitted,
                    first=first, last=found, own_response=own_response)
+
+
+def _left_open(verdict: str, prepared: Prepared, fitted: Fit) -> list[str]:
+    """What was not looked for in a record that is unexplained, and whether the fit settled."""
+    not_looked_for = verdict == "unexplained" and not prepared.sensors
+    return [*([NO_PLACES] if not_looked_for else []), *([] if fitted.settled else [NOT_SETTLED])]
 
 
 def _beside_parts(

@@ -31,7 +31,8 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one; `precision` with which it counts,
     its inverse, less along the ways W (n_response, n) that a model leaves free (`free`, empty where it leaves none; see
-    `fitting.turning_freely`), a standard deviation each; weight (n_block,) with zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was stated, empty
+    `fitting.turning_freely`), a standard deviation each; weight (n_block,) with zero where the group was not
+    measured; `degrees` of freedom (n_response,) from which the scale of each response was stated, empty
     where it is known; `stray` (n_block,) bool, empty where it was not looked for: far from both neighbours. `stated`:
     taken from the identification of few blocks, unchecked by these."""
 

@@ -101,7 +101,8 @@ def _not_predicted(problem: DiagnosisProblem, fitted: Fit, log_evidence_of: floa
     noise = fitted.design.noise
     if not noise.free:
         return 0.0
-    design = replace(fitted.design, noise=replace(noise, precision=tuple(map(np.linalg.inv, noise.covariance)), free=()))
+    all_counted = replace(noise, precision=tuple(map(np.linalg.inv, noise.covariance)), free=())
+    design = replace(fitted.design, noise=all_counted)
     return max(0.0, log_evidence_of - log_evidence(problem, replace(fitted, design=design)))
 
 
