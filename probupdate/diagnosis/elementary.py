@@ -52,6 +52,8 @@ CHUNK, FITTED = 160, 3
 SAME = 0.98
 # points nearer to one another than this share of the structure's extent are one
 SAME_PLACE = 0.012
+# of motions, as a share: rounding
+ALONG = 1e-9
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
 NOT_THERE = ("pile", "rna")
 PART_CAUSES = ("spring to ground", "spring between two points", "added mass at a point", "mass on springs")
@@ -165,9 +167,9 @@ def elementary(
 
     for k in nodes:
         there = place(wire.node_m[k])
-        for words, d in directions():
-            spring(PART_CAUSES[0], f"{there}, {words}", d @ rows[int(k)])
         own = rows[int(k)]
+        for words, b in _apart(own, directions()):
+            spring(PART_CAUSES[0], f"{there}, {words}", b)
         moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
         if not moved > 0:
             continue
@@ -183,12 +185,28 @@ def elementary(
     # what hangs where little moves is no heavier for that
     most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
     for k, n in hung if most > 0 else ():
-        for words, d in [*directions(n)[:-1], (BOTH_WAYS, None)]:
-            own = rows[k][:2] if d is None else (d @ rows[k])[None]
-            for hz in tuned_hz if np.any(own) else ():
+        one_way = [(words, b[None]) for words, b in _apart(rows[k], directions(n)[:-1])]
+        # where there is motion one way only, both ways are that one
+        for words, own in [*one_way, *([(BOTH_WAYS, rows[k][:2])] if len(one_way) > 1 else [])]:
+            for hz in tuned_hz:
                 result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
                                     SHARE / most, Attachment(mass=own, tuned_hz=hz), MOST_HUNG))
     return _of_kinds(result)
+
+
+def _apart(own: np.ndarray, ways: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
+    """Of these directions, in words and as unit vectors (3,), those along which a node of motions `own` (3, r) on the
+    basis moves, each with the motion (r,): of those along which it moves alike, as where the model knows no motion
+    across its plane, the nearest to it."""
+    moved = {words: d @ own for words, d in ways}
+    length = {words: float(np.linalg.norm(b)) for words, b in moved.items()}
+    result: list[tuple[str, np.ndarray]] = []
+    for words in sorted(length, key=lambda words: -length[words]):
+        if length[words] > ALONG * max(length.values()) and all(
+            abs(moved[words] @ b) < (1 - ALONG) * length[words] * length[other] for other, b in result
+        ):
+            result.append((words, moved[words]))
+    return [(words, moved[words]) for words in moved if any(words == other for other, _ in result)]
 
 
 def _of_kinds(parts: Sequence[Part]) -> list[Part]:

@@ -14,6 +14,7 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of
 from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
+from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import changed_together
 from probupdate.diagnosis.ranking import log_prior
@@ -25,6 +26,7 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
 from probupdate.structure.load import reference_model
+from probupdate.structure.parameter_table import read_parameters
 from tests.diagnosis.conftest import (
     CHANNELS,
     HEIGHT,
@@ -156,6 +158,21 @@ def test_a_mass_on_springs_is_placed_sized_and_its_frequency_estimated(frame, va
     row.least(gain["heldout_elpd"] / gain["heldout_elpd_se"], SIGNIFICANT, "gain")
     said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
     assert f"by itself at {part['frequency_hz']:.3g}" in said[0] and "no row of the catalogue" in said[1]
+
+
+def test_a_plane_model_has_parts_along_its_plane_alone(tmp_path):
+    """Of a model that knows no motion along y a spring "along 90 deg" was one of 1e-32 N/m along x."""
+    K, M = (part[::2, ::2] for part in storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY)))
+    node = np.column_stack([np.zeros((N_STOREY, 2)), HEIGHT * (1 + np.arange(N_STOREY))])
+    np.savez(tmp_path / "model.npz", K0=0.5 * K, K_k1=0.5 * K, M0=M, channel=np.array(CHANNELS[::2]),
+             channel_dof=np.arange(N_STOREY), node_position_m=node, dof_node=np.arange(N_STOREY),
+             dof_direction=np.zeros(N_STOREY, int), line=np.column_stack([np.arange(4), np.arange(1, 5)]))
+    (tmp_path / "model.toml").write_text('[[parameter]]\nname = "k1"\nunit = "-"\ninitial = 1.0\ncov = 0.05\n'
+                                         "lower = 0.2\nupper = 2.0\n")
+    plane = prepare(tmp_path / "model.npz", parameters=read_parameters(tmp_path / "model.toml"))
+    ways = {effect.location.split(", along ")[-1].split(",")[0] for effect, _ in elementary(plane.small, str, heights=5)
+            if effect.cause in (PART_CAUSES[0], PART_CAUSES[3])}
+    assert ways == {"0 deg"}
 
 
 def test_masses_on_springs_are_not_estimated_all_at_once(frame):
