@@ -187,11 +187,11 @@ def typical_limits(lines: list[dict]) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=Path, help="directory of `run.py`, or a file of its lines as gate.jsonl here")
     parser.add_argument("--ablation", default="")
     parser.add_argument("--limits", action="store_true", help="write limits.json from the nulls of this run")
     a = parser.parse_args()
-    path = a.out / f"cases{'-' + a.ablation if a.ablation else ''}.jsonl"
+    path = a.out if a.out.is_file() else a.out / f"cases{'-' + a.ablation if a.ablation else ''}.jsonl"
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     print(summary(lines), confusion(lines), sep="\n\n")
     if a.limits:
