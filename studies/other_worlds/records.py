@@ -194,8 +194,8 @@ def _two_sets(family, number, world, rng):
 def _few(family, number, world, rng):
     theta, M = _true(world, rng)
     name, loss = str(rng.choice(list(world.parts))), float(rng.uniform(0.4, 0.8))
-    n = {"two sets": 2, "nine sets": 9, "frequencies": 16, "frequencies, 2 sets": 2, "one channel": 16}[
-        family.removesuffix(" null")]
+    n = {"two sets": 2, "nine sets": 9, "frequencies": 16, "frequencies, 2 sets": 2, "one channel": 16}.get(
+        family.removesuffix(" null")) or int(rng.integers(3, 13))
     if family.endswith("null"):
         loss = 0.0
     made = _lost(family, number, world, rng, theta, M, {name: -loss}, ("parameter", name), n, "step", loss)
@@ -354,5 +354,6 @@ _MADE = {
     # a family's place seeds its records: a new one goes last
     "null, unstated": _harder_null, "null, too sure": _harder_null, "null, strays": _harder_null,
     "null, masses": _harder_null, "large gain": _sensor,
+    "three to twelve sets": _few, "three to twelve sets null": _few,
 }
 FAMILIES = tuple(_MADE)
