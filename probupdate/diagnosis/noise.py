@@ -49,7 +49,10 @@ class Noise:
         if not any(W.size for W in free):
             return self
         precision = []
-        for C, W in zip(self.covariance, free, strict=True):
+        for C, own, W in zip(self.covariance, self.precision, free, strict=True):
+            if not W.size:
+                precision.append(own)
+                continue
             P = np.linalg.inv(C)
             left = P @ W
             P = P - left @ np.linalg.solve(np.eye(W.shape[1]) + W.T @ left, left.T)
