@@ -148,7 +148,7 @@ def nearest_part_words(found: Mapping) -> str:
     """Of elementary parts that predict no better: which come nearest, and that they are not the cause."""
     parts = " and ".join(name_of(part) for part in found["parts"] if part["elementary"])
     return ("no elementary part (a spring, a mass, a mass on springs, a channel's own response) predicts held-out sets "
-            f"better than the model as it is; nearest comes {_with_article(parts)}: gain on held-out blocks "
+            f"better than the model as it is; nearest comes {_with_article(parts)}; gain on held-out blocks: "
             f"{gain_words(found)}")
 
 
