@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.diagnosis.blocks import of_model
 from probupdate.diagnosis.diagnose import Outcome
@@ -24,7 +25,7 @@ from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sample
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
 from probupdate.diagnosis.predictor import observed
-from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.prepare import Prepared, places_tried
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
@@ -164,11 +165,12 @@ def _updated_if_possible(
 
 @dataclass(frozen=True, kw_only=True)
 class _Added:
-    """What the model gets for the findings: effects of a turbine, or groups of the parameters of a model of matrices,
-    each with its name in the file."""
+    """What the model gets for the findings: effects of a turbine; or groups of the parameters of a model of matrices,
+    each with its name in the file, and sensors `moved` to where they were found."""
 
     effects: tuple[EffectParameter, ...] = ()
     groups: tuple[tuple[IncludedEffect, Group], ...] = ()
+    moved: tuple[IncludedEffect, ...] = ()
 
     @classmethod
     def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
@@ -184,18 +186,19 @@ class _Added:
                 groups.append((n, Group(name=name, parts=dict(e.parts), std=e.prior_scale, lower=e.lower, upper=e.upper,
                                         unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
                                         f"diagnosed as {_profile_words(n)}")))
-        return cls(groups=tuple(groups))
+        return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included if n.effect.adds is not None))
 
     def __bool__(self) -> bool:
-        return bool(self.effects or self.groups)
+        return bool(self.effects or self.groups or self.moved)
 
     def name_of(self, included: IncludedEffect) -> str | None:
         """The new parameter of a finding that is a group."""
         return next((group.name for n, group in self.groups if n is included), None)
 
     def write(self, prepared: Prepared, out: Path) -> Path:
-        if self.groups:
-            return write_grouped(prepared.path, prepared.prior, [group for _, group in self.groups], out)
+        if self.groups or self.moved:
+            return write_grouped(prepared.path, prepared.prior, [group for _, group in self.groups], out,
+                                 channel_rows=self._channel_rows(prepared) if self.moved else None)
         return write_extended(prepared.path, self.effects, out)
 
     def model(self, prepared: Prepared, angle_deg: float) -> AffineModel:
@@ -211,7 +214,18 @@ class _Added:
                 made = load_model(self.write(prepared, Path(folder) / "extended.toml"))
         else:
             made = load_model(prepared.path, parameters=prepared.prior)
+        if self.moved:
+            made = replace(made, channel_matrix=self._channel_rows(prepared))
         return replace(made, uncertainty=SensorUncertainty(model=made))
+
+    def _channel_rows(self, prepared: Prepared) -> sparse.csr_array:
+        """(n_channel, n_dof) what the channels read where they were found to be."""
+        model, _ = places_tried(prepared.path, load_model(prepared.path, parameters=prepared.prior), prepared.sensors)
+        theta, names = np.array(model.parameters.initial), model.parameters.names
+        for n in self.moved:
+            for name, share in n.effect.increments:
+                theta[names.index(name)] = share * n.size
+        return model.channel_rows(theta)
 
 
 def described(added: EffectParameter, included: IncludedEffect) -> EffectParameter:
@@ -234,6 +248,8 @@ def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) ->
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
                     "unit": effect.unit, "time_profile": included.time_profile.name}
+    if included in added.moved:
+        return described_by | {"as": "another place of the sensor in the model"}
     name = effect.adds.name if effect.adds is not None else added.name_of(included)
     if name is not None:
         return described_by | {"as": "parameter", "parameter": name}

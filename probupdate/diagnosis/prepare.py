@@ -14,6 +14,7 @@ import numpy as np
 
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
 from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects, temperature_effect
+from probupdate.effects.places import with_places
 from probupdate.effects.turbine import described_sensors, turbine_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
@@ -111,14 +112,17 @@ def prepare(
 
 
 def _felt(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
-    """Without those that name channels of which the record has none, or the same as another's."""
-    known: set[frozenset[str]] = set()
+    """Without those that name channels of which the record has none, or the same as another's that is alike in all
+    else."""
+    known: set[tuple[frozenset[str], object]] = set()
     for e in effects:
-        named = () if e.adds is None else cast(tuple[str, ...], e.adds.settings.get("channels", ()))
+        settings = {} if e.adds is None else e.adds.settings
+        named = cast(tuple[str, ...], settings.get("channels", ()))
         own = frozenset(named) & frozenset(channels)
-        if named and (not own or own in known):
+        key = own, settings.get("towards_m")
+        if named and (not own or key in known):
             continue
-        known.add(own)
+        known.add(key)
         yield e
 
 
@@ -130,14 +134,22 @@ def _places(path: Path, model: AffineModel, stated: Sequence[Sensor] | None) -> 
     return channel_places(model) if own is None else own
 
 
+def places_tried(
+    path: Path, model: AffineModel, sensors: Sequence[Sensor]
+) -> tuple[AffineModel, tuple[Effect, ...]]:
+    """A model that is no description of a turbine with its sensors at other places, and the rows of the catalogue."""
+    return with_places(model, sensors, alone=model_sensors(path) is None)
+
+
 def _prepare_matrices(
     path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
 ) -> Prepared:
     n_mode = min(max(N_MODE, 20), model.n_available)
-    reach = np.column_stack([model.parameters.lower, model.parameters.upper])
-    small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
+    moved, of_places = places_tried(path, model, sensors)
+    reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
+    small = small_model([moved], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=(*parameter_effects(model.parameters), temperature_effect()), own=own,
+                    effects=(*parameter_effects(model.parameters), *of_places, temperature_effect()), own=own,
                     sensors=sensors, description=None)
 
 

@@ -442,8 +442,9 @@ def small_model(
     """Project `models`, one for each of TURNS_DEG (or a single one that does not turn), on a common basis.
 
     n_mode: the lowest modes that must be right. `effects`: which parameters are effects, drawn one at a time within
-    `reach` (n_param, 2); the others are drawn from their prior. They (where there are none, all parameters) are in the
-    basis at the ends of their reach too. Raises ConvergenceError where the basis stays worse than TOLERANCE.
+    `reach` (n_param, 2); the others are drawn from their prior. They (where there are none, all that the structure
+    feels) are in the basis at the ends of their reach too. Raises ConvergenceError where the basis stays worse than
+    TOLERANCE.
     """
     first = models[0]
     if len(models) not in (1, len(TURNS_DEG)):
@@ -453,7 +454,7 @@ def small_model(
     count = min(n_mode + SPARE, replace(first).n_available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
     points = _points(first.parameters, felt, effects, reach, rng)
-    moved = effects if len(effects) else range(len(first.parameters))
+    moved = effects if len(effects) else felt
     points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
     check = _points(first.parameters, felt, effects, reach, rng)

@@ -322,7 +322,7 @@ def _swaps(channels: Sequence[str], placed: Sequence[Sensor], row: Mapping[str, 
 def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
     """Of every sensor, and of all of them alike."""
     effects = []
-    for name, _, sensors_there in _positions(placed, row):
+    for name, _, sensors_there in positions(placed, row):
         for axis, planes in _planes(sensors_there, row).items():
             effects.append(Effect(
                 kind="measurement", cause="sensor rotation", location=f"{name} about {axis}", unit="deg",
@@ -330,7 +330,7 @@ def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]
                 step_of_size=0.1, signature="the axes of one sensor mix, every mode alike",
                 check="measure its direction on site",
             ))
-    turned = tuple(p for _, _, there in _positions(placed, row) for p in _planes(there, row).get("z", ()))
+    turned = tuple(p for _, _, there in positions(placed, row) for p in _planes(there, row).get("z", ()))
     if turned:
         effects.append(Effect(
             kind="measurement", cause="rotated sensor frame", location="all sensors", unit="deg",
@@ -381,7 +381,10 @@ def _swappable(channels, placed: Sequence[Sensor]) -> list[tuple[str, str]]:
     return [(a.channel, b.channel) for a, b in combinations(placed, 2) if a.level == b.level]
 
 
-def _positions(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
+def positions(
+    placed: Sequence[Sensor], row: Mapping[str, int]
+) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
+    """Of sensors at one place what their channels' names share, their rows, and themselves."""
     found: dict[tuple, list[Sensor]] = {}
     for s in placed:
         found.setdefault(tuple(np.round(s.position_m, 2)), []).append(s)
@@ -414,7 +417,7 @@ def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ..
 
 def sensor_groups(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[tuple[str, tuple[int, ...]]]:
     """Each position, and each level of several positions, but not all sensors at once: only relative time is seen."""
-    result = [(name, rows) for name, rows, _ in _positions(placed, row)]
+    result = [(name, rows) for name, rows, _ in positions(placed, row)]
     levels: dict[str, list[int]] = {}
     for s in placed:
         levels.setdefault(s.level, []).append(row[s.channel])

@@ -2,7 +2,7 @@
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "affine", "assembly", "beam", "channels", "coefficient", "description", "description_file", "effect_kinds",
+    "affine", "along_lines", "assembly", "beam", "channels", "coefficient", "description", "description_file", "effect_kinds",
     "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load", "matrices",
     "moved_channels", "own_modes", "parameter_table", "places", "projected_terms", "reduced", "schema", "soil",
     "subdyn_frame", "subdyn_model", "subdyn_values", "turbine_frame",

@@ -1,4 +1,5 @@
-"""A model of matrices with one parameter more for each named group of its own: the group's members move together."""
+"""A model of matrices with one parameter more for each named group of its own, whose members move together, and with
+channels that read another place."""
 
 from __future__ import annotations
 
@@ -17,6 +18,9 @@ from probupdate.model.parameters import Parameters
 from probupdate.structure.extend import parameter_text
 from probupdate.structure.load import matrices_file
 from probupdate.structure.matrices import SPARSE_PARTS, matrix_of, read_archive
+
+# what of a file says what its channels read
+CHANNEL_ARRAYS = ("channel_dof", "channel_sign", "channel_row", *(f"channel_row{part}" for part in SPARSE_PARTS))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +59,16 @@ def group_parameter(name: str, taken: Sequence[str]) -> str:
     return short
 
 
-def write_grouped(path: str | Path, parameters: Parameters, groups: Sequence[Group], out: str | Path) -> Path:
+def write_grouped(
+    path: str | Path, parameters: Parameters, groups: Sequence[Group], out: str | Path, *,
+    channel_rows: sparse.csr_array | None = None,
+) -> Path:
     """Write the model at `path` (model.npz, or a model.toml with [matrices]) with the groups as further parameters:
     `out` (.toml) and the matrices beside it, <stem>.npz. `load_model` reads it.
 
     K(theta, g) = K0 + sum theta_k K_k + g sum a_k K_k, M likewise. `parameters`: the model's own, as they are to stand
-    in the file. Raises InputError where a group leaves the matrices as they are, or would be written over its source.
+    in the file; `channel_rows` (n_channel, n): what the channels read, where that is not what the file says. Raises
+    InputError where a group leaves the matrices as they are, or would be written over its source.
     """
     source, name = matrices_file(path)
     out = Path(out)
@@ -68,6 +76,9 @@ def write_grouped(path: str | Path, parameters: Parameters, groups: Sequence[Gro
     if target.resolve() == source.resolve() or out.resolve() == Path(path).resolve():
         raise InputError(str(out), "is the model itself", "write the extended one to another place")
     content = read_archive(source)
+    if channel_rows is not None:
+        content = {key: array for key, array in content.items() if key not in CHANNEL_ARRAYS}
+        content |= _csr_parts("channel_row", channel_rows)
     tables = [_table(p) for p in parameters]
     for group in groups:
         called = group_parameter(group.name, [t["name"] for t in tables])
@@ -99,10 +110,13 @@ def _summed(source: Path, content: Mapping, group: Group, called: str) -> dict[s
         if f"{kind}0" in content:
             result[f"{kind}_{called}"] = total.toarray()
         else:
-            rows = sparse.csr_array(total)
-            for part, values in zip(SPARSE_PARTS, (rows.data, rows.indices, rows.indptr), strict=True):
-                result[f"{kind}_{called}{part}"] = values
+            result |= _csr_parts(f"{kind}_{called}", sparse.csr_array(total))
     return result
+
+
+def _csr_parts(key: str, rows: sparse.csr_array) -> dict[str, np.ndarray]:
+    return {f"{key}{part}": values
+            for part, values in zip(SPARSE_PARTS, (rows.data, rows.indices, rows.indptr), strict=True)}
 
 
 def _table(p) -> dict:

@@ -21,7 +21,7 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.virtual import modal_noise
 
 # a family's place seeds its cases
-FAMILIES = ("null", "single", "unknown", "mount")
+FAMILIES = ("null", "single", "unknown", "mount", "moved")
 N_BLOCK, N_MODE, DAMPING, BLOCK_S = 24, 5, 0.01, 1800.0
 # in the order of their frequencies
 MODES = ("FA1", "SS1", "FA2", "SS2", "T1")
@@ -222,6 +222,19 @@ def mount_case(number: int) -> Case:
                                          {"channel": channel, "resonance_hz": float(rng.uniform(2.5, 6.0))}),))
 
 
+def moved_case(d: Description, number: int) -> Case:
+    """The sensors of a joint of the jacket at the next joint along one of its members, throughout or, every other one,
+    as a step."""
+    rng = _stream(("moved", number), 0)
+    at = int(rng.choice([joint for level, joint, axis in SENSORS if level in ("low", "mid") and axis == "x"]))
+    beside = [two if one == at else one for one, two, _ in d.circular.values() if at in (one, two)]
+    to = int(rng.choice([joint for joint in beside if joint not in d.piles]))
+    name = next(f"{level}-{joint}" for level, joint, _ in SENSORS if joint == at)
+    return Case("moved", number, (Effect("moved", "sensor at another place", name,
+                                         float(np.linalg.norm(d.place[to] - d.place[at])),
+                                         "step" if number % 2 else "constant", {"joint": at, "to": to}),))
+
+
 def of_mount(frequency_hz: np.ndarray, resonance_hz: float) -> np.ndarray:
     """What a mount of one degree of freedom makes of each mode."""
     ratio = frequency_hz / resonance_hz
@@ -343,14 +356,17 @@ def seen(shape: np.ndarray, effect: Effect, amount: float, frequency_hz: np.ndar
     return result
 
 
-def true_modes(d: Description, state: State) -> tuple[np.ndarray, np.ndarray]:
+def true_modes(
+    d: Description, state: State, elsewhere: Mapping[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (n_mode,) and shapes (n_channel, n_mode) at the sensors, largest component one, with all modes of
-    masses that are attached."""
-    joints = list(dict.fromkeys(joint for _, joint, _ in SENSORS))
+    masses that are attached. `elsewhere`: joints whose sensors sit at another one."""
+    sensors = [(level, (elsewhere or {}).get(joint, joint), axis) for level, joint, axis in SENSORS]
+    joints = list(dict.fromkeys(joint for _, joint, _ in sensors))
     # a mass of its own has two modes more, of which any may be like one that is looked for
     count = N_MODE + 2 * sum(one.mass > 0 for one in state.attached)
     frequency, shape = Build(d, state).modes(count, joints)
-    rows = np.array([shape[joints.index(joint), "xyz".index(axis)] for _, joint, axis in SENSORS])
+    rows = np.array([shape[joints.index(joint), "xyz".index(axis)] for _, joint, axis in sensors])
     return frequency, rows / np.abs(rows).max(axis=0)
 
 
@@ -440,7 +456,9 @@ def record(d: Description, case: Case, *, stated: str = "joint", still: bool = F
         )
         for effect in case.effects:
             one = damaged(one, effect, amount_of(effect, k / (N_BLOCK - 1), onset))
-        frequency, shape = _as_named(*true_modes(d, one), reference)
+        elsewhere = {e.parts["joint"]: e.parts["to"] for e in case.effects
+                     if e.kind == "moved" and amount_of(e, k / (N_BLOCK - 1), onset)}
+        frequency, shape = _as_named(*true_modes(d, one, elsewhere), reference)
         reference = shape
         for effect in case.effects:
             shape = seen(shape, effect, amount_of(effect, k / (N_BLOCK - 1), onset), frequency)

@@ -1,13 +1,14 @@
 """What stands in no table of the OC4 jacket: is it noticed, is it given a row's name, is it placed?
 
-python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts] (goes on where it stopped)
+python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts | --moved] (goes on where it stopped)
 python studies/oc4_jacket/unknown.py OUT --tables
 
 By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
 structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within
 a bay of the leg (or on a face that it is part of), within a level of sensors of the tower; in the set: the place of the
 part, or one that it may have instead. `--mounts`: sensors on mounts that resonate, instead; the channel is the place,
-and factor and phase in each group of modes are compared with the mount's.
+and factor and phase in each group of modes are compared with the mount's. `--moved`: the sensors of a joint sit at the
+next one along a member; the place is right within NEAR_M of that joint.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.prepare import Prepared, prepare
 
 BAY_M, FACE_M, LEVEL_M = 14.0, 6.5, 24.0
+NEAR_M = 2.0
 POINT = re.compile(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\) m")
 
 
@@ -86,6 +88,24 @@ def run_mount(prepared: Prepared, d: jacket.Description, number: int) -> dict:
     return {**line, "cpu_s": round(time.process_time() - begun, 1)}
 
 
+def run_moved(prepared: Prepared, d: jacket.Description, number: int) -> dict:
+    begun, case = time.process_time(), cases.moved_case(d, number)
+    (effect,) = case.effects
+    known = examine(prepared, cases.record(d, case), seed=1)
+    at, to = d.place[effect.parts["joint"]], d.place[effect.parts["to"]]
+    found = [{"cause": f.cause, "location": f.location, "size": f.size, "std": f.size_std,
+              "probability": f.posterior_probability} for f in known.diagnosis.findings]
+    apart = np.inf
+    for f in found:
+        if (f["cause"], f["location"].split()[0]) == (effect.cause, effect.location):
+            end = np.array(list(map(float, POINT.findall(f["location"])[0])))
+            point = at + f["size"] * (end - at) / np.linalg.norm(end - at)
+            apart = min(apart, float(np.linalg.norm(point - to)))
+    return {"id": case.id, "kind": effect.kind, "where": [effect.location, to.tolist()], "size": effect.size,
+            "time_profile": effect.time_profile, "verdict": known.diagnosis.verdict, "findings": found,
+            "parts": [], "apart_m": apart, "placed": apart < NEAR_M, "cpu_s": round(time.process_time() - begun, 1)}
+
+
 def _off(known: Outcome, part: dict, effect: cases.Effect) -> list[list[float]]:
     """By how many of their standard deviations factor and phase are off in each group of modes."""
     blocks, result = known.problem.blocks, []
@@ -109,6 +129,12 @@ def tables(lines: list[dict]) -> str:
         rows.append(f"| {kind} | {len(own)} | {sum(x['verdict'] != 'none' for x in own)} | "
                     f"{sum(x['verdict'] == 'named' for x in own)} | {len(found)} | {sum(x['placed'] for x in found)} | "
                     f"{sum(x['in_set'] for x in found)} | {sum(x['gain'] > 2 * x['gain_se'] for x in found)} |")
+    moved = [x for x in lines if x["kind"] == "moved"]
+    if moved:
+        rows += ["", "| sensors at another joint | records | noticed | named | first place within 2 m |",
+                 "|---|---|---|---|---|",
+                 f"| all | {len(moved)} | {sum(x['verdict'] != 'none' for x in moved)} | "
+                 f"{sum(x['verdict'] == 'named' for x in moved)} | {sum(x['placed'] for x in moved)} |"]
     return "\n".join(rows)
 
 
@@ -118,7 +144,9 @@ def main() -> None:
     options.add_argument("--data", type=Path, default=DATA)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--most", type=int, default=16)
-    options.add_argument("--mounts", action="store_true")
+    kinds = options.add_mutually_exclusive_group()
+    kinds.add_argument("--mounts", action="store_true")
+    kinds.add_argument("--moved", action="store_true")
     options.add_argument("--tables", action="store_true")
     given = options.parse_args()
     path = given.out / "unknown.jsonl"
@@ -128,9 +156,11 @@ def main() -> None:
         prepared = prepare(cases.write_model(given.data, given.out / "model", d))
         done = {x["id"] for x in read_lines(path)}
         for number in range(given.first, given.first + given.most):
-            if f"{'mount' if given.mounts else 'unknown'}-{number:03d}" in done:
+            kind, run = ("mount", run_mount) if given.mounts else (
+                ("moved", run_moved) if given.moved else ("unknown", run_one))
+            if f"{kind}-{number:03d}" in done:
                 continue
-            line = (run_mount if given.mounts else run_one)(prepared, d, number)
+            line = run(prepared, d, number)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             sys.stdout.write(f"{line['id']}, {line['kind']}: {line['verdict']}, "

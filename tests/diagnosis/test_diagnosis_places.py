@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from probupdate.diagnosis.diagnose import diagnose, examine
-from probupdate.diagnosis.extension import mean_set
+from probupdate.diagnosis.extension import extend, mean_set
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.matrices import channel_places, load_matrices
 from probupdate.structure.parameter_table import read_parameters
-from tests.diagnosis.conftest import CHANNELS, N_STOREY
+from tests.diagnosis.conftest import CHANNELS, HEIGHT, N_STOREY
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +75,37 @@ def test_a_late_clock_is_no_gain_beside_it(frame_file, record, sensors, validati
         row.error((first.size - 12.0) / first.size_std, 3, "size", case=seed)
         alone += len(found.findings) == 1
     row.count(alone, total=3, least=2, of="alone")
+
+
+@pytest.mark.parametrize(("channels", "storeys", "begun", "location", "size"), [
+    (("x3", "y3"), 1, 0, "x3 and y3 towards (0, 0, 15) m", HEIGHT),
+    (("x3",), -1, 15, "x3 towards (0, 0, 15) m", -HEIGHT),
+])
+def test_a_sensor_that_reads_another_node_is_named_with_its_place(
+    pictured_frame, record, tmp_path, validation, channels, storeys, begun, location, size
+):
+    """Both of a place, and one of them from a set on; gain and crosstalk of it had been named at their bounds."""
+    row = validation(what="sensors of matrices at the next node, two channels throughout and one as a step: cause, "
+                          "place; distance in its standard deviations; silent with the model that is written",
+                     reference="what was hidden")
+    rows = np.array([CHANNELS.index(c) for c in channels])
+    data, sets = record(7), []
+    for b, one in enumerate(data.sets):
+        shape = np.array(one.shape)
+        shape[rows] = shape[rows + 2 * storeys] if b >= begun else shape[rows]
+        sets.append(replace(one, shape=shape))
+    moved = replace(data, sets=tuple(sets))
+    outcome = examine(pictured_frame, moved)
+    (found,) = outcome.diagnosis.findings
+    row.equal((outcome.diagnosis.verdict, found.cause, found.location), ("named", "sensor at another place", location),
+              "cause, place")
+    row.error((found.size - size) / found.size_std, 3, "size", case=location)
+    extension = extend(pictured_frame, outcome, moved, tmp_path / "diagnosis.json")
+    assert extension.content["files"]["modes"] is None
+    assert extension.content["added"][0]["as"] == "another place of the sensor in the model"
+    later = replace(moved, sets=moved.sets[begun:])
+    again = diagnose(prepare(tmp_path / extension.model), later)
+    row.equal(again.verdict, "none", "written model", case=location)
 
 
 def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):

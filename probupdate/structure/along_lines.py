@@ -1,0 +1,132 @@
+"""Channels of a model that is known at its nodes alone, moved along the straight lines between these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg, sparse
+
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.moved_channels import MovedChannels
+
+# cosine from which two lines are one; of what a channel reads, the share within which it is its node's motion
+STRAIGHT, SAME = 0.999, 1e-9
+# metres to which a way goes on beyond the next node
+REACH_M = 10.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Way:
+    """A straight line of nodes through the one that some channels (by number) are at: `node` numbers and how far along
+    they are, in metres, zero at the channels' own and negative on its other side."""
+
+    channels: tuple[int, ...]
+    node: tuple[int, ...]
+    along_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Leading:
+    """Coefficients of a model that knows nothing of the parameters behind its own."""
+
+    own: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    n: int
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.own(theta[..., : self.n])
+
+
+def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
+    """Of sensors at one place, along every line that ends or passes at their node; none of a place where a channel
+    reads anything else than its node's motion, and none towards a node that does not move."""
+    if model.wire is None or model.wire_matrix is None or not len(model.wire.line):
+        return ()
+    place, rows = model.wire.node_m, sparse.csr_array(model.channel_matrix)
+    number = {channel: k for k, channel in enumerate(model.channels)}
+    node = int(np.argmin(np.linalg.norm(place - sensors[0].position_m, axis=1)))
+    for s in sensors:
+        own = rows[[number[s.channel]]]
+        apart = abs(own - _read(model, node, s.direction))
+        if apart.nnz and apart.max() > SAME * abs(own).max():
+            return ()
+    result, taken = [], set()
+    beside = _neighbours(model.wire.line, place)
+    for other in beside.get(node, ()):
+        if other in taken:
+            continue
+        onward = _straight(model, beside, node, other)
+        back = next((k for k in beside[node] if _cosine(place, node, other, k) < -STRAIGHT), None)
+        behind = [] if back is None else _straight(model, beside, node, back)
+        taken |= {other, back}
+        # towards the higher end, if both move
+        if not onward or (behind and tuple(place[behind[-1]][::-1]) > tuple(place[onward[-1]][::-1])):
+            behind, onward = onward, behind
+        found = (*reversed(behind), node, *onward)
+        along = np.linalg.norm(place[list(found)] - place[node], axis=1) * np.r_[[-1] * len(behind), 0,
+                                                                                 [1] * len(onward)]
+        if len(found) > 1:
+            result.append(Way(channels=tuple(number[s.channel] for s in sensors), node=found,
+                              along_m=frozen_array(along)))
+    return tuple(result)
+
+
+def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensors: Sequence[Sensor]) -> AffineModel:
+    """The model with a parameter behind its own for each way: how many metres along it its channels are. What is read
+    between two nodes is a straight line's, as the model has no other there."""
+    n, directions = len(model.parameters), {s.channel: s.direction for s in sensors}
+    moved = []
+    for column, (_, way) in enumerate(added, start=n):
+        read = [sparse.vstack([_read(model, node, directions[model.channels[k]]) for k in way.channels], format="csr")
+                for node in way.node]
+        here = read[int(np.flatnonzero(way.along_m == 0)[0])]
+        onto = sparse.csr_array((np.ones(len(way.channels)), (way.channels, np.arange(len(way.channels)))),
+                                shape=(len(model.channels), len(way.channels)))
+        moved.append(MovedChannels(column=column, knots=way.along_m, onto=onto,
+                                   powers=tuple((a - here, b - a) for a, b in pairwise(read))))
+    correlation = model.parameters.correlation
+    if correlation is not None:
+        correlation = linalg.block_diag(correlation, np.eye(len(added)))
+    return replace(model, parameters=Parameters((*model.parameters.items, *(p for p, _ in added)), correlation),
+                   coefficients=_Leading(model.coefficients, n), moved=(*model.moved, *moved))
+
+
+def _read(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_array:
+    """(1, n_dof) the motion of a node along a direction."""
+    return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
+
+
+def _neighbours(line: np.ndarray, place: np.ndarray) -> dict[int, list[int]]:
+    result: dict[int, list[int]] = {}
+    for a, b in line.tolist():
+        if np.any(place[a] != place[b]):
+            result.setdefault(a, []).append(b)
+            result.setdefault(b, []).append(a)
+    return {node: list(dict.fromkeys(others)) for node, others in result.items()}
+
+
+def _cosine(place: np.ndarray, at: int, one: int, other: int) -> float:
+    """Of the angle between two lines from a node."""
+    first, second = place[one] - place[at], place[other] - place[at]
+    return float(first @ second / np.sqrt((first @ first) * (second @ second)))
+
+
+def _straight(model: AffineModel, beside: dict[int, list[int]], start: int, first: int) -> list[int]:
+    """The nodes from one on, its neighbour first, as far as the line is straight, moves and is within reach."""
+    place, found, at = model.wire.node_m, [], first
+    moves = sparse.csr_array(model.wire_matrix)
+    while True:
+        far = float(np.linalg.norm(place[at] - place[start]))
+        if (found and far > REACH_M) or not moves[3 * at : 3 * at + 3].nnz:
+            return found
+        found.append(at)
+        on = [k for k in beside[at] if np.linalg.norm(place[k] - place[start]) > far
+              and _cosine(place, start, at, k) > STRAIGHT]
+        if not on:
+            return found
+        at = min(on, key=lambda k: np.linalg.norm(place[k] - place[start]))
