@@ -19,6 +19,8 @@ from probupdate.structure.moved_channels import MovedChannels
 STRAIGHT, SAME = 0.999, 1e-9
 # metres to which a way goes on beyond the next node
 REACH_M = 10.0
+# nodes that elements join with one, on average, at most
+MOST_BESIDE = 16
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +47,7 @@ class _Leading:
 def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
     """Of sensors at one place, along every line that ends or passes at their node; none of a place where a channel
     reads anything else than its node's motion, and none towards a node that does not move."""
-    if model.wire is None or model.wire_matrix is None or not len(model.wire.line):
+    if model.wire is None or model.wire_matrix is None:
         return ()
     place, rows = model.wire.node_m, sparse.csr_array(model.channel_matrix)
     number = {channel: k for k, channel in enumerate(model.channels)}
@@ -56,7 +58,7 @@ def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
         if apart.nnz and apart.max() > SAME * abs(own).max():
             return ()
     result, taken = [], set()
-    beside = _neighbours(model.wire.line, place)
+    beside = _neighbours(_lines(model), place)
     for other in beside.get(node, ()):
         if other in taken:
             continue
@@ -99,6 +101,19 @@ def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensor
 def _read(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_array:
     """(1, n_dof) the motion of a node along a direction."""
     return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
+
+
+def _lines(model: AffineModel) -> np.ndarray:
+    """(n_line, 2) nodes that a line joins: those of the picture, else those that the stiffness couples, unless it
+    couples far more than elements do, as condensed matrices have it."""
+    if len(model.wire.line):
+        return model.wire.line
+    moves = abs(sparse.csr_array(model.wire_matrix))
+    node = sparse.kron(sparse.eye_array(len(model.wire.node_m)), np.ones((1, 3)), format="csr") @ moves
+    coupled = sparse.triu(node @ abs(model.matrices(model.parameters.initial)[0]) @ node.T, k=1, format="coo")
+    coupled.eliminate_zeros()
+    few = coupled.nnz <= MOST_BESIDE / 2 * len(model.wire.node_m)
+    return np.column_stack([coupled.row, coupled.col]) if few else np.empty((0, 2), int)
 
 
 def _neighbours(line: np.ndarray, place: np.ndarray) -> dict[int, list[int]]:

@@ -16,10 +16,14 @@ AXES = np.eye(3)
 
 def truss(tmp_path, line=LINES, **more):
     """Nodes 1 to 4 move along x and y; x and y are measured at node 1, x at node 2."""
-    rng = np.random.default_rng(5)
     n = 8
-    root = rng.standard_normal((n, n))
-    arrays = {"K0": root @ root.T + n * np.eye(n), "M0": np.eye(n), "K_k": np.diag(np.arange(1.0, n + 1)),
+    stiffness = np.diag(np.arange(1.0, n + 1))
+    for number, (a, b) in enumerate(LINES[:4]):
+        for axis in range(2):
+            ends = np.array([2 * (node - 1) + axis for node in (a, b) if node])
+            signs = np.array([1.0, -1.0])[: len(ends)]
+            stiffness[np.ix_(ends, ends)] += (10 + number + 3 * axis) * np.outer(signs, signs)
+    arrays = {"K0": stiffness, "M0": np.eye(n), "K_k": np.diag(np.arange(1.0, n + 1)),
               "channel": np.array(["ax", "ay", "bx"]), "channel_dof": np.array([0, 1, 2]), "node_position_m": NODES,
               "dof_node": np.repeat([1, 2, 3, 4], 2), "dof_direction": np.tile([0, 1], 4), "line": line} | more
     np.savez(tmp_path / "model.npz", **{k: v for k, v in arrays.items() if v is not None})
@@ -39,11 +43,20 @@ def test_rows_go_along_the_lines_of_the_model_and_towards_nothing_that_stands_st
     assert len({e.adds.name for e in each}) == len(each) == 7
 
 
-def test_a_model_without_lines_or_with_other_channels_has_none(tmp_path):
-    model = truss(tmp_path, line=None)
-    same, rows = with_places(model, channel_places(model), alone=True)
-    assert same is model and rows == ()
-    # what reads two nodes at once is at neither
+def test_without_lines_the_stiffness_says_which_nodes_are_joined(tmp_path):
+    """As long as it is one of elements: condensed matrices join everything."""
+    drawn, plain = truss(tmp_path), truss(tmp_path, line=None)
+    rows = [{(e.location, e.lower, e.upper) for e in with_places(m, channel_places(m), alone=False)[1]}
+            for m in (drawn, plain)]
+    assert rows[0] == rows[1]
+    n = 40
+    dense = truss(tmp_path, line=None, K0=np.eye(n) + np.ones((n, n)), M0=np.eye(n), K_k=np.eye(n),
+                  node_position_m=np.arange(3.0 * n).reshape(n, 3) ** 1.1, dof_node=np.arange(n),
+                  dof_direction=np.zeros(n, int))
+    assert with_places(dense, channel_places(dense), alone=False) == (dense, ())
+
+
+def test_what_reads_two_nodes_at_once_is_at_neither(tmp_path):
     mixed = truss(tmp_path, channel_dof=None, channel_row=np.eye(8)[:3] + 0.1 * np.eye(8)[2:5])
     there = [Sensor(channel="ax", level="", position_m=NODES[1], direction=AXES[0])]
     assert with_places(mixed, there, alone=True) == (mixed, ())
