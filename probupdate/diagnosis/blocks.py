@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import csgraph
@@ -34,6 +35,8 @@ RARELY = 0.25
 KNOWN_SHARE = 0.9
 # neighbours nearer to each other (in ln f) are copies, computed or rounded: identification scatters by 1e-4 and more
 SCATTER = 1e-9
+# of two channels' shapes, squared, the share that no factor explains within which their numbers are the same
+COPIED = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -325,7 +328,25 @@ def _used_channels(
     short = int(np.sum(~seen[:, kept].all(axis=1)))
     if short:
         notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")
-    return kept, notes
+    return kept, [*notes, *_copied(channels, shape)]
+
+
+def _copied(channels: Sequence[str], shape: np.ndarray) -> list[str]:
+    """What to say of channels with the same numbers, but for one factor, in a part of the sets or in all: sensors that
+    differ in nothing have their own noise all the same."""
+    notes = []
+    for a, b in combinations(range(len(channels)), 2):
+        both = np.isfinite(shape[:, a]) & np.isfinite(shape[:, b])
+        x, y = np.where(both, shape[:, a], 0.0), np.where(both, shape[:, b], 0.0)
+        size, other = np.sum(np.abs(x) ** 2, axis=1), np.sum(np.abs(y) ** 2, axis=1)
+        left = size * other - np.abs(np.sum(x.conj() * y, axis=1)) ** 2
+        # of one number alone any other is a multiple
+        same = (both.sum(axis=1) > 1) & (size * other > 0) & (left <= COPIED * size * other)
+        if same.sum() > 1:
+            notes.append(f"{channels[a]} and {channels[b]} have the same numbers, but for a factor, in {same.sum()} of "
+                         f"{len(shape)} sets, as of one signal that is written twice: leave one of them out, and follow "
+                         "their cables")
+    return notes
 
 
 def _used_modes(

@@ -8,6 +8,7 @@ import pytest
 from probupdate.diagnosis.diagnose import diagnose, examine
 from probupdate.diagnosis.extension import extend, mean_set
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.problem import diagnosis_problem
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameter, Parameters
@@ -179,3 +180,17 @@ def test_shapes_that_are_zero_everywhere_are_refused_by_their_mode(frame_file, r
     sets = tuple(replace(one, shape=0 * np.array(one.shape)) for one in record(3).sets)
     with pytest.raises(InputError, match="set .*mode 1 is zero at every channel"):
         diagnose(prepare(frame_file), ModalData(channels=CHANNELS, sets=sets))
+
+
+@pytest.mark.parametrize(("begun", "said"), [(0, ["40 of 40"]), (39, []), (38, ["2 of 40"])])
+def test_channels_that_are_one_signal_are_said(frame_file, record, begun, said):
+    """In two sets at least: of two channels that differ in nothing each has its own noise."""
+    data, sets = record(3), []
+    for b, one in enumerate(data.sets):
+        shape = np.array(one.shape)
+        shape[4] = -2.5 * shape[0] if b >= begun else shape[4]
+        sets.append(replace(one, shape=shape))
+    found = diagnosis_problem(prepare(frame_file), replace(data, sets=tuple(sets)))[0]
+    notes = [n for n in found.notes if "same numbers" in n]
+    assert [n.split(" sets,")[0] for n in notes] == [f"x1 and x3 have the same numbers, but for a factor, in {n}"
+                                                     for n in said]
