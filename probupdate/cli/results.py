@@ -17,7 +17,8 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without, jobs=runs, progress=progress)
+            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
+            progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
 
@@ -61,9 +62,12 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--without", nargs="+", metavar="CHANNEL",
                    help="channels that are not looked at, as they are known to be wrong")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
+    p.add_argument("--discrepancy", type=positive(float, "share"), metavar="SHARE",
+                   help="what the model may miss of every frequency, shapes in proportion (0.003); larger where members "
+                   "are known less well than their parameters say")
     p.add_argument("--no-extend", action="store_true",
-                   help="leave out the gain on held-out blocks, the model and data with the findings in them, and the "
-                   "elementary parts that an unknown cause may be like")
+                   help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
+                   "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
                    "(40 s for a turbine); the command that samples it is said instead")
     on_workers(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do not "

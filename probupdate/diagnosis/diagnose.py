@@ -270,8 +270,9 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
     if frequencies == shapes == 1:
         return problem
     times = f"{shapes:g}" if frequencies == shapes else f"{frequencies:g} and {shapes:g}"
-    note = (f"what the model leaves out is taken {times} times as large as usual "
-            f"({100 * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, {100 * shapes * DISCREPANCY_SHAPE:.2g} % "
+    usual = 100 * problem.discrepancy_scale
+    note = (f"what the model leaves out is taken {times} times as large as {'usual' if usual == 100 else 'stated'} "
+            f"({usual * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, {usual * shapes * DISCREPANCY_SHAPE:.2g} % "
             "of a shape's largest component): so the measured modes are most probable")
     n_channel = len(problem.blocks.channels)
     scaled = []

@@ -36,7 +36,7 @@ class Prepared:
     """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
     the parameters an update would move; effects of structure and environmental and operational conditions; a user's
     `own` of sensors or of parameters the model has. Effects of sensors are those of the channels a record has
-    (`effects_on`)."""
+    (`effects_on`). `discrepancy`: what the model leaves out of every frequency, a share (None: as is usual)."""
 
     path: Path
     small: SmallModel
@@ -46,6 +46,7 @@ class Prepared:
     own: tuple[Effect, ...]
     sensors: tuple[Sensor, ...]
     description: Description | None
+    discrepancy: float | None = None
 
     def effects_on(self, channels: Sequence[str]) -> tuple[Effect, ...]:
         """The whole catalogue for a record of these channels, in their order."""

@@ -106,7 +106,8 @@ def per_range(time_profile: TimeProfile) -> float:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DiagnosisProblem:
     """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's,
-    model-discrepancy standard deviations of model form per group (n_response,); `unrecorded`: what an unrecorded
+    model-discrepancy standard deviations of model form per group (n_response,), so many times the usual ones as they
+    were stated to be; `unrecorded`: what an unrecorded
     temperature does, as (number of its row, time profile, standard deviation of its size)."""
 
     predictor: ModalPredictor
@@ -117,6 +118,7 @@ class DiagnosisProblem:
     time_profiles: tuple[TimeProfile, ...]
     which: np.ndarray
     discrepancy_std: tuple[np.ndarray, ...]
+    discrepancy_scale: float = 1.0
     unrecorded: tuple[tuple[int, TimeProfile, float], ...] = ()
 
     @property
@@ -256,12 +258,17 @@ def diagnosis_problem(
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
+    if prepared.discrepancy is not None:
+        notes.append(f"what the model leaves out is taken as stated: {100 * prepared.discrepancy:.2g} % of a frequency, "
+                     f"{100 * prepared.discrepancy / DISCREPANCY_LOG * DISCREPANCY_SHAPE:.2g} % of a shape's largest "
+                     f"component ({100 * DISCREPANCY_LOG:.2g} % and {100 * DISCREPANCY_SHAPE:.2g} % are usual)")
     if factor := common_factor_words(-np.log(ratios), COMMON_FACTOR):
         notes.append(f"before any parameter is updated {factor}")
     blocks = replace(blocks, notes=tuple(notes))
     which = _candidates(effects, time_profiles)
     n_channel = len(blocks.channels)
-    discrepancy_std = tuple(_discrepancy_std(len(g), n_channel) for g in blocks.groups)
+    scale = 1.0 if prepared.discrepancy is None else prepared.discrepancy / DISCREPANCY_LOG
+    discrepancy_std = tuple(scale * _discrepancy_std(len(g), n_channel) for g in blocks.groups)
     return DiagnosisProblem(
         predictor=predictor,
         blocks=blocks,
@@ -271,6 +278,7 @@ def diagnosis_problem(
         time_profiles=time_profiles,
         which=which,
         discrepancy_std=discrepancy_std,
+        discrepancy_scale=scale,
         unrecorded=unrecorded,
     ), theta
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,14 +16,15 @@ from probupdate.diagnosis.free_form import free_form, own_response_content
 from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.hypotheses import MOST_MOVES
 from probupdate.diagnosis.prepare import Prepared, prepare
+from probupdate.diagnosis.problem import DISCREPANCY_LOG, DISCREPANCY_SHAPE
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.unmatched import unmatched_modes, with_unmatched
 from probupdate.diagnosis.without_model import diagnose_without_model
-from probupdate.diagnosis.wording import nearest_part_words
+from probupdate.diagnosis.wording import larger_error_words, nearest_part_words
 from probupdate.effects.catalogue import Effect
-from probupdate.errors import InputError
+from probupdate.errors import ConvergenceError, InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
@@ -33,37 +34,49 @@ from probupdate.updating.ensemble import SamplerSettings
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
 
+# of what a model usually leaves out, tried for a record that is unexplained
+LARGER_ERRORS = (2.0, 4.0)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelSource:
     """Which model a diagnosis is of, and what goes with it: `model` a file, or one made ready by `prepare` for many
     records; None: measurement and environmental and operational conditions only. `sensors`: where they are, if the
     campaign does not say. `parameters`: of a model of matrices. `groups`: name -> {parameter: change}, or a TOML file
-    of them. `effects`: a user's own; see `prepare`."""
+    of them. `effects`: a user's own; see `prepare`. `discrepancy`: what the model leaves out of every frequency, a
+    share above zero, with shapes in proportion (None: 0.003, as is usual of a model of beams)."""
 
     model: Path | Model | Prepared | None
     sensors: tuple[Sensor, ...] | None = None
     parameters: str | Path | None = None
     groups: str | Path | Mapping[str, Mapping[str, float]] | None = None
     effects: Sequence[Effect] = ()
+    discrepancy: float | None = None
+
+    def __post_init__(self):
+        if self.discrepancy is not None and not 0 < self.discrepancy < 1:
+            raise InputError("discrepancy", f"{self.discrepancy:g} is no share of a frequency above zero",
+                             "give what the model may miss of every frequency, such as 0.005")
 
     def prepared(self, sensors: tuple[Sensor, ...] | None, progress: Progress) -> Prepared:
         """Raises InputError where the model has no matrices."""
         if isinstance(self.model, Prepared):
-            return self.model
+            return self.model if self.discrepancy is None else replace(self.model, discrepancy=self.discrepancy)
         if not isinstance(self.model, Path):
             raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                              "export its matrices as model.npz")
         own = read_parameters(self.parameters) if self.parameters else None
         groups = _read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
-        return prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
+        made = prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
                        progress=progress)
+        return replace(made, discrepancy=self.discrepancy)
 
     def refuse_without_model(self) -> None:
         own = [e for e in self.effects if e.adds is not None]
-        for name, value in (("parameters", self.parameters), ("groups", self.groups), ("effects", own)):
+        for name, value in (("parameters", self.parameters), ("groups", self.groups), ("effects", own),
+                            ("discrepancy", self.discrepancy)):
             if value:
-                raise InputError("diagnose", f"{name} are given, but no model they belong to",
+                raise InputError("diagnose", f"{name} given, but no model to go with",
                                  "give --model, or leave it")
 
 
@@ -138,7 +151,27 @@ def _whole(
             details["free_form"] = content
         elif content:
             found = replace(found, notes=(*found.notes, nearest_part_words(content)))
+    if extended and found.verdict == "unexplained" and not few and prepared.discrepancy is None:
+        found = replace(found, notes=(*found.notes, *_with_larger_error(prepared, data, seed, runs, progress)))
     return replace(found, splits=found.splits or splits(outcome), details=details)
+
+
+def _with_larger_error(
+    prepared: Prepared, data: ModalData, seed: int, runs: Executor, progress: Progress
+) -> list[str]:
+    """What to say where the least of a few larger errors of the model explains the record, and what is found beside it:
+    what begins within the record is there whatever the model misses throughout."""
+    for scale in LARGER_ERRORS:
+        share = scale * DISCREPANCY_LOG
+        try:
+            found = examine(replace(prepared, discrepancy=share), data, seed=seed, runs=runs, progress=progress).diagnosis
+        except ConvergenceError:
+            # of a model that far off nothing is said
+            continue
+        if found.verdict != "unexplained":
+            findings = [asdict(f) | {"since": f.time_profile_start} for f in found.findings]
+            return [larger_error_words(share, scale * DISCREPANCY_SHAPE, found.verdict, findings)]
+    return []
 
 
 def _unknown_cause(

@@ -50,8 +50,8 @@ def diagnose(
 
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
-    at, as a diagnosis has found that they are wrong. `options`: `sensors`, `groups` and `effects` of
-    `diagnosis.run.ModelSource` (own effects, groups of parameters), and those of `diagnosis.run.diagnose_files`.
+    at, as a diagnosis has found that they are wrong. `options`: `sensors`, `groups`, `effects` and
+    `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of `diagnosis.run.diagnose_files`.
     """
     from probupdate.diagnosis.blocks import gather, of_model
     from probupdate.diagnosis.prepare import Prepared
@@ -65,7 +65,7 @@ def diagnose(
     gather(data if model is None else of_model(data)[0], "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
-    of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects") if key in options}
+    of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
     source = ModelSource(model=path, parameters=parameters, **of_model)
     return diagnose_files(source, data, campaign=records, seed=seed, progress=progress, **options)
 
