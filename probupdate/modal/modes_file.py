@@ -16,6 +16,7 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
+from probupdate.modal.conditions import KNOWN, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
@@ -109,6 +110,24 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
                          "kelvin, or degrees Fahrenheit?", "give degrees Celsius, null where not measured")
 
 
+# what is counted or computed with, where it is stated
+MEASURED = (*KNOWN, "nacelle_angle_deg", "block_minutes")
+
+
+def _refuse_lost(path: Path, sets: Sequence[ModalSet]) -> None:
+    """Conditions that nothing would find: words for numbers, and names that are a slip of the pen."""
+    for s in sets:
+        for key in MEASURED:
+            value = s.environment.get(key)
+            if isinstance(value, str | bool):
+                raise InputError(f"{path}, set {s.id}, environment, {key}", f"{value!r:.60} is not a number",
+                                 "write it with a point and without quotes, and null where not measured")
+    for names, where in {tuple(s.environment): s.id for s in reversed(sets)}.items():
+        for known, given in misspelt(names).items():
+            raise InputError(f"{path}, set {where}, environment", f"unknown key '{given}'", f"did you mean '{known}'? "
+                             "Rename it, or give it a name that is not so near")
+
+
 def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
     """A condition that is a number in one set and a word in another would count as not measured there."""
     numbers = {key: s.id for s in sets for key, value in s.environment.items() if not isinstance(value, str | None)}
@@ -168,6 +187,7 @@ def _read_modes(path: Path) -> ModalData:
     factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
     sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
+    _refuse_lost(path, sets)
     _refuse_mixed(path, sets)
     warm = [s.environment.get(AIR) for s in sets]
     refuse_no_celsius(str(path), np.array([x if isinstance(x, int | float) else np.nan for x in warm], float))

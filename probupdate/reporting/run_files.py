@@ -240,13 +240,22 @@ def _other_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis
 
     made = (diagnosis or {}).get("inputs", {})
     model = model_files(places["model"], parameters) if "model" in places else ()
-    modes = [places[name] for name in ("modes.json", "nine.json") if name in places]
-    if made.get("model") and model and set(made["model"].values()) != {sha256(path) for path in model}:
-        yield (f"diagnosis.json is of another model or of other parameters ({', '.join(made['model'])}) than this run's "
-               f"{', '.join(path.name for path in model)}: its findings may be another structure's.")
-    if made.get("modes") and modes and not set(made["modes"].values()) & {sha256(path) for path in modes}:
-        yield (f"diagnosis.json is of other modal sets ({', '.join(made['modes'])}) than this run's "
-               f"{', '.join(path.name for path in modes)}: its findings may be another record's.")
+    modes = tuple(places[name] for name in ("modes.json", "nine.json") if name in places)
+    for part, paths, words, whose in (
+        ("model", model, "another model or of other parameters", "structure's"),
+        ("modes", modes, "other modal sets", "record's"),
+    ):
+        its, here = dict(made.get(part, {})), {path.name: sha256(path) for path in paths}
+        # all that a model is of; of the sets all, or those that were selected
+        same = set(its.values()) == set(here.values()) if part == "model" else set(its.values()) & set(here.values())
+        if its and here and not same:
+            yield (f"diagnosis.json is of {words} ({_hashes(its)}) than those of this run ({_hashes(here)}): its findings "
+                   f"may be another {whose}.")
+
+
+def _hashes(files: Mapping[str, str]) -> str:
+    """Names with the beginning of their SHA-256."""
+    return ", ".join(f"{name} {digest[:8]}" for name, digest in files.items())
 
 
 def _warnings(

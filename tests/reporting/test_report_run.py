@@ -214,7 +214,7 @@ def test_a_diagnosis_of_these_files_is_taken(own, full_run):
 
 
 @pytest.mark.parametrize(("name", "words"), [
-    ("parameters.toml", "another model or of other parameters"), ("modes.json", "other modal sets (modes.json)"),
+    ("parameters.toml", "another model or of other parameters"), ("modes.json", "other modal sets (modes.json "),
 ])
 def test_a_diagnosis_of_other_files_is_said(own, full_run, name, words):
     with_inputs(own, full_run.diagnosis)
