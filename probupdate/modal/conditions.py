@@ -35,4 +35,5 @@ def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
 def misspelt(columns: Iterable[str]) -> dict[str, str]:
     """Known column that is absent -> its slip of the pen. One that begins otherwise is another quantity, such as
     water_temperature_c."""
-    return {known: given for known, given in misnamed(columns, MISSPELT).items() if given.strip().lower()[:1] == known[0]}
+    close = misnamed(columns, MISSPELT)
+    return {known: given for known, given in close.items() if given.strip().lower().startswith(known[0])}

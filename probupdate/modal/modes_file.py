@@ -250,7 +250,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
     covariance_factors = factors.get(str(raw.get("id", number)))
-    return ModalSet(
+    found = ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
         shape=(real + 1j * np.nan_to_num(imaginary)).T,
@@ -260,6 +260,8 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
         **std,
     )
+    found.refuse_zero_shapes(f"{where}, shape_re")
+    return found
 
 
 def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:

@@ -249,8 +249,8 @@ def _other_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis
         # all that a model is of; of the sets all, or those that were selected
         same = set(its.values()) == set(here.values()) if part == "model" else set(its.values()) & set(here.values())
         if its and here and not same:
-            yield (f"diagnosis.json is of {words} ({_hashes(its)}) than those of this run ({_hashes(here)}): its findings "
-                   f"may be another {whose}.")
+            yield (f"diagnosis.json is of {words} ({_hashes(its)}) than those of this run ({_hashes(here)}): its "
+                   f"findings may be another {whose}.")
 
 
 def _hashes(files: Mapping[str, str]) -> str:

@@ -169,6 +169,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9 .* are these per cent\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
         (lambda c: c["sets"][0].update(environment={"air_temperature_c": 288.2}), "air_temperature_c: 288.2 .* kelvin"),
+        (lambda c: c["sets"][0].update(shape_re=[[0.0, None]]), "set 1, shape_re: the shape of mode 1 is zero at"),
         (lambda c: c["sets"][0].update(environment={"air_temperature_c": "10,5"}),
          "set 1, environment, air_temperature_c: '10,5' is not a number; write it with a point"),
         (lambda c: c["sets"][0].update(environment={"nacelle_angle_deg": "west"}), "'west' is not a number"),
