@@ -108,7 +108,8 @@ def views(folder: Path) -> Made:
     from probupdate.updating.predictive import LeftOut
     from probupdate.updating.set_views_file import ModeScatter, SetsRow, SetViews, read_views
 
-    row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies"}
+    row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies",
+                                                           "tau_relative": True}
     mode = {f: 0.01 for f in ModeScatter.__dataclass_fields__} | {"label": "FA1", "n_set": 3}
     score = {name: np.zeros(3) for name in ("pooled", "population")}
     path = SetViews(
