@@ -91,7 +91,8 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
     if missing:
         raise InputError(
             f"channel {missing[0]}",
-            f"is in the measured modes but not in the model {model.name} ({len(missing)} of {len(channels)} missing)",
+            f"is in the measured modes but not in the model{'' if model.name == 'model' else f' {model.name}'} "
+            f"({len(missing)} of {len(channels)} missing)",
             "name the model's channels as the data's, or load the model with the campaign's sensors",
         )
     return np.array([row[name] for name in channels], int)

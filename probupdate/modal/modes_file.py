@@ -140,6 +140,8 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
 
 # of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit
 HIGHEST_HZ = 1e5
+# what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
+CLOCK = 1e-7
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
@@ -249,6 +251,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     for key, value in {**std, "shape_std": shape_std}.items():
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
+    _refuse_exact(where, frequency, std["frequency_std_hz"])
     covariance_factors = factors.get(str(raw.get("id", number)))
     found = ModalSet(
         id=str(raw.get("id", number)),
@@ -262,6 +265,17 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     )
     found.refuse_zero_shapes(f"{where}, shape_re")
     return found
+
+
+def _refuse_exact(where: str, frequency: np.ndarray, std: np.ndarray) -> None:
+    """Frequencies that are stated better than a clock keeps time; zero is a placeholder that whoever weighs by it
+    refuses or leaves out."""
+    exact = (std > 0) & (std < CLOCK * frequency)
+    if exact.any():
+        k = int(np.argmax(exact))
+        raise InputError(f"{where}, frequency_std_hz", f"{std[k]:.2g} Hz of {frequency[k]:.4g} Hz is less than any "
+                         "record's clock is exact to: is this another unit, or a placeholder?",
+                         "give hertz, and null where not known")
 
 
 def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:

@@ -97,7 +97,10 @@ def _no_form(path: Path) -> InputError:
     if (path / "campaign.toml").is_file():
         return InputError(str(path), "is a campaign's folder, not a model's file", forms)
     if path.is_dir():
-        held = [f.name for ending in FORMS for f in sorted(path.glob(f"*{ending}"))]
+        usual = [name for name in ("model.toml", "model.npz") if (path / name).is_file()]
+        # matrices before a TOML, which may be their table of parameters
+        held = usual or [f.name for ending in (".npz", ".toml", ".dat") for f in sorted(path.glob(f"*{ending}"))
+                         if f.name != "parameters.toml"]
         return InputError(str(path), "is a directory, not a model's file",
                           f"did you mean '{path / held[0]}'?" if held else forms)
     if not path.suffix:

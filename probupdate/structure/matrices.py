@@ -26,6 +26,8 @@ ARRAYS = ("channel", "channel_dof", "channel_sign", "node_position_m", "dof_node
           *(f"{name}{part}" for name in ("K0", "M0", "channel_row") for part in ("", *SPARSE_PARTS)))
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
+# of a model's rows in the mean: slower than what floats at anchor
+SLOWEST_HZ = 0.005
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,10 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
                 matrices.append(matrix_of(path, content, key, stiffness[0].shape[0]))
                 order.append(k)
                 own.setdefault(parameter, {})[key] = matrices[-1]
-    _refuse_negative_mass(path, mass, [1.0, *parameters.initial[mass_order]])
+    diagonals = (_diagonal(stiffness, parameters.initial[stiffness_order]),
+                 _diagonal(mass, parameters.initial[mass_order]))
+    _refuse_negative_mass(path, diagonals[1])
+    _refuse_exchanged(path, *diagonals)
     for parameter in parameters.names:
         if parameter not in own:
             raise InputError(
@@ -90,13 +95,28 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     )
 
 
-def _refuse_negative_mass(path: Path, mass: Sequence[sparse.csc_array], factor: Sequence[float]) -> None:
+def _diagonal(matrices: Sequence[sparse.csc_array], theta: np.ndarray) -> np.ndarray:
+    """(n,) of the first matrix and theta times the others."""
+    return np.sum([f * m.diagonal() for f, m in zip((1.0, *theta), matrices, strict=True)], axis=0)
+
+
+def _refuse_negative_mass(path: Path, mass: np.ndarray) -> None:
     """At the initial parameters: no motion has a negative kinetic energy, that of a single row neither."""
-    diagonal = np.sum([f * matrix.diagonal() for f, matrix in zip(factor, mass, strict=True)], axis=0)
-    row = int(np.argmin(diagonal))
-    if diagonal[row] < 0:
-        raise InputError(f"{path}, M0", f"row {row} has a negative mass ({diagonal[row]:.3g}) at the initial "
+    row = int(np.argmin(mass))
+    if mass[row] < 0:
+        raise InputError(f"{path}, M0", f"row {row} has a negative mass ({mass[row]:.3g}) at the initial "
                          "parameters", "check its sign, and that of every M_<name>")
+
+
+def _refuse_exchanged(path: Path, stiffness: np.ndarray, mass: np.ndarray) -> None:
+    """The sum of the diagonal of K over that of M is a mean of w^2 of each row held alone, no less than the lowest
+    eigenvalue and most often far above it."""
+    if stiffness.sum() > 0 and mass.sum() > 0:
+        mean_hz = float(np.sqrt(stiffness.sum() / mass.sum()) / (2 * np.pi))
+        if mean_hz < SLOWEST_HZ:
+            raise InputError(f"{path}, K0", f"with M0 the rows' mean frequency is {mean_hz:.2g} Hz, below that of any "
+                             "structure: are K0 and M0 exchanged, or in units that do not belong together?",
+                             "exchange them, or give N/m with kg, kN/m with t")
 
 
 def _refuse_idle(path: Path, own: Mapping[str, Mapping[str, sparse.csc_array]], table: str) -> None:

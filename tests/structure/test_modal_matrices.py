@@ -140,6 +140,8 @@ NAN[2, 2] = np.nan
         ({"M0": np.diag([1.0, 1, 1, 1, -0.2, 1])}, "M0", "row 4 has a negative mass (-0.2)"),
         ({"K0": np.zeros((0, 0))}, "K0", "is empty"),
         ({"K_k": np.zeros((6, 6))}, "K_k", "is zero: the parameter 'k' has no effect"),
+        ({"K0": eye(), "M0": 1e4 * chain()["K0"], "K_k": chain()["M_m"], "M_m": chain()["K_k"]}, "K0",
+         "are K0 and M0 exchanged"),
         ({"K_k": None}, "K_k", "neither this matrix nor its M_"),
         ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
         ({"channel": np.array(["a", "a"])}, "channel", "'a' is listed twice"),
@@ -218,6 +220,22 @@ def test_parameters_given_as_the_model_are_no_model(folder):
     save(folder)
     with pytest.raises(InputError, match="states parameters and no model; give the model that they are of"):
         load_model(folder / "parameters.toml")
+
+
+def test_a_folder_is_asked_about_the_model_in_it(folder):
+    save(folder)
+    with pytest.raises(InputError, match=r"is a directory, not a model's file; did you mean '.*model\.npz'\?"):
+        load_model(folder)
+    (folder / "model.npz").rename(folder / "bridge.npz")
+    with pytest.raises(InputError, match=r"did you mean '.*bridge\.npz'\?"):
+        load_model(folder)
+    (folder / "model.toml").write_text("")
+    with pytest.raises(InputError, match=r"did you mean '.*model\.toml'\?"):
+        load_model(folder)
+    for path in folder.glob("[bm]*"):
+        path.unlink()
+    with pytest.raises(InputError, match="is a directory, not a model's file; a model is a model.toml"):
+        load_model(folder)
 
 
 def test_parameters_must_be_known(tmp_path):
