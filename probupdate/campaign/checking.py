@@ -29,20 +29,13 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import (
-    COLUMNS,
-    SIMILAR,
-    StateRule,
-    block_conditions,
-    misnamed,
-    renaming,
-    with_rated_power,
-)
+from probupdate.campaign.scada import StateRule, block_conditions, renaming, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
 from probupdate.io.files import write_json, write_table
 from probupdate.io.result_table import plural, with_units
+from probupdate.modal.conditions import COLUMNS, SIMILAR, misnamed
 from probupdate.runtime.progress import Progress, silent
 
 # what a column of SCADA is needed for

@@ -12,20 +12,14 @@ import pandas as pd
 
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import LARGEST_TEXT, input_file
+from probupdate.modal.conditions import COLUMNS, KNOWN, misspelt
 from probupdate.modal.modes import refuse_no_celsius
 
 ROW_MINUTES = 10
 # of any time that a file may state; what counts nanoseconds ends in 2262
 EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-01", tz="UTC")
-COLUMNS = (
-    "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
-    "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
-)
-KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
 # in any of the columns' units
 LARGEST = 1e7
-# similarity of names from which one is a slip of the pen for the other, and from which it may be the same thing
-MISSPELT, SIMILAR = 0.88, 0.6
 COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
 STATES = ("idling", "below rated", "rated")
 
@@ -56,7 +50,7 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
         raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each "
                          "interval in UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
-    for known, given in misnamed(table.columns, MISSPELT).items():
+    for known, given in misspelt(table.columns).items():
         raise InputError(str(path), f"unknown column '{given}'", f"did you mean '{known}'? Rename it, or give it a "
                          "name that is not so near")
     try:
@@ -93,24 +87,6 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     kept.attrs["path"] = str(path)
     kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())
     return kept
-
-
-def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
-    """Known column that is absent -> a column that may be it, by its name alone. Of several that are as near, the
-    first."""
-    given = [str(c) for c in columns]
-    # such as wind_speed_mps_p95: another statistic beside the mean
-    others = [c for c in given if c not in KNOWN and not c.startswith(tuple(f"{k}_" for k in COLUMNS))]
-    plain = {c.strip().lower(): c for c in reversed(others)}
-    found = {}
-    for known in KNOWN:
-        if known in given:
-            continue
-        close = difflib.get_close_matches(known, list(plain), n=1, cutoff=alike)
-        # nearest to this one of all known names
-        if close and difflib.get_close_matches(close[0], KNOWN, n=1, cutoff=alike) == [known]:
-            found[known] = plain[close[0]]
-    return found
 
 
 def renaming(column: str | None) -> str:

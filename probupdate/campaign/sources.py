@@ -7,6 +7,7 @@ objects.
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import zipfile
@@ -23,6 +24,7 @@ from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file
 from probupdate.io.hdf5_file import open_hdf5
+from probupdate.io.result_table import plural
 
 PIECE = 200_000
 # all columns of one piece, as eight-byte numbers
@@ -70,9 +72,27 @@ def _csv(path: Path, d: Description) -> Pieces:
             path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=d.skip_rows,
             chunksize=PIECE, skipinitialspace=True, encoding="utf-8-sig",
         )
+    whole = False
     with table:
         for frame in _one_by_one(table, *said):
+            # pandas fills a short row with NaN at its end, as it reads an empty cell, which is a gap
+            if not whole and len(d.separator) == 1 and frame.iloc[:, -1].isna().any():
+                with parsing(*said):
+                    _refuse_short_rows(path, d, frame.shape[1])
+                whole = True
             yield _from_frame(path, d, frame)
+
+
+def _refuse_short_rows(path: Path, d: Description, n_column: int) -> None:
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        for _ in range(d.skip_rows):
+            stream.readline()
+        rows = csv.reader(stream, delimiter=d.separator, skipinitialspace=True)
+        for row in rows:
+            if 0 < len(row) < n_column and any(row):
+                raise InputError(f"{path}, line {rows.line_num + d.skip_rows}",
+                                 f"has {plural(len(row), 'cell')} of {n_column}",
+                                 "complete it with empty cells where samples were lost, or take the line out")
 
 
 def _parquet(path: Path, d: Description) -> Pieces:

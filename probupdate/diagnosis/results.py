@@ -74,7 +74,8 @@ class DetectableSize:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
     """The whole answer; `threshold` of |z|: of the whole catalogue before any finding is included (without a model of
-    the first look, the lower one of frequencies and sensors). `summary` is for people, `content` for files."""
+    the first look, the lower one of frequencies and sensors). `inputs`: "model" and "modes", each name -> SHA-256 of
+    the files that it is of. `summary` is for people, `content` for files."""
 
     verdict: str
     p_value: float
@@ -88,6 +89,7 @@ class Diagnosis:
     extension: dict = field(default_factory=dict, repr=False)
     splits: tuple[str, ...] = ()
     details: dict = field(default_factory=dict, repr=False)
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict, repr=False)
 
     def to_frame(self) -> pd.DataFrame:
         """A row a finding; size in its `unit`."""
@@ -164,6 +166,7 @@ class Diagnosis:
             "parameters": [{k: _plain(v) for k, v in p.items()} for p in self.parameters],
             "notes": list(self.notes),
             "details": _plain_tree(self.details),
+            "inputs": _plain_tree(self.inputs),
         }
 
     def write(self, out: str | Path) -> list[Path]:
@@ -226,6 +229,7 @@ class DiagnosisTable:
     splits: tuple[str, ...] = ()
     extended_model: str | None = None
     extension: Mapping[str, object] | None = None
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     format: int = FORMAT
 
 

@@ -9,16 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.scada import (
-    COLUMNS,
-    KNOWN,
-    SIMILAR,
-    StateRule,
-    block_conditions,
-    misnamed,
-    renaming,
-    with_rated_power,
-)
+from probupdate.campaign.scada import StateRule, block_conditions, renaming, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification.criteria import (
     SelectionCriteria,
@@ -30,6 +21,7 @@ from probupdate.identification.criteria import (
 )
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
+from probupdate.modal.conditions import COLUMNS, KNOWN, SIMILAR, misnamed
 from probupdate.modal.labels import is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 

@@ -11,6 +11,7 @@ import contextlib
 import difflib
 import errno
 import functools
+import hashlib
 import itertools
 import json
 import math
@@ -324,6 +325,12 @@ def named_within(name: str, folder: Path, where: str, *, root: Path | None = Non
 def present(path: Path) -> bool:
     """Whether something has that name, even a link to nothing."""
     return os.path.lexists(path)
+
+
+def sha256(path: str | Path) -> str:
+    """Of a file's bytes, as `sha256sum` prints it."""
+    with input_file(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def read_bytes(path: str | Path, remedy: str = "check the path", *, largest: int = LARGEST_TEXT) -> bytes:

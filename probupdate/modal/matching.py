@@ -91,7 +91,8 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
     if missing:
         raise InputError(
             f"channel {missing[0]}",
-            f"is in the measured modes but not in the model {model.name} ({len(missing)} of {len(channels)} missing)",
+            f"is in the measured modes but not in the model{'' if model.name == 'model' else f' {model.name}'} "
+            f"({len(missing)} of {len(channels)} missing)",
             "name the model's channels as the data's, or load the model with the campaign's sensors",
         )
     return np.array([row[name] for name in channels], int)
@@ -126,11 +127,12 @@ def match(
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
-    measured, its computed mode has a mate, unless `planes` is False. Raises InputError where no mode can be used, where
-    the set is not this model's, where frequencies are in another unit, where a mode has two computed ones to choose
-    from, and where close modes have one shape. `refuse` False: all but the first are no error, for a picture of a poor
-    model.
+    measured, its computed mode has a mate, unless `planes` is False. Raises InputError where a shape is zero, where no
+    mode can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two
+    computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first two are no
+    error, for a picture of a poor model.
     """
+    modal_set.refuse_zero_shapes(f"set {modal_set.id}")
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
     clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
     measured = np.real(rotate_to_real(modal_set.shape))

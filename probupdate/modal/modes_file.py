@@ -16,6 +16,7 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
+from probupdate.modal.conditions import KNOWN, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
@@ -109,6 +110,24 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
                          "kelvin, or degrees Fahrenheit?", "give degrees Celsius, null where not measured")
 
 
+# what is counted or computed with, where it is stated
+MEASURED = (*KNOWN, "nacelle_angle_deg", "block_minutes")
+
+
+def _refuse_lost(path: Path, sets: Sequence[ModalSet]) -> None:
+    """Conditions that nothing would find: words for numbers, and names that are a slip of the pen."""
+    for s in sets:
+        for key in MEASURED:
+            value = s.environment.get(key)
+            if isinstance(value, str | bool):
+                raise InputError(f"{path}, set {s.id}, environment, {key}", f"{value!r:.60} is not a number",
+                                 "write it with a point and without quotes, and null where not measured")
+    for names, where in {tuple(s.environment): s.id for s in reversed(sets)}.items():
+        for known, given in misspelt(names).items():
+            raise InputError(f"{path}, set {where}, environment", f"unknown key '{given}'", f"did you mean '{known}'? "
+                             "Rename it, or give it a name that is not so near")
+
+
 def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
     """A condition that is a number in one set and a word in another would count as not measured there."""
     numbers = {key: s.id for s in sets for key, value in s.environment.items() if not isinstance(value, str | None)}
@@ -121,6 +140,8 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
 
 # of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit
 HIGHEST_HZ = 1e5
+# what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
+CLOCK = 1e-7
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
@@ -168,6 +189,7 @@ def _read_modes(path: Path) -> ModalData:
     factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
     sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
+    _refuse_lost(path, sets)
     _refuse_mixed(path, sets)
     warm = [s.environment.get(AIR) for s in sets]
     refuse_no_celsius(str(path), np.array([x if isinstance(x, int | float) else np.nan for x in warm], float))
@@ -229,8 +251,9 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
     for key, value in {**std, "shape_std": shape_std}.items():
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
+    _refuse_exact(where, frequency, std["frequency_std_hz"])
     covariance_factors = factors.get(str(raw.get("id", number)))
-    return ModalSet(
+    found = ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
         shape=(real + 1j * np.nan_to_num(imaginary)).T,
@@ -240,6 +263,19 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
         **std,
     )
+    found.refuse_zero_shapes(f"{where}, shape_re")
+    return found
+
+
+def _refuse_exact(where: str, frequency: np.ndarray, std: np.ndarray) -> None:
+    """Frequencies that are stated better than a clock keeps time; zero is a placeholder that whoever weighs by it
+    refuses or leaves out."""
+    exact = (std > 0) & (std < CLOCK * frequency)
+    if exact.any():
+        k = int(np.argmax(exact))
+        raise InputError(f"{where}, frequency_std_hz", f"{std[k]:.2g} Hz of {frequency[k]:.4g} Hz is less than any "
+                         "record's clock is exact to: is this another unit, or a placeholder?",
+                         "give hertz, and null where not known")
 
 
 def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:

@@ -210,6 +210,14 @@ class ModalSet:
             given = getattr(self, name)
             object.__setattr__(self, name, frozen_array(np.where(np.isnan(given), value, given)))
 
+    def refuse_zero_shapes(self, where: str) -> None:
+        """Raises InputError for a measured mode of which every known component is zero: it is like no shape."""
+        known = np.isfinite(self.shape)
+        zero = self.measured & known.any(axis=0) & ~np.any(known & (self.shape != 0), axis=0)
+        if zero.any():
+            raise InputError(where, f"the shape of mode {int(np.argmax(zero)) + 1} is zero at every channel",
+                             "leave shapes that were not measured out (null)")
+
     def of_modes(self, columns: Sequence[int]) -> ModalSet:
         """The same set with these modes alone; a column of -1 is a mode that was not measured."""
         taken = {name: _columns(getattr(self, name), columns, 0)

@@ -17,7 +17,7 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import named_within, read_bytes, read_json_table, read_toml
+from probupdate.io.files import named_within, read_bytes, read_json_table, read_toml, sha256
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes
 from probupdate.model.interface import Model
@@ -102,13 +102,14 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     model = read("model", lambda path: _load_model(path, parameters, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
+    _refuse_other_structure(folder, model, update, diagnosis)
     truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
     names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
     return Run(
         folder=folder,
         title=_title(folder, head, places, model, campaign),
         missing=missing,
-        warnings=tuple(_warnings(head, data, update, posterior)),
+        warnings=(*_warnings(head, data, update, posterior), *_other_inputs(places, parameters, diagnosis)),
         provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
         campaign=campaign,
         truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
@@ -218,6 +219,43 @@ def _refuse_strangers(
         if names != expected:
             raise InputError(str(folder), f"{what} and {first} have different parameters",
                              "run update and sample again with this model")
+
+
+def _refuse_other_structure(
+    folder: Path, model: Model | None, update: UpdateRecord | None, diagnosis: Mapping | None
+) -> None:
+    """A model with findings in it has parameters more, and an update may leave some out; none in common is another
+    structure."""
+    its = {str(p.get("name")) for p in diagnosis["parameters"]} if diagnosis is not None else set()
+    known = model.parameters.names if model is not None else update.parameters.names if update is not None else ()
+    if its and known and not its & set(known):
+        raise InputError(f"{folder / 'diagnosis.json'}", f"is of another structure: none of its parameters "
+                         f"({', '.join(sorted(its)[:3])}, ...) is the {'model' if model is not None else 'update'}'s "
+                         f"({', '.join(known[:3])}, ...)", "run `probupdate diagnose` with this model, or take it out")
+
+
+def _other_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis: Mapping | None) -> Iterator[str]:
+    """What a diagnosis was made from, and lies here otherwise; files from before `inputs` do not say."""
+    from probupdate.structure.load import model_files
+
+    made = (diagnosis or {}).get("inputs", {})
+    model = model_files(places["model"], parameters) if "model" in places else ()
+    modes = tuple(places[name] for name in ("modes.json", "nine.json") if name in places)
+    for part, paths, words, whose in (
+        ("model", model, "another model or of other parameters", "structure's"),
+        ("modes", modes, "other modal sets", "record's"),
+    ):
+        its, here = dict(made.get(part, {})), {path.name: sha256(path) for path in paths}
+        # all that a model is of; of the sets all, or those that were selected
+        same = set(its.values()) == set(here.values()) if part == "model" else set(its.values()) & set(here.values())
+        if its and here and not same:
+            yield (f"diagnosis.json is of {words} ({_hashes(its)}) than those of this run ({_hashes(here)}): its "
+                   f"findings may be another {whose}.")
+
+
+def _hashes(files: Mapping[str, str]) -> str:
+    """Names with the beginning of their SHA-256."""
+    return ", ".join(f"{name} {digest[:8]}" for name, digest in files.items())
 
 
 def _warnings(

@@ -45,7 +45,7 @@ def _views_table(views: SetViews) -> Table:
         Column(name="(a) updates: mean"), Column(name="CoV", unit="-"), Column(name="resolution", unit="-"),
         Column(name="(b) pooled: mean"), Column(name="CoV", unit="-"), Column(name="(c) one for all: mean"),
         Column(name="CoV", unit="-"), Column(name="(d) population: middle"), Column(name="CoV of the middle", unit="-"),
-        Column(name="scatter between sets", unit="-"), Column(name="5–95 %", unit="-"),
+        Column(name="scatter between sets"), Column(name="5–95 %"),
         Column(name="CoV of a new set", unit="-"), Column(name="the sets say", number=False),
     )
     rows = []
@@ -57,9 +57,11 @@ def _views_table(views: SetViews) -> Table:
             fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
             full_sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
         ))
+    absolute = ", ".join(r.name for r in views.rows if not r.tau_relative)
+    absolute = absolute and f", but of {absolute} a standard deviation in the parameter's unit"
     return Table(caption="The same sets in four views", columns=columns, rows=tuple(rows),
-                 note=f"Weights: {views.settings['weights']}. Scatter between sets: median, over the mean; its "
-                 f"hyper-prior is {views.settings['hyper-prior of tau']}.")
+                 note=f"Weights: {views.settings['weights']}. Scatter between sets: median, a CoV"
+                 f"{absolute}; its hyper-prior is {views.settings['hyper-prior of tau']}.")
 
 
 def _score_table(views: SetViews) -> Table:

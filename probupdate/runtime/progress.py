@@ -10,3 +10,14 @@ Progress = Callable[[str, int, int], None]
 
 def silent(what: str, done: int, total: int) -> None:
     """The default: no report."""
+
+
+def rising(progress: Progress) -> Progress:
+    """The same, for a search that takes up again what it had left: what was done is not said to be undone."""
+    most: dict[tuple[str, int], int] = {}
+
+    def risen(what: str, done: int, total: int) -> None:
+        most[what, total] = max(done, most.get((what, total), 0))
+        progress(what, most[what, total], total)
+
+    return risen

@@ -97,7 +97,10 @@ def _no_form(path: Path) -> InputError:
     if (path / "campaign.toml").is_file():
         return InputError(str(path), "is a campaign's folder, not a model's file", forms)
     if path.is_dir():
-        held = [f.name for ending in FORMS for f in sorted(path.glob(f"*{ending}"))]
+        usual = [name for name in ("model.toml", "model.npz") if (path / name).is_file()]
+        # matrices before a TOML, which may be their table of parameters
+        held = usual or [f.name for ending in (".npz", ".toml", ".dat") for f in sorted(path.glob(f"*{ending}"))
+                         if f.name != "parameters.toml"]
         return InputError(str(path), "is a directory, not a model's file",
                           f"did you mean '{path / held[0]}'?" if held else forms)
     if not path.suffix:
@@ -140,9 +143,14 @@ def _refuse_sensors(path: Path, sensors) -> None:
         raise InputError(str(path), "a model of matrices has its own channels only", "leave the sensors to the model")
 
 
+def _tables_beside(path: Path) -> tuple[Path, Path]:
+    """Where the parameters of a model.npz may stand."""
+    return path.with_suffix(".toml"), path.with_name("parameters.toml")
+
+
 def _beside(path: Path) -> Path:
     """The table of parameters of a model.npz."""
-    for candidate in (path.with_suffix(".toml"), path.with_name("parameters.toml")):
+    for candidate in _tables_beside(path):
         if candidate.exists():
             return candidate
     raise InputError(
@@ -170,6 +178,20 @@ def _named_file(path: Path, raw: dict) -> Path:
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
     return named_within(table["file"], path.resolve().parent, f"{path}: matrices.file")
+
+
+def model_files(path: str | Path, parameters: str | Path | None = None) -> tuple[Path, ...]:
+    """What identifies a model on the disk, as far as it is there: its file, the one that it names, and the table of its
+    parameters."""
+    path = Path(path)
+    raw = read_toml(path) if path.suffix == ".toml" and path.is_file() else {}
+    tables = [raw[key] for key in ("matrices", "subdyn") if isinstance(raw.get(key), dict)]
+    named = [path.parent / str(table.get("file")) for table in tables]
+    if parameters is not None:
+        named.append(Path(parameters))
+    elif path.suffix == ".npz":
+        named += [p for p in _tables_beside(path) if p.exists()][:1]
+    return tuple(p for p in (path, *named) if p.is_file())
 
 
 def matrices_file(path: str | Path) -> tuple[Path, str]:

@@ -26,6 +26,8 @@ ARRAYS = ("channel", "channel_dof", "channel_sign", "node_position_m", "dof_node
           *(f"{name}{part}" for name in ("K0", "M0", "channel_row") for part in ("", *SPARSE_PARTS)))
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
+# of a model's rows in the mean: slower than what floats at anchor
+SLOWEST_HZ = 0.005
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ def load_matrices(
 def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) -> AffineModel:
     content = read_archive(path)
     stiffness, mass, stiffness_order, mass_order = [], [], [], []
+    own: dict[str, dict[str, sparse.csc_array]] = {}
     for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):
         matrices.append(matrix_of(path, content, f"{kind}0", None if kind == "K" else stiffness[0].shape[0]))
         for k, parameter in enumerate(parameters.names):
@@ -62,15 +65,19 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
             if key in content or f"{key}_data" in content:
                 matrices.append(matrix_of(path, content, key, stiffness[0].shape[0]))
                 order.append(k)
-    _refuse_negative_mass(path, mass, [1.0, *parameters.initial[mass_order]])
-    used = {parameters.names[k] for k in (*stiffness_order, *mass_order)}
+                own.setdefault(parameter, {})[key] = matrices[-1]
+    diagonals = (_diagonal(stiffness, parameters.initial[stiffness_order]),
+                 _diagonal(mass, parameters.initial[mass_order]))
+    _refuse_negative_mass(path, diagonals[1])
+    _refuse_exchanged(path, *diagonals)
     for parameter in parameters.names:
-        if parameter not in used:
+        if parameter not in own:
             raise InputError(
                 f"{path}, K_{parameter}", f"there is neither this matrix nor its M_ for '{parameter}' of {table}",
                 "mend the parameter's name",
             )
-    _refuse_unused(path, content, used, table)
+    _refuse_unused(path, content, set(own), table)
+    _refuse_idle(path, own, table)
     n = stiffness[0].shape[0]
     channels, channel_matrix = _channels(path, content, n)
     wire, wire_matrix = _wireframe(path, content, n)
@@ -88,13 +95,49 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     )
 
 
-def _refuse_negative_mass(path: Path, mass: Sequence[sparse.csc_array], factor: Sequence[float]) -> None:
+def _diagonal(matrices: Sequence[sparse.csc_array], theta: np.ndarray) -> np.ndarray:
+    """(n,) of the first matrix and theta times the others."""
+    return np.sum([f * m.diagonal() for f, m in zip((1.0, *theta), matrices, strict=True)], axis=0)
+
+
+def _refuse_negative_mass(path: Path, mass: np.ndarray) -> None:
     """At the initial parameters: no motion has a negative kinetic energy, that of a single row neither."""
-    diagonal = np.sum([f * matrix.diagonal() for f, matrix in zip(factor, mass, strict=True)], axis=0)
-    row = int(np.argmin(diagonal))
-    if diagonal[row] < 0:
-        raise InputError(f"{path}, M0", f"row {row} has a negative mass ({diagonal[row]:.3g}) at the initial "
+    row = int(np.argmin(mass))
+    if mass[row] < 0:
+        raise InputError(f"{path}, M0", f"row {row} has a negative mass ({mass[row]:.3g}) at the initial "
                          "parameters", "check its sign, and that of every M_<name>")
+
+
+def _refuse_exchanged(path: Path, stiffness: np.ndarray, mass: np.ndarray) -> None:
+    """The sum of the diagonal of K over that of M is a mean of w^2 of each row held alone, no less than the lowest
+    eigenvalue and most often far above it."""
+    if stiffness.sum() > 0 and mass.sum() > 0:
+        mean_hz = float(np.sqrt(stiffness.sum() / mass.sum()) / (2 * np.pi))
+        if mean_hz < SLOWEST_HZ:
+            raise InputError(f"{path}, K0", f"with M0 the rows' mean frequency is {mean_hz:.2g} Hz, below that of any "
+                             "structure: are K0 and M0 exchanged, or in units that do not belong together?",
+                             "exchange them, or give N/m with kg, kN/m with t")
+
+
+def _refuse_idle(path: Path, own: Mapping[str, Mapping[str, sparse.csc_array]], table: str) -> None:
+    """Parameters that no measurement informs: without effect, or with the very effect of another one. `own`: name ->
+    its matrices by their keys."""
+    known: dict[tuple, str] = {}
+    for name, matrices in own.items():
+        acts = []
+        for key, matrix in matrices.items():
+            entries = sparse.coo_array(matrix)
+            there = entries.data != 0
+            if there.any():
+                parts = (*entries.coords, entries.data)
+                acts.append((key[0], *(part[there].astype(float).tobytes() for part in parts)))
+        if not acts:
+            raise InputError(f"{path}, {next(iter(matrices))}", f"is zero: the parameter '{name}' has no effect",
+                             f"export it again, or leave '{name}' out of {table}")
+        other = known.setdefault(tuple(acts), name)
+        if other != name:
+            raise InputError(f"{path}, {next(iter(matrices))}", f"is the matrix of '{other}' too: no measurement "
+                             f"distinguishes '{other}' from '{name}'", "export its own, or make one parameter of both")
 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
@@ -109,6 +152,8 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
         raw = content[key]
         if raw.ndim != 2:
             raise InputError(where, f"has shape {raw.shape}", "give a square matrix")
+        if not raw.size:
+            raise InputError(where, "is empty", "give a square matrix: check how it was exported")
         matrix = sparse.csc_array(_real(where, raw))
     elif all(key + part in content for part in SPARSE_PARTS):
         data, indices, indptr = (content[key + part] for part in SPARSE_PARTS)
@@ -264,6 +309,9 @@ def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, 
     if np.any(direction > 5):
         raise InputError(f"{path}, dof_direction", f"{direction.max():g} is none",
                          "give 0, 1, 2 for motion along x, y, z, 3, 4, 5 for rotation, and -1 for neither")
+    if len(node) > 1 and np.all(node == node[0]):
+        raise InputError(f"{path}, node_position_m", f"has all {len(node)} nodes at one place",
+                         "give every node's place in m, or leave the picture's arrays out")
     rows = np.flatnonzero((direction >= 0) & (direction < 3))
     picture = sparse.csr_array(
         (np.ones(len(rows)), (3 * dof_node[rows] + direction[rows], rows)), shape=(3 * len(node), n)

@@ -281,11 +281,11 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
     for k, p in enumerate(parameters):
         within = float(np.mean([x.variance()[k] for x in alone]))
         means = np.array([x.mean()[k] for x in alone])
-        scale = 1.0 if coordinates.logarithmic[k] else 1 / max(abs(float(np.mean(middle[:, k]))), 1e-300)
-        tau = population.tau[:, k] * scale
+        # of a change about zero a CoV would be over a mean of next to nothing
+        tau = population.tau[:, k]
         hyper = spread * coordinates.scale[k]
         # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
-        bits = bits_gained(2 * special.ndtr(population.tau[:, k] / hyper) - 1, population.ess)
+        bits = bits_gained(2 * special.ndtr(tau / hyper) - 1, population.ess)
         low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
         scatter = _cov(theta_map[:, k])
         row: dict[str, Any] = dict(
@@ -296,8 +296,8 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
             joint_mean=float(joint.mean()[k]),
             joint_cov=_ratio(float(np.sqrt(joint.variance()[k])), float(joint.mean()[k])),
             mean=float(middle[:, k].mean()), mean_cov=_cov(middle[:, k])[1], tau=float(mid), tau_low=float(low),
-            tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper * scale), tau_bits=bits,
-            population_cov=_cov(new[:, k])[1],
+            tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper), tau_bits=bits,
+            population_cov=_cov(new[:, k])[1], tau_relative=bool(coordinates.logarithmic[k]),
         )
         rows.append(SetsRow(sentence=parameter_sentence(row), **row))
     return rows

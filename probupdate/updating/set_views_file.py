@@ -29,9 +29,10 @@ POOLED, ONE, MANY = "each set alone", "one value for all sets", "a population"
 @dataclass(frozen=True, kw_only=True)
 class SetsRow:
     """One parameter or derived quantity. scatter_*: of the maxima; pooled_*: law of total variance; joint_*: one
-    posterior of all sets; mean_*: of the population's middle, tau_*: its scatter between sets over the mean (median, 5
-    and 95 %), tau_prior the hyper-prior's median, tau_bits what the data say of it; population_cov: of a set not yet
-    measured, uncertainty of the middle included. NaN where it does not apply."""
+    posterior of all sets; mean_*: of the population's middle, tau_*: its scatter between sets (median, 5 and 95 %),
+    tau_prior the hyper-prior's median, tau_bits what the data say of it; tau_relative: these are a CoV, of a parameter
+    that is positive by its bounds, else standard deviations in `unit`; population_cov: of a set not yet measured,
+    uncertainty of the middle included. NaN where it does not apply."""
 
     name: str
     unit: str
@@ -52,6 +53,8 @@ class SetsRow:
     tau_bits: float
     population_cov: float
     sentence: str
+    # files from before this key have all over the mean
+    tau_relative: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,16 +112,19 @@ def tau_interval(row: SetsRow) -> str:
 
 def parameter_sentence(row: dict) -> str:
     """What the sets say of one parameter's variation."""
-    name = row["name"]
+    name, unit = row["name"], row["unit"]
+    of = "CoV" if row["tau_relative"] else "standard deviation"
+    low, mid, high, prior = (f"{row[key]:.2g}{'' if row['tau_relative'] or unit == '-' else f' {unit}'}"
+                             for key in ("tau_low", "tau", "tau_high", "tau_prior"))
     if row["tau_bits"] < IDENTIFIED_BITS:
-        text = (f"the sets do not identify how {name} varies: tau is below {row['tau_high']:.2g} (95 %), which is the "
-                f"hyper-prior's own (median {row['tau_prior']:.2g})")
+        text = (f"the sets do not identify how {name} varies: tau, its {of} between sets, is below {high} (95 %), "
+                f"which is the hyper-prior's own (median {prior})")
         if row["resolution"] < 0.1:
             text += ", nor what it is"
         return text
     if row["tau_low"] < 0.2 * row["tau"]:
-        return f"{name} varies between sets by at most {row['tau_high']:.2g} (95 %), perhaps not at all"
-    return f"{name} varies between sets by {row['tau']:.2g} ({row['tau_low']:.2g} to {row['tau_high']:.2g})"
+        return f"{name} varies between sets by a {of} of at most {high} (95 %), perhaps not at all"
+    return f"{name} varies between sets by a {of} of {mid} ({low} to {high})"
 
 
 def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> str:
@@ -169,7 +175,10 @@ def summary(views: SetViews) -> str:
             f"{r.mean:>10.4g} {_three(r.mean_cov)} {_three(r.tau)} {interval:>14} {_three(r.population_cov):>7}"
         )
     lines.append("(a) scatter of the updates, (b) posteriors pooled, (c) one posterior for all, (d) population: its "
-                 "middle, its scatter tau between sets over the mean, and the CoV of a set not yet measured")
+                 "middle, its scatter tau between sets, and the CoV of a set not yet measured")
+    absolute = [r.name for r in views.rows if not r.tau_relative]
+    if absolute:
+        lines.append(f"tau is a CoV, but of {', '.join(absolute)} a standard deviation in the parameter's unit")
     lines += [f"{r.sentence}" for r in views.rows if np.isfinite(r.tau)]
     lines += [f"{m.label}: scatter of f {100 * m.scatter:.3f} %, stated noise {100 * m.stated:.3f} %, variation "
               f"{100 * m.variation:.3f} % ({100 * m.low:.3f} to {100 * m.high:.3f}), p {m.p_value:.2g}"

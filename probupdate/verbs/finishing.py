@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,14 @@ import numpy as np
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import StateRule, row_states
 from probupdate.errors import InputError, names_files
+from probupdate.io.files import sha256
 from probupdate.io.result_table import files_table
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
 from probupdate.runtime.executors import Executor
-from probupdate.runtime.progress import Progress, silent
-from probupdate.structure.load import load_model
+from probupdate.runtime.progress import Progress, rising, silent
+from probupdate.structure.load import load_model, model_files
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import read_posterior
@@ -67,7 +68,16 @@ def diagnose(
     path = model_path(model) if isinstance(model, str | Path) else model
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
     source = ModelSource(model=path, parameters=parameters, **of_model)
-    return diagnose_files(source, data, campaign=records, seed=seed, progress=progress, **options)
+    # before the work: a file may be written anew meanwhile
+    inputs = _inputs(path.path if isinstance(path, Prepared) else path, parameters, modes)
+    found = diagnose_files(source, data, campaign=records, seed=seed, progress=rising(progress), **options)
+    return replace(found, inputs=inputs)
+
+
+def _inputs(model: object, parameters: str | Path | None, modes: object) -> dict[str, dict[str, str]]:
+    """Of model and modes the files, name -> SHA-256; none of a value that was given in their place."""
+    return {"model": {p.name: sha256(p) for p in model_files(model, parameters)} if isinstance(model, Path) else {},
+            "modes": {Path(modes).name: sha256(modes)} if isinstance(modes, str | Path) else {}}
 
 
 @names_files("run", "run")

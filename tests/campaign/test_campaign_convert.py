@@ -272,6 +272,22 @@ def test_a_clock_that_runs_a_little_off_is_followed_and_told(job):
     assert at == n and "part by a sample 2 times" in result.summary
 
 
+@pytest.mark.parametrize(("line", "short"), [
+    ("2019-06-03T10:00:00.300Z,1.0", True), ("2019-06-03T10:00:00.300Z,,", False), ("", False),
+])
+def test_a_row_with_too_few_cells_is_named_and_an_empty_cell_is_a_gap(job, line, short):
+    """The row had become NaN at its end without a word of its line."""
+    raw, campaign = job('files = "*.csv"\ntime = "when"\nskip_rows = 1' + COLUMNS)
+    good = [f"{t:%Y-%m-%dT%H:%M:%S.%f}Z,1.0,2.0" for t in stamps(6)]
+    # a blank line is no row
+    (raw / "a.csv").write_text("\n".join(["a logger", "when,east,north", *good[:3], "", line, *good[4:]]) + "\n")
+    if short:
+        with pytest.raises(InputError, match=r"a\.csv, line 7: has 2 cells of 3; complete it with empty cells"):
+            convert(raw, campaign)
+    else:
+        assert convert(raw, campaign).samples >= 5
+
+
 def test_lost_markers_factors_and_text_cells(job):
     raw, campaign = job('files = "*.csv"\ntime = "when"\nlost = [-999.0]' + COLUMNS + '[factor]\n"a-y" = -2.0\n')
     data = noise()

@@ -562,6 +562,17 @@ def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refu
     assert words in refused(verb, *files, *options, *out)
 
 
+def test_a_model_that_is_called_model_is_not_named_twice(building, refused):
+    table = modes_table()
+    table["channels"][-1] = "roof"
+    Path(building["modes"]).write_text(json.dumps(table))
+    assert "but not in the model (1 of 5 missing)" in refused(*update(building))
+
+
+def test_a_discrepancy_of_zero_is_said_to_be_allowed(building, refused):
+    assert "-1 is neither a share of zero or above nor auto" in refused(*update(building), "--discrepancy=-1")
+
+
 ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"], ["demo", "x", "--days", "1e9"],
           ["simulate", "x", "--jobs", "1000000000"], ["sample", "--ensembles", "1000000000"],
           ["sample", "--ess", "1" + "0" * 12], ["sample", "--max-steps", "1" + "0" * 12],

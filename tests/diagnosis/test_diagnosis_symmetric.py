@@ -89,6 +89,7 @@ def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed
     row.error((one.size - 7) / one.size_std, 3, "size")
     row.error(one.size_std, 1.5, "its standard deviation")
     row.error(found.threshold, SENSIBLE, "threshold")
+    assert set(found.inputs["model"]) == {"model.npz", "parameters.toml"} and not found.inputs["modes"]
 
 
 def test_nothing_is_found_on_a_model_equal_both_ways(model, validation):

@@ -27,6 +27,7 @@ from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
+from probupdate.io.files import sha256
 from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.modal_blocks import simulate_modes
@@ -202,8 +203,24 @@ def test_the_command_takes_modes_alone(record, tmp_path, capsys):
     assert main(["diagnose", "--modes", str(tmp_path / "modes.json"), "--out", str(tmp_path / "d.json")]) == 0
     content = json.loads((tmp_path / "d.json").read_text())
     assert content["verdict"] == "none" and content["adequacy_p"] is None and content["detectable_sizes"]
+    assert content["inputs"] == {"model": {}, "modes": {"modes.json": sha256(tmp_path / "modes.json")}}
     with pytest.raises(InputError, match="no model"):
         probupdate.diagnose(None, record(1), groups={"a": {"k1": 0.1}})
+
+
+def test_a_search_that_goes_back_does_not_say_so(record, monkeypatch):
+    """It takes up smaller hypotheses again, and had counted 1, 2, 3, 3, 2 of 4."""
+    found, said = diagnose_without_model(record(1)), []
+
+    def searching(*_, progress, **__):
+        for done in (1, 3, 2):
+            progress("diagnosing", done, 4)
+        progress("another step", 0, 4)
+        return found
+
+    monkeypatch.setattr("probupdate.diagnosis.run.diagnose_files", searching)
+    probupdate.diagnose(None, record(1), progress=lambda *step: said.append(step))
+    assert said == [("diagnosing", 1, 4), ("diagnosing", 3, 4), ("diagnosing", 3, 4), ("another step", 0, 4)]
 
 
 def test_same_seed_same_answer(record):

@@ -166,9 +166,19 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
+        (lambda c: c["sets"][0].update(frequency_std_hz=[1e-9]),
+         r"set 1, frequency_std_hz: 1e-09 Hz of 1 Hz is less than any record's clock .* placeholder\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9 .* are these per cent\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
         (lambda c: c["sets"][0].update(environment={"air_temperature_c": 288.2}), "air_temperature_c: 288.2 .* kelvin"),
+        (lambda c: c["sets"][0].update(shape_re=[[0.0, None]]), "set 1, shape_re: the shape of mode 1 is zero at"),
+        (lambda c: c["sets"][0].update(environment={"air_temperature_c": "10,5"}),
+         "set 1, environment, air_temperature_c: '10,5' is not a number; write it with a point"),
+        (lambda c: c["sets"][0].update(environment={"nacelle_angle_deg": "west"}), "'west' is not a number"),
+        (lambda c: c["sets"][0].update(environment={"Air_temperature_c": 10.0}),
+         "set 1, environment: unknown key 'Air_temperature_c'; did you mean 'air_temperature_c'"),
+        (lambda c: c["sets"].append(dict(c["sets"][0], id="2", environment={"wind_speed_ms": 3.0})),
+         "set 2, .*'wind_speed_ms'; did you mean 'wind_speed_mps'"),
         (lambda c: c["sets"].append(dict(c["sets"][0])), "share one id"),
         (lambda c: c.update(labels=["a", "b"]), "labels"),
         (lambda c: c.update(labels=["X1", "X1"]), "labels: X1 stands for 2 modes; give every mode a name of its own"),
@@ -180,6 +190,13 @@ def test_each_mistake_is_named(tmp_path, change, word):
     change(content)
     with pytest.raises(InputError, match=word):
         read_modes(write(tmp_path, content))
+
+
+def test_conditions_of_other_tools_are_left_to_them(tmp_path):
+    its = {"water_temperature_c": 5.0, "air_temperature_c_note": "of the mast", "crew": "B", "temperature": "warm"}
+    content = minimal()
+    content["sets"][0]["environment"] = its
+    assert dict(read_modes(write(tmp_path, content)).sets[0].environment) == its
 
 
 def test_a_file_that_is_no_json_or_not_there(tmp_path):

@@ -108,7 +108,8 @@ def views(folder: Path) -> Made:
     from probupdate.updating.predictive import LeftOut
     from probupdate.updating.set_views_file import ModeScatter, SetsRow, SetViews, read_views
 
-    row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies"}
+    row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies",
+                                                           "tau_relative": True}
     mode = {f: 0.01 for f in ModeScatter.__dataclass_fields__} | {"label": "FA1", "n_set": 3}
     score = {name: np.zeros(3) for name in ("pooled", "population")}
     path = SetViews(
@@ -294,7 +295,7 @@ def matrices(folder: Path) -> Made:
     K = sparse.csr_array(np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1))
     np.savez(folder / "model.npz", K0=np.zeros((6, 6)), M0=np.eye(6), K_k_data=K.data, K_k_indices=K.indices,
              K_k_indptr=K.indptr, M_m=np.eye(6), channel=np.array(list("abc")), channel_dof=np.arange(3),
-             channel_sign=np.ones(3), node_position_m=np.zeros((6, 3)), dof_node=np.arange(6),
+             channel_sign=np.ones(3), node_position_m=np.eye(6, 3), dof_node=np.arange(6),
              dof_direction=np.zeros(6, int), line=np.array([[0, 1]]))
     (folder / "model.toml").write_text("".join("[[parameter]]\n" + TOML.format(n) for n in "km"))
     return [folder / "model.npz", folder / "model.toml"], lambda: load_model(folder / "model.npz")

@@ -13,6 +13,7 @@ import pytest
 from probupdate.campaign.checking import check
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
+from probupdate.io.files import sha256
 from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.reporting import report
 from probupdate.reporting.run_files import PARTS, _said, read_run
@@ -192,6 +193,40 @@ def test_results_of_other_parameters_are_refused(own, full_run):
     (own / "posterior.nc").unlink()
     write_posterior(replace(full_run.posterior, names=names), own / "posterior.nc")
     with pytest.raises(InputError, match="have different parameters"):
+        read_run(own, silent)
+
+
+def with_inputs(folder: Path, diagnosis: dict) -> None:
+    """diagnosis.json as `diagnose` writes it of the files that lie here."""
+    made = {"model": ("model.npz", "parameters.toml"), "modes": ("modes.json",)}
+    inputs = {part: {name: sha256(folder / name) for name in names} for part, names in made.items()}
+    put(folder, "diagnosis.json", json.dumps(diagnosis | {"inputs": inputs}))
+
+
+def test_a_diagnosis_of_these_files_is_taken(own, full_run):
+    with_inputs(own, full_run.diagnosis)
+    assert read_run(own, silent).warnings == ()
+    # of the sets that were selected it may be as well
+    (own / "modes.json").rename(own / "all.json")
+    (own / "nine.json").rename(own / "modes.json")
+    (own / "all.json").rename(own / "nine.json")
+    assert read_run(own, silent).warnings == ()
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("parameters.toml", "another model or of other parameters"), ("modes.json", "other modal sets (modes.json "),
+])
+def test_a_diagnosis_of_other_files_is_said(own, full_run, name, words):
+    with_inputs(own, full_run.diagnosis)
+    put(own, name, (own / name).read_text() + "\n")
+    (said,) = read_run(own, silent).warnings
+    assert words in said and name in said
+
+
+def test_a_diagnosis_of_another_structure_is_refused(own, full_run):
+    other = [p | {"name": f"bottom{k}"} for k, p in enumerate(full_run.diagnosis["parameters"])]
+    put(own, "diagnosis.json", json.dumps(full_run.diagnosis | {"parameters": other}))
+    with pytest.raises(InputError, match=r"another structure: none of its parameters \(bottom0.*k_j"):
         read_run(own, silent)
 
 

@@ -138,6 +138,10 @@ NAN[2, 2] = np.nan
         ({"K0": np.ones(6)}, "K0", "has shape (6,)"),
         ({"M0": eye(5)}, "M0", "has shape (5, 5)"),
         ({"M0": np.diag([1.0, 1, 1, 1, -0.2, 1])}, "M0", "row 4 has a negative mass (-0.2)"),
+        ({"K0": np.zeros((0, 0))}, "K0", "is empty"),
+        ({"K_k": np.zeros((6, 6))}, "K_k", "is zero: the parameter 'k' has no effect"),
+        ({"K0": eye(), "M0": 1e4 * chain()["K0"], "K_k": chain()["M_m"], "M_m": chain()["K_k"]}, "K0",
+         "are K0 and M0 exchanged"),
         ({"K_k": None}, "K_k", "neither this matrix nor its M_"),
         ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
         ({"channel": np.array(["a", "a"])}, "channel", "'a' is listed twice"),
@@ -151,6 +155,8 @@ NAN[2, 2] = np.nan
         ({"channel": None}, "channel", "is missing"),
         ({"channel_sign": np.array([1, 2])}, "channel_sign", "not a +1 or -1"),
         ({"node_position_m": np.zeros((6, 3))}, "dof_node", "is missing"),
+        ({"node_position_m": np.zeros((6, 3)), "dof_node": np.arange(6), "dof_direction": np.zeros(6, int)},
+         "node_position_m", "has all 6 nodes at one place"),
         ({"node_position_m": np.zeros((6, 2)), "dof_node": np.zeros(6, int), "dof_direction": np.zeros(6, int)},
          "node_position_m", "has shape (6, 2)"),
         ({"node_position_m": np.zeros((6, 3)), "dof_node": np.zeros(5, int), "dof_direction": np.zeros(6, int)},
@@ -170,6 +176,25 @@ def test_mistakes_name_file_and_key(folder, changes, key, problem):
     text = str(caught.value)
     assert text.startswith(f"{path}, {key}: ") and "\n" not in text
     assert problem in text
+
+
+@pytest.mark.parametrize("sparsely", [False, True])
+def test_two_parameters_of_one_effect_are_refused(folder, sparsely):
+    """Of the same stiffness, unless a mass distinguishes them; springs in parallel of other stiffness are two."""
+    (folder / "parameters.toml").write_text(TABLE.replace('"m"', '"other"'))
+    own = chain()["K_k"]
+    csr = sparse.csr_array(own)
+    same = {"K_other": own} if not sparsely else {
+        "K_other_data": csr.data, "K_other_indices": csr.indices, "K_other_indptr": csr.indptr}
+    with pytest.raises(InputError, match=r"K_other: is the matrix of 'k' too: no measurement distinguishes 'k' from"):
+        load_model(save(folder, M_m=None, **same))
+    assert load_model(save(folder, M_m=None, M_other=chain()["M_m"], **same))
+    assert load_model(save(folder, M_m=None, K_other=0.5 * own))
+
+
+def test_two_channels_may_read_one_degree_of_freedom(folder):
+    """Two sensors at one place."""
+    assert load_model(save(folder, channel_dof=np.array([5, 5]))).channels == ("a", "b")
 
 
 def test_indefinite_matrices_name_the_values(folder):
@@ -195,6 +220,22 @@ def test_parameters_given_as_the_model_are_no_model(folder):
     save(folder)
     with pytest.raises(InputError, match="states parameters and no model; give the model that they are of"):
         load_model(folder / "parameters.toml")
+
+
+def test_a_folder_is_asked_about_the_model_in_it(folder):
+    save(folder)
+    with pytest.raises(InputError, match=r"is a directory, not a model's file; did you mean '.*model\.npz'\?"):
+        load_model(folder)
+    (folder / "model.npz").rename(folder / "bridge.npz")
+    with pytest.raises(InputError, match=r"did you mean '.*bridge\.npz'\?"):
+        load_model(folder)
+    (folder / "model.toml").write_text("")
+    with pytest.raises(InputError, match=r"did you mean '.*model\.toml'\?"):
+        load_model(folder)
+    for path in folder.glob("[bm]*"):
+        path.unlink()
+    with pytest.raises(InputError, match="is a directory, not a model's file; a model is a model.toml"):
+        load_model(folder)
 
 
 def test_parameters_must_be_known(tmp_path):

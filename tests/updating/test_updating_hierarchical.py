@@ -1,6 +1,8 @@
 """Sets that differ: the integral over each set's parameters, the population of a linear problem by quadrature, hyper-
 priors where the data are silent, leave-one-set-out scores, and the four views of a chain whose base varies."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -16,7 +18,7 @@ from probupdate.updating.information import information
 from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_views import joint_posterior, mode_scatter, view_sets
-from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, read_views
+from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, parameter_sentence, read_views
 
 NOISE = 0.002
 SINGLE = [(j,) for j in range(5)]
@@ -212,13 +214,35 @@ def test_the_four_views_of_a_varying_parameter(views, tmp_path):
     assert a.resolution > 0.9 and c.resolution < 0.95
     # pooled is never less than the scatter, one posterior is narrower than any
     assert a.pooled_cov >= 0.99 * a.scatter_cov and a.joint_cov < 0.5 * a.pooled_cov
-    assert a.tau_low < 0.2 / a.mean < a.tau_high and a.tau_bits > IDENTIFIED_BITS
-    assert a.population_cov > a.tau and "varies between sets by" in a.sentence
+    assert a.tau_low < 0.2 < a.tau_high and a.tau_bits > IDENTIFIED_BITS
+    assert a.population_cov * a.mean > a.tau and "varies between sets by a standard deviation of" in a.sentence
+    assert "tau is a CoV, but of a, b, c a standard deviation in the parameter's unit" in views.summary
     total = {name: score.sum() for name, score in views.scores.score.items()}
     assert total[MANY] > total[ONE] + 10 and set(total) == {MANY, ONE, POOLED}
     assert "A population predicts sets left out better" in views.advice
     assert np.all(views.linear_share > 0.999)
     assert read_views(views.write(tmp_path / "sets.json")).summary == views.summary
+
+
+def test_tau_of_a_change_about_zero_is_no_share_of_its_mean():
+    """As a CoV it had been 8.4 for a stiffness that lies within -0.95 and 1."""
+    zero = Parameters(tuple(Parameter(name=p.name, unit="m", initial=0.0, std=p.std) for p in LINEAR_PARAMETERS))
+    theta = TAU * np.random.default_rng(2).standard_normal((N_SET, 3))
+    frequencies = LINEAR_HZ + (theta - LINEAR_PARAMETERS.initial) @ SLOPE.T
+    found = view_sets(linear_model(zero, SLOPE), linear_data(frequencies, cov=NOISE), seed=3).rows[0]
+    assert abs(found.mean) < 0.2 and found.tau_low < 0.2 < found.tau_high < 0.6 and not found.tau_relative
+    assert re.search(r"a varies between sets by a standard deviation of 0\.\d+ m \(0\.\d+ m to", found.sentence)
+
+
+@pytest.mark.parametrize(("low", "bits", "relative", "words"), [
+    (0.04, 9.0, True, "k varies between sets by a CoV of 0.06 (0.04 to 0.09)"),
+    (0.0, 9.0, False, "by a standard deviation of at most 0.09 m (95 %), perhaps not at all"),
+    (0.0, 0.0, False, "tau, its standard deviation between sets, is below 0.09 m (95 %)"),
+])
+def test_a_sentence_says_what_tau_is(low, bits, relative, words):
+    row = {"name": "k", "unit": "m", "tau": 0.06, "tau_low": low, "tau_high": 0.09, "tau_prior": 0.1, "tau_bits": bits,
+           "tau_relative": relative, "resolution": 0.5}
+    assert words in parameter_sentence(row)
 
 
 def test_the_same_seed_gives_the_same_numbers():

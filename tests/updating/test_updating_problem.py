@@ -179,6 +179,8 @@ def test_a_pair_of_equal_shapes_or_a_zero_shape_is_refused():
     shape[:, 1] = 2 * shape[:, 0]
     with pytest.raises(InputError, match="span no plane"):
         build_problem(chain_model(), with_set(data, shape=shape))
+    with pytest.raises(InputError, match="the shape of mode 3 is zero at every channel"):
+        build_problem(chain_model(), with_set(data, shape=data.sets[0].shape * [1, 1, 0, 1]))
 
 
 # invariance to what no measurement determines
