@@ -18,8 +18,8 @@ STILL_S, STILL_SAMPLES = 1.0, 20
 # drift over a block, between the means of its first and last tenth, in multiples of the vibration's own standard
 # deviation
 PARTS = 10
-# of two channels' vibration, the share that no factor explains within which one is the other's copy: no two sensors have
-# one noise, and a file of single precision keeps seven digits
+# of two channels' vibration, the share that no factor explains within which one is the other's copy: no two sensors
+# have one noise, and a file of single precision keeps seven digits
 COPIED = 1e-12
 
 
@@ -27,8 +27,8 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
     """A row per channel: missing (share), impossible and repaired (samples, see `Block`), longest_gap_s (left
     after the repair), rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI:
     the mean of the last tenth less that of the first, the range of the tenths' means, the standard deviation about
-    them), spikes and clipped (samples), still_s (longest run of one value), flat, copy_of (the first channel of which it
-    is a multiple)."""
+    them), spikes and clipped (samples), still_s (longest run of one value), flat, copy_of (the first channel of which
+    it is a multiple)."""
     data, rate = block.data, block.sampling_rate_hz
     n_channel = data.shape[1]
     known = np.isfinite(data)

@@ -63,8 +63,8 @@ def add_commands(verb: AddCommand) -> None:
                    help="channels that are not looked at, as they are known to be wrong")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--discrepancy", type=positive(float, "share"), metavar="SHARE",
-                   help="what the model may miss of every frequency, shapes in proportion (0.003); larger where members "
-                   "are known less well than their parameters say")
+                   help="what the model may miss of every frequency, shapes in proportion (0.003); larger where "
+                   "members are known less well than their parameters say")
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
                    "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")

@@ -344,8 +344,8 @@ def _copied(channels: Sequence[str], shape: np.ndarray) -> list[str]:
         same = (both.sum(axis=1) > 1) & (size * other > 0) & (left <= COPIED * size * other)
         if same.sum() > 1:
             notes.append(f"{channels[a]} and {channels[b]} have the same numbers, but for a factor, in {same.sum()} of "
-                         f"{len(shape)} sets, as of one signal that is written twice: leave one of them out, and follow "
-                         "their cables")
+                         f"{len(shape)} sets, as of one signal that is written twice: leave one of them out, and "
+                         "follow their cables")
     return notes
 
 

@@ -272,8 +272,9 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
     times = f"{shapes:g}" if frequencies == shapes else f"{frequencies:g} and {shapes:g}"
     usual = 100 * problem.discrepancy_scale
     note = (f"what the model leaves out is taken {times} times as large as {'usual' if usual == 100 else 'stated'} "
-            f"({usual * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, {usual * shapes * DISCREPANCY_SHAPE:.2g} % "
-            "of a shape's largest component): so the measured modes are most probable")
+            f"({usual * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, "
+            f"{usual * shapes * DISCREPANCY_SHAPE:.2g} % of a shape's largest component): so the measured modes are "
+            "most probable")
     n_channel = len(problem.blocks.channels)
     scaled = []
     for std, group in zip(problem.discrepancy_std, problem.blocks.groups, strict=True):

@@ -258,16 +258,16 @@ def diagnosis_problem(
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
                      "looked elsewhere, what turning it does to the modes is taken for something else")
+    scale = 1.0 if prepared.discrepancy is None else prepared.discrepancy / DISCREPANCY_LOG
     if prepared.discrepancy is not None:
-        notes.append(f"what the model leaves out is taken as stated: {100 * prepared.discrepancy:.2g} % of a frequency, "
-                     f"{100 * prepared.discrepancy / DISCREPANCY_LOG * DISCREPANCY_SHAPE:.2g} % of a shape's largest "
-                     f"component ({100 * DISCREPANCY_LOG:.2g} % and {100 * DISCREPANCY_SHAPE:.2g} % are usual)")
+        notes.append(f"what the model leaves out is taken as stated: {100 * prepared.discrepancy:.2g} % of a "
+                     f"frequency, {100 * scale * DISCREPANCY_SHAPE:.2g} % of a shape's largest component "
+                     f"({100 * DISCREPANCY_LOG:.2g} % and {100 * DISCREPANCY_SHAPE:.2g} % are usual)")
     if factor := common_factor_words(-np.log(ratios), COMMON_FACTOR):
         notes.append(f"before any parameter is updated {factor}")
     blocks = replace(blocks, notes=tuple(notes))
     which = _candidates(effects, time_profiles)
     n_channel = len(blocks.channels)
-    scale = 1.0 if prepared.discrepancy is None else prepared.discrepancy / DISCREPANCY_LOG
     discrepancy_std = tuple(scale * _discrepancy_std(len(g), n_channel) for g in blocks.groups)
     return DiagnosisProblem(
         predictor=predictor,

@@ -164,7 +164,8 @@ def _with_larger_error(
     for scale in LARGER_ERRORS:
         share = scale * DISCREPANCY_LOG
         try:
-            found = examine(replace(prepared, discrepancy=share), data, seed=seed, runs=runs, progress=progress).diagnosis
+            found = examine(replace(prepared, discrepancy=share), data, seed=seed, runs=runs,
+                            progress=progress).diagnosis
         except ConvergenceError:
             # of a model that far off nothing is said
             continue

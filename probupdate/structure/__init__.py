@@ -2,8 +2,8 @@
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "affine", "along_lines", "assembly", "beam", "channels", "coefficient", "description", "description_file", "effect_kinds",
-    "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load", "matrices",
-    "moved_channels", "own_modes", "parameter_table", "places", "projected_terms", "reduced", "schema", "soil",
-    "subdyn_frame", "subdyn_model", "subdyn_values", "turbine_frame",
+    "affine", "along_lines", "assembly", "beam", "channels", "coefficient", "description", "description_file",
+    "effect_kinds", "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load",
+    "matrices", "moved_channels", "own_modes", "parameter_table", "places", "projected_terms", "reduced", "schema",
+    "soil", "subdyn_frame", "subdyn_model", "subdyn_values", "turbine_frame",
 ]

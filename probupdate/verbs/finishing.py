@@ -52,7 +52,8 @@ def diagnose(
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
     at, as a diagnosis has found that they are wrong. `options`: `sensors`, `groups`, `effects` and
-    `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of `diagnosis.run.diagnose_files`.
+    `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of
+    `diagnosis.run.diagnose_files`.
     """
     from probupdate.diagnosis.blocks import gather, of_model
     from probupdate.diagnosis.prepare import Prepared

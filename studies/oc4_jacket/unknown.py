@@ -1,7 +1,8 @@
 """What stands in no table of the OC4 jacket: is it noticed, is it given a row's name, is it placed?
 
-python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts | --moved] (goes on where it stopped)
+python studies/oc4_jacket/unknown.py OUT [--first K] [--most N] [--data FOLDER] [--mounts | --moved]
 python studies/oc4_jacket/unknown.py OUT --tables
+It goes on where it stopped.
 
 By turns a cable from a leg's upper end to the tower, a fender at the water, a mass that swings on the tower, a second
 structure beside a leg at the water, in OpenSees; four throughout, four as a step, and so on. The place is right within
