@@ -10,7 +10,9 @@ from scipy import linalg, optimize
 
 from probupdate.diagnosis.expected import local_at, residuals_at, signatures_at
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.mode_numbers import tensor_turn
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Delay, Effect, FrequencyResponse, Gain
@@ -127,6 +129,7 @@ def _design(
         included=(*((column[_number(problem, n)], n.time_profile, n.prior_std)
                     for n in included if not n.effect.discrete), *scatter),
         n_scatter=len(scatter),
+        turns=_turns(problem, theta, exact, bins),
         model_errors=_model_errors(problem, included, [[e[:, :, column[_number(problem, n)]] for e in effect]
                                                        for n in included]),
     )
@@ -255,6 +258,29 @@ def _signatures_of_bins(
         for whole, part in zip(prints, at, strict=True):
             whole[there] = part
     return prints
+
+
+def _turns(
+    problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], bins: np.ndarray
+) -> tuple[np.ndarray | None, ...] | None:
+    """Per pair (n_bin, 3, 3) what the sensors of each bin make of an offset of its tensor, beside what they make where
+    nothing is wrong with them: where one shows the pair's plane turned, what the model leaves out turns with it. At
+    one heading, as what an effect turns hardly hangs on it."""
+    if not any(n.effect.observe is not None for n in exact):
+        return None
+    centres, _ = problem.bins
+    states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
+    turns = [np.tile(np.eye(3), (len(bins), 1, 1)) if len(g) > 1 else None for g in problem.blocks.groups]
+    for number, state in enumerate(states):
+        there = np.flatnonzero(state_of.ravel() == number)
+        predictor, local, seen = local_at(problem, theta, exact, state)
+        if not seen:
+            continue
+        plain = predictor.references(local, float(centres[int(bins[there[0], -1])]))
+        for turn, axes, before, after in zip(turns, predictor.axes, plain, observed(plain, seen), strict=True):
+            if turn is not None:
+                turn[there] = tensor_turn(after.shape, axes) @ tensor_turn(before.shape, axes).T
+    return tuple(turns)
 
 
 def _model_errors(

@@ -44,7 +44,8 @@ class Design:
     their sizes are unknowns like c; the last `n_scatter` of them are no effects found but what such an effect does
     along other time profiles, and what follows a column that nobody recorded.
     `model_errors`: time profiles of effects already found, each with the standard deviations per group (n_bin,
-    n_response) of their signature times size, all of which are multiplied by `error_scale`."""
+    n_response) of their signature times size, all of which are multiplied by `error_scale`. `turns` per group (n_bin,
+    3, 3): what sensors that show a pair's plane turned make of its tensor's offset; None where none does."""
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]
@@ -58,6 +59,7 @@ class Design:
     model_errors: tuple[tuple[TimeProfile, tuple[np.ndarray, ...]], ...] = ()
     error_scale: float = 1.0
     n_scatter: int = 0
+    turns: tuple[np.ndarray | None, ...] | None = None
 
     @property
     def sizes(self) -> slice:
@@ -143,12 +145,23 @@ class Design:
             own = [(n_profile, slice(0, n_c), self.nuisance[q])]
             own += [(n_profile + 1 + k, slice(n_c + k, n_c + k + 1), self.effect[q][:, :, [effect]])
                     for k, (effect, _, _) in enumerate(self.included)]
-            own.append((n_profile, rows, np.ones((self.n_bin, rows.stop - rows.start))))
+            own += [(n_profile, slice(rows.start + part.start, rows.start + part.stop), made)
+                    for part, made in self.offsets_made(q)]
             own += [(n_profile + 1 + len(self.included) + k,
                      slice(rows.start + (k + 1) * total, rows.stop + (k + 1) * total), spread[q])
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
+
+    def offsets_made(self, q: int) -> list[tuple[slice, np.ndarray]]:
+        """Which of a group's offsets make what (n_bin, n_response, n); (n_bin, n_response) where each makes itself."""
+        m = self.discrepancy_std[q].size
+        itself, turned = np.ones((self.n_bin, m)), None if self.turns is None else self.turns[q]
+        if turned is None:
+            return [(slice(0, m), itself)]
+        n = turned.shape[2]
+        itself[:, :n] = 0.0
+        return [(slice(0, m), itself), (slice(0, n), np.pad(turned, ((0, 0), (0, m - n), (0, 0))))]
 
     @cached_property
     def _information(self) -> np.ndarray:

@@ -45,7 +45,10 @@ def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
     m, n_all = design.discrepancy_std[q].size, design.n_common
     start, total = n_all + sum(f.size for f in design.discrepancy_std[:q]), sum(f.size for f in design.discrepancy_std)
     known = design.effect[q][g][:, [effect for effect, _, _ in design.included]]
-    parts, numbers = [design.nuisance[q][g], known, np.eye(m)], [np.arange(n_all), np.arange(start, start + m)]
+    offsets = np.zeros((m, m))
+    for part, made in design.offsets_made(q):
+        offsets[:, part] += np.diag(made[g]) if made.ndim == 2 else made[g]
+    parts, numbers = [design.nuisance[q][g], known, offsets], [np.arange(n_all), np.arange(start, start + m)]
     for k, (_, spread) in enumerate(design.model_errors):
         parts.append(np.diag(spread[q][g]))
         numbers.append(np.arange(start, start + m) + (k + 1) * total)
