@@ -120,8 +120,8 @@ def moves_from(
         scale = model_error_dispersion(float(np.abs(z).max()))
         if out is None:
             promise = gain / scale + priors
-            # first order errs by a few of the odds between two that explain as much
-            promises, enough = [promise], max(least, promise.max() - 2 * MARGIN)
+            # first order errs by a few of the odds between two that explain as much, and by a share of what is large
+            promises, enough = [promise], max(least, min(promise.max() - 2 * MARGIN, SHARE * promise.max()))
         else:
             # beside what the effect itself promises there
             own = here.candidates[out]
