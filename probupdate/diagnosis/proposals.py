@@ -132,22 +132,35 @@ def tried_whole(
         size, lower = np.where(more > lower, other, size), np.maximum(more, lower)
     linear = own.count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
     result, structural = [], []
+
+    def at_first(k: int) -> Tried:
+        return Tried(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
+                     gain=float(linear[k]), whole=False)
+
+    shown = _step_shown(problem, candidates, lower)
     for rows in _by_effect_and_kind(problem, candidates):
-        k = int(rows[np.argmax(lower[rows])])
-        effect, time_profile = problem.effects[problem.which[k, 0]], problem.time_profiles[problem.which[k, 1]]
-        t = Tried(candidate=k, time_profile=time_profile, size=float(size[k]), gain=float(linear[k]), whole=False)
-        if time_profile.kind not in ("constant", "step"):
+        t = at_first(int(rows[np.argmax(lower[rows])]))
+        if t.time_profile.kind not in ("constant", "step"):
             result.append(t)
-        elif effect.observe is None:
+        elif problem.effects[problem.which[t.candidate, 0]].observe is None:
             structural.append(t)
         else:
-            result.append(own.at_best_size(t))
+            also = [at_first(k) for k in rows if problem.which[k, 1] == shown and k != t.candidate]
+            result.append(max(map(own.at_best_size, [t, *also]), key=lambda one: one.gain))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
     n_solved = MOST_SOLVED if problem.blocks.channels else MOST_SOLVED_ALONE
     result = sorted([*map(own.at_best_size, structural[:n_solved]), *structural[n_solved:], *result],
                     key=lambda t: -t.gain)
     return sorted([*map(own.at_best_time, result[:most]), *result[most:]], key=lambda t: -t.gain)
+
+
+def _step_shown(problem: DiagnosisProblem, candidates: np.ndarray, lower: np.ndarray) -> int:
+    """The number of the step that any of the candidates explains most by, to first order, -1 without one: exchanged
+    channels are no first order, which finds another time for them than for what is like them."""
+    steps = np.array([profile.kind == "step" for profile in problem.time_profiles])
+    rows = np.flatnonzero(candidates & steps[problem.which[:, 1]])
+    return int(problem.which[rows[np.argmax(lower[rows])], 1]) if len(rows) else -1
 
 
 def _pairs_exchanged(
