@@ -454,7 +454,7 @@ def small_model(
     count = min(n_mode + SPARE, replace(first).n_available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
     points = _points(first.parameters, felt, effects, reach, rng)
-    moved = effects if len(effects) else felt
+    moved = effects if len(effects) else felt.tolist()
     points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
     check = _points(first.parameters, felt, effects, reach, rng)

@@ -31,30 +31,28 @@ def with_places(
         together = ((name, there), *([(s.channel, [s]) for s in there] if alone and len(there) > 1 else ()))
         found = [(called, own, way) for called, own in together for way in ways(model, own)]
         for called, own, way in found:
-            effect = _effect(model, called, own, way, odds=1 / len(found),
-                             taken=[*model.parameters.names, *(p.name for p, _ in added)])
-            effects.append(effect)
-            p = effect.adds
+            p = _parameter(called, own, way, taken=[*model.parameters.names, *(p.name for p, _ in added)])
+            effects.append(_effect(p, odds=1 / len(found)))
             added.append((Parameter(name=p.name, unit=p.unit, initial=p.neutral, std=p.std, lower=p.lower,
                                     upper=p.upper, prior="normal", description=p.description), way))
     return (with_ways(model, added, placed) if added else model), tuple(effects)
 
 
-def _effect(
-    model: AffineModel, name: str, there: Sequence[Sensor], way: Way, *, odds: float, taken: Sequence[str]
-) -> Effect:
-    x, y, z = end = tuple(map(float, model.wire.node_m[way.node[-1]]))
-    location = f"{name} towards ({x:.4g}, {y:.4g}, {z:.4g}) m"
+def _parameter(name: str, there: Sequence[Sensor], way: Way, *, taken: Sequence[str]) -> EffectParameter:
+    x, y, z = end = tuple(map(float, way.end_m))
     parameter = f"place_{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
     while parameter in taken:
         parameter += "_"
-    low, high = float(way.along_m[0]), float(way.along_m[-1])
     # a sensor is mounted a node from where it was meant to be as readily as a part of the way
     scale = float(np.min(np.abs(way.along_m[way.along_m != 0])))
-    adds = EffectParameter(name=parameter, kind="sensor_height", std=scale,
+    return EffectParameter(name=parameter, kind="sensor_height", std=scale,
                            settings={"channels": tuple(s.channel for s in there), "towards_m": end},
-                           lower=low, upper=high, cause=CAUSE, location=location)
-    return Effect(kind="measurement", cause=CAUSE, location=location, unit="m", tolerance=0.0, prior_scale=scale,
-                  lower=low, upper=high, adds=adds, odds=odds,
+                           lower=float(way.along_m[0]), upper=float(way.along_m[-1]), cause=CAUSE,
+                           location=f"{name} towards ({x:.4g}, {y:.4g}, {z:.4g}) m")
+
+
+def _effect(adds: EffectParameter, *, odds: float) -> Effect:
+    return Effect(kind="measurement", cause=CAUSE, location=adds.location, unit="m", tolerance=0.0,
+                  prior_scale=adds.std, lower=adds.lower, upper=adds.upper, adds=adds, odds=odds,
                   signature="all channels of one place show the shapes of another: each mode by its own share",
                   check="look where the sensor is mounted, against its place in the model or in position_m")

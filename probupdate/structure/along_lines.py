@@ -10,6 +10,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from probupdate.modal.modes import Sensor
+from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
@@ -26,11 +27,13 @@ MOST_BESIDE = 16
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Way:
     """A straight line of nodes through the one that some channels (by number) are at: `node` numbers and how far along
-    they are, in metres, zero at the channels' own and negative on its other side."""
+    they are, in metres, zero at the channels' own and negative on its other side; `end_m` (3,) the place of the
+    last."""
 
     channels: tuple[int, ...]
     node: tuple[int, ...]
     along_m: np.ndarray
+    end_m: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -58,13 +61,13 @@ def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
         if apart.nnz and apart.max() > SAME * abs(own).max():
             return ()
     result, taken = [], set()
-    beside = _neighbours(_lines(model), place)
+    beside = _neighbours(_lines(model, model.wire), place)
     for other in beside.get(node, ()):
         if other in taken:
             continue
-        onward = _straight(model, beside, node, other)
+        onward = _straight(model, place, beside, node, other)
         back = next((k for k in beside[node] if _cosine(place, node, other, k) < -STRAIGHT), None)
-        behind = [] if back is None else _straight(model, beside, node, back)
+        behind = [] if back is None else _straight(model, place, beside, node, back)
         taken |= {other, back}
         # towards the higher end, if both move
         if not onward or (behind and tuple(place[behind[-1]][::-1]) > tuple(place[onward[-1]][::-1])):
@@ -74,7 +77,7 @@ def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
                                                                                  [1] * len(onward)]
         if len(found) > 1:
             result.append(Way(channels=tuple(number[s.channel] for s in sensors), node=found,
-                              along_m=frozen_array(along)))
+                              along_m=frozen_array(along), end_m=place[found[-1]]))
     return tuple(result)
 
 
@@ -103,16 +106,16 @@ def _read(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_ar
     return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
 
 
-def _lines(model: AffineModel) -> np.ndarray:
+def _lines(model: AffineModel, wire: Wireframe) -> np.ndarray:
     """(n_line, 2) nodes that a line joins: those of the picture, else those that the stiffness couples, unless it
     couples far more than elements do, as condensed matrices have it."""
-    if len(model.wire.line):
-        return model.wire.line
+    if len(wire.line):
+        return wire.line
     moves = abs(sparse.csr_array(model.wire_matrix))
-    node = sparse.kron(sparse.eye_array(len(model.wire.node_m)), np.ones((1, 3)), format="csr") @ moves
+    node = sparse.kron(sparse.eye_array(len(wire.node_m)), np.ones((1, 3)), format="csr") @ moves
     coupled = sparse.triu(node @ abs(model.matrices(model.parameters.initial)[0]) @ node.T, k=1, format="coo")
     coupled.eliminate_zeros()
-    few = coupled.nnz <= MOST_BESIDE / 2 * len(model.wire.node_m)
+    few = coupled.nnz <= MOST_BESIDE / 2 * len(wire.node_m)
     return np.column_stack([coupled.row, coupled.col]) if few else np.empty((0, 2), int)
 
 
@@ -131,9 +134,11 @@ def _cosine(place: np.ndarray, at: int, one: int, other: int) -> float:
     return float(first @ second / np.sqrt((first @ first) * (second @ second)))
 
 
-def _straight(model: AffineModel, beside: dict[int, list[int]], start: int, first: int) -> list[int]:
+def _straight(
+    model: AffineModel, place: np.ndarray, beside: dict[int, list[int]], start: int, first: int
+) -> list[int]:
     """The nodes from one on, its neighbour first, as far as the line is straight, moves and is within reach."""
-    place, found, at = model.wire.node_m, [], first
+    found, at = [], first
     moves = sparse.csr_array(model.wire_matrix)
     while True:
         far = float(np.linalg.norm(place[at] - place[start]))
