@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -47,10 +47,13 @@ class _Leading:
         return self.own(theta[..., : self.n])
 
 
-def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
+def ways(
+    model: AffineModel, sensors: Sequence[Sensor], beside: Mapping[int, Sequence[int]]
+) -> tuple[Way, ...]:
     """Of sensors at one place, along every line that ends or passes at their node; none of a place where a channel
-    reads anything else than its node's motion, and none towards a node that does not move."""
-    if model.wire is None or model.wire_matrix is None:
+    reads anything else than its node's motion, and none towards a node that does not move. `beside`: see
+    `nodes_beside`."""
+    if model.wire is None:
         return ()
     place, rows = model.wire.node_m, sparse.csr_array(model.channel_matrix)
     number = {channel: k for k, channel in enumerate(model.channels)}
@@ -61,7 +64,6 @@ def ways(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[Way, ...]:
         if apart.nnz and apart.max() > SAME * abs(own).max():
             return ()
     result, taken = [], set()
-    beside = _neighbours(_lines(model, model.wire), place)
     for other in beside.get(node, ()):
         if other in taken:
             continue
@@ -106,6 +108,18 @@ def _read(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_ar
     return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
 
 
+def nodes_beside(model: AffineModel) -> dict[int, list[int]]:
+    """The nodes at the other ends of the lines from each node; none of a model without places."""
+    if model.wire is None or model.wire_matrix is None:
+        return {}
+    place, result = model.wire.node_m, {}
+    for a, b in _lines(model, model.wire).tolist():
+        if np.any(place[a] != place[b]):
+            result.setdefault(a, {})[b] = None
+            result.setdefault(b, {})[a] = None
+    return {node: list(others) for node, others in result.items()}
+
+
 def _lines(model: AffineModel, wire: Wireframe) -> np.ndarray:
     """(n_line, 2) nodes that a line joins: those of the picture, else those that the stiffness couples, unless it
     couples far more than elements do, as condensed matrices have it."""
@@ -119,15 +133,6 @@ def _lines(model: AffineModel, wire: Wireframe) -> np.ndarray:
     return np.column_stack([coupled.row, coupled.col]) if few else np.empty((0, 2), int)
 
 
-def _neighbours(line: np.ndarray, place: np.ndarray) -> dict[int, list[int]]:
-    result: dict[int, list[int]] = {}
-    for a, b in line.tolist():
-        if np.any(place[a] != place[b]):
-            result.setdefault(a, []).append(b)
-            result.setdefault(b, []).append(a)
-    return {node: list(dict.fromkeys(others)) for node, others in result.items()}
-
-
 def _cosine(place: np.ndarray, at: int, one: int, other: int) -> float:
     """Of the angle between two lines from a node."""
     first, second = place[one] - place[at], place[other] - place[at]
@@ -135,7 +140,7 @@ def _cosine(place: np.ndarray, at: int, one: int, other: int) -> float:
 
 
 def _straight(
-    model: AffineModel, place: np.ndarray, beside: dict[int, list[int]], start: int, first: int
+    model: AffineModel, place: np.ndarray, beside: Mapping[int, Sequence[int]], start: int, first: int
 ) -> list[int]:
     """The nodes from one on, its neighbour first, as far as the line is straight, moves and is within reach."""
     found, at = [], first

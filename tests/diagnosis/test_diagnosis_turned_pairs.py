@@ -1,4 +1,4 @@
-"""Close pairs whose axes stand otherwise than the model's: what a sensor does to them since a time within the record."""
+"""Close pairs whose axes stand otherwise than the model's: what a sensor does to them since a set."""
 
 import numpy as np
 import pytest
@@ -75,8 +75,8 @@ def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed
     """What the model leaves out of the pair's tensor is seen turned as well: it had been a frame that is turned, a
     storey's stiffness or *unexplained*. Exchanged channels leave sets that scatter more, which the noise of all is not:
     of twelve drawn ones two have a gain of 0.7 % beside."""
-    row = validation(what="a frame whose axes stand 20 degrees off the model's, a sensor turned, reversed, too large or "
-                          "exchanged from a set on: named first; nothing beside; its size in its standard deviations; "
+    row = validation(what="a frame whose axes stand 20 degrees off the model's, a sensor turned, reversed, too large "
+                          "or exchanged from a set on: named first; nothing beside; its size in its standard deviations; "
                           "silent without", reference="what was hidden")
     alone = []
     for seed in (2, 4):
@@ -93,8 +93,8 @@ def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed
 
 
 def test_an_offset_of_the_tensor_turns_as_what_is_seen_of_it(validation):
-    """A turn of the plane by the sensors, of any shapes and any tensor: what an offset becomes, against the numbers with
-    and without it."""
+    """A turn of the plane by the sensors, of any shapes and any tensor: what an offset becomes, against the numbers
+    with and without it."""
     row = validation(what="offset of a pair's tensor behind sensors that turn its plane: its numbers, in shares of it",
                      reference="numbers with it less those without", unit="-")
     rng = np.random.default_rng(8)
