@@ -76,8 +76,8 @@ def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed
     storey's stiffness or *unexplained*. Exchanged channels leave sets that scatter more, which the noise of all is not:
     of twelve drawn ones two have a gain of 0.7 % beside."""
     row = validation(what="a frame whose axes stand 20 degrees off the model's, a sensor turned, reversed, too large "
-                          "or exchanged from a set on: named first; nothing beside; its size in its standard deviations; "
-                          "silent without", reference="what was hidden")
+                          "or exchanged from a set on: named first; nothing beside; its size in its standard "
+                          "deviations; silent without", reference="what was hidden")
     alone = []
     for seed in (2, 4):
         row.equal(diagnose(pictured_frame, skewed(seed)).verdict, "none", "silent", case=seed)
