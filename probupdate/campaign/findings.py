@@ -86,10 +86,6 @@ def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str
 
 def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
     found = []
-    for other, of_it in rows[rows["copy_of"] != ""].groupby("copy_of"):
-        found.append(f"{name} has the samples of {other}, but for a factor, in {len(of_it)} of {n_block} blocks: one "
-                     "signal is written twice, and one sensor is not in the record; follow their cables in the "
-                     "logger's list, and leave one out")
     if rows["flat"].any():
         found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
     still = rows[(rows["still_s"] > 0) & ~rows["flat"]]

@@ -18,17 +18,13 @@ STILL_S, STILL_SAMPLES = 1.0, 20
 # drift over a block, between the means of its first and last tenth, in multiples of the vibration's own standard
 # deviation
 PARTS = 10
-# of two channels' vibration, the share that no factor explains within which one is the other's copy: no two sensors
-# have one noise, and a file of single precision keeps seven digits
-COPIED = 1e-12
 
 
 def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
     """A row per channel: missing (share), impossible and repaired (samples, see `Block`), longest_gap_s (left
     after the repair), rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI:
     the mean of the last tenth less that of the first, the range of the tenths' means, the standard deviation about
-    them), spikes and clipped (samples), still_s (longest run of one value), flat, copy_of (the first channel of which
-    it is a multiple)."""
+    them), spikes and clipped (samples), still_s (longest run of one value), flat."""
     data, rate = block.data, block.sampling_rate_hz
     n_channel = data.shape[1]
     known = np.isfinite(data)
@@ -60,26 +56,8 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
     return pd.DataFrame({
         "id": block.id, "channel": channels, "missing": block.missing, "impossible": block.impossible,
         "repaired": block.repaired, "longest_gap_s": gap,
-        **columns, **counts, "still_s": still, "flat": flat, "copy_of": _copy_of(data, channels, flat),
+        **columns, **counts, "still_s": still, "flat": flat,
     })
-
-
-def _copy_of(data: np.ndarray, channels: tuple[str, ...], flat: np.ndarray) -> list[str]:
-    """(n_channel,) the first channel of which each is a multiple, about their means; "" of all others."""
-    whole = np.all(np.isfinite(data), axis=1)
-    about = data[whole] - data[whole].mean(axis=0) if whole.any() else data[:0]
-    product = about.T @ about
-    size = np.sqrt(np.diag(product))
-    result = [""] * len(channels)
-    for b in range(len(channels)):
-        for a in range(b):
-            # what is left of one beside the other, from samples: their products have no digits for it
-            if not (flat[a] or flat[b]) and abs(product[a, b]) > (1 - 1e-6) * size[a] * size[b] > 0:
-                left = about[:, b] - about[:, a] * (product[a, b] / product[a, a])
-                if float(left @ left) <= COPIED * float(product[b, b]):
-                    result[b] = channels[a]
-                    break
-    return result
 
 
 def _spikes(away: np.ndarray, rate_hz: float) -> int:

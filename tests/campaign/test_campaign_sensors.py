@@ -228,24 +228,6 @@ def test_channels_are_compared_with_those_at_their_height():
     assert len(found) == 1 and found[0].startswith("suspect: D0 moves")
 
 
-def test_a_signal_that_is_written_twice_is_said():
-    """Whatever factor and offset it has, in single precision too; a sensor beside it has its own noise, and one that
-    stands still is no copy."""
-    rng = np.random.default_rng(4)
-    motion = rng.standard_normal(4000)
-    data = np.column_stack([motion, (-0.3 * motion + 7).astype(np.float32), motion + 1e-5 * rng.standard_normal(4000),
-                            np.ones(4000), np.ones(4000)])
-    data[100:110, 2] = np.nan
-    n = data.shape[1]
-    block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=10.0, data=data,
-                  missing=np.zeros(n), impossible=np.zeros(n, int), repaired=np.zeros(n, int))
-    sensors = [Sensor(channel=f"c{k}", level="deck", position_m=[0, 0, 0], direction=[1, 0, 0]) for k in range(n)]
-    table = channel_table(block, tuple(s.channel for s in sensors)).assign(id="one")
-    assert table["copy_of"].tolist() == ["", "c0", "", "", ""]
-    (said,) = [sentence for sentence in channel_findings(table, sensors) if "samples of" in sentence]
-    assert said.startswith("c1 has the samples of c0, but for a factor, in 1 of 1 blocks")
-
-
 def test_a_logger_s_common_gain_is_found_on_a_rigid_part_and_nothing_on_one_that_bends(validation):
     row = validation(what="a logger's gain of 0.7 on a rigid platform, oblique, 20 drawn; none of one that bends",
                      reference="0.7; sound ones")
