@@ -340,7 +340,7 @@ def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, s
     offered = []
 
     def all_compared(parts, problem, best, numbers):
-        monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
+        monkeypatch.setattr(elementary_parts, "FIRST_ORDER_ERRS", 1e9)
         offered.extend(in_place_of(parts, problem, best, numbers))
         return offered
 
