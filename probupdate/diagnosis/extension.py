@@ -38,6 +38,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.extend import EffectParameter, extended_model, write_extended
 from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
+from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.ensemble import SamplerSettings
 from probupdate.updating.problem import build_problem
@@ -196,6 +197,9 @@ class _Added:
         return next((group.name for n, group in self.groups if n is included), None)
 
     def write(self, prepared: Prepared, out: Path) -> Path:
+        if self.moved and is_subdyn(prepared.path):
+            raise InputError(str(prepared.path), "says by its own tables where its sensors are",
+                             "put them where they were found in its [[sensor]] tables, or in position_m")
         if self.groups or self.moved:
             return write_grouped(prepared.path, prepared.prior, [group for _, group in self.groups], out,
                                  channel_rows=self._channel_rows(prepared) if self.moved else None)

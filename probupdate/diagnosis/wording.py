@@ -156,8 +156,9 @@ def larger_error_words(share: float, shape_share: float, verdict: str, findings:
     """Of a record that is unexplained, what explains it if the model is known no better than this."""
     found = "; ".join(finding_words(f) for f in findings) or "nothing beyond that"
     return (f"if the model were known no better than {100 * share:.2g} % of a frequency and {100 * shape_share:.2g} % "
-            f"of a shape's largest component (--discrepancy {share:g}), the record would be {verdict}: {found}; what "
-            "no row describes passes for the model's error then, so state it only where that is all it can be")
+            f"of a shape's largest component (--discrepancy {share:g}), the record would be explained ({verdict}): "
+            f"{found}; what no row describes passes for the model's error then, so state it only where that is all it "
+            "can be")
 
 
 def probability_words(p: float | None) -> str:
