@@ -578,8 +578,12 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     assert 0 <= at_rest < 0.1 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
 
 
-def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
-    outcome = examine(prepared, record(5, gain=("y4", 1.12)))
+def test_prior_odds_stand_beside_what_the_data_told(prepared, record, monkeypatch):
+    data = record(5, gain=("y4", 1.12))
+    beside_parts = diagnose(prepared, data).findings[0].prior_probability
+    # elementary parts have odds by what each explains (`in_place_of`): left out, the rest can be counted by hand
+    monkeypatch.setattr("probupdate.diagnosis.diagnose.parts_of", lambda *_, **__: [])
+    outcome = examine(prepared, data)
     (one,), problem = outcome.diagnosis.findings, outcome.problem
     # shared out by the catalogue's odds, a step's among all its times; against nothing at all
     names = [problem.time_profiles[c].name for _, c in problem.which]
@@ -593,6 +597,8 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     # and a frequency response of its own, one of as many as there are channels and one of all rows more
     own = (1 / channels) / (odds.sum() + 1 / channels)
     assert one.prior_probability == pytest.approx(share / (1 + share + own), rel=1e-9)
+    # parts that are asked in its place take their share of what is probable before the data
+    assert 0 < beside_parts <= one.prior_probability
     assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, prior probability 0.25"
