@@ -174,8 +174,10 @@ class _Start:
     log_hz: float
     design: Design
 
-    def with_hung(self, problem: DiagnosisProblem, part: Part, size: float):
-        """The problem with a mass on springs that is there throughout, parameters, and that mass in it."""
+    def begun(
+        self, problem: DiagnosisProblem, part: Part, size: float
+    ) -> tuple[DiagnosisProblem, np.ndarray, IncludedEffect]:
+        """The problem with a mass on springs that is there throughout, its parameters, and that mass in it."""
         constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
         alone, _, n = with_hung(problem, part, constant, size)
         return alone, np.pad(self.theta, (0, len(alone.predictor.parameters) - len(self.theta))), n
@@ -204,7 +206,7 @@ def _promised(
             continue
         own: list[tuple[float, int, float]] = []
         for share in MASSES:
-            alone, theta, n = start.with_hung(problem, part, share * part[0].prior_scale)
+            alone, theta, n = start.begun(problem, part, share * part[0].prior_scale)
             try:
                 there = residuals_at(alone, theta, [n])
             except ConvergenceError:
@@ -221,7 +223,7 @@ def _stepped(
 ) -> tuple[float, float] | None:
     """-2 ln posterior and mass where the first steps of a fit with a mass on springs lead; None where the model has no
     modes there."""
-    alone, theta, n = starts[number].with_hung(problem, part, size)
+    alone, theta, n = starts[number].begun(problem, part, size)
     try:
         _, (n,), misfit = first_steps(alone, theta, [n], noise, MORE_STEPS)
     except ConvergenceError:
