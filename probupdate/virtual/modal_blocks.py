@@ -190,8 +190,9 @@ def _turned(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ..
 
 
 def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, amount, heading_deg) -> np.ndarray:
-    """First pair, torsion, second pair of the first block in the basis (n, 5), by their character at the sensors."""
-    _, modes = reduced.modes(amount, heading_deg, N_SEARCHED)
+    """First pair, torsion, second pair of the first block in the basis (n, 5), by their character at the sensors; what
+    hangs on springs is held: by the shape alone the mode of a mass of a gram is a bending mode of the tower below."""
+    _, modes = reduced.modes(amount, heading_deg, N_SEARCHED, held=True)
     character = mode_character(nominal @ modes, _turned(file.sensors, heading_deg))
     of_structure = (character.local < 0.5) & (np.arange(N_SEARCHED) >= 2)
     twists = np.flatnonzero(of_structure & (np.argmax(character.share, axis=1) == 2))

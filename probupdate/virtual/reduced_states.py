@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, qr
+from scipy.linalg import eigh, null_space, qr
 
 from probupdate.virtual.dynamics import factorise, head_mass, heading_modes
 from probupdate.virtual.frame import Structure
@@ -40,8 +40,11 @@ class ReducedStates:
     mass: np.ndarray
     variation: tuple[_Variation, ...]
 
-    def modes(self, amount: np.ndarray, heading_deg: float, n_mode: int) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies (n_mode,) in Hz and shapes in the basis (n, n_mode), unit modal mass."""
+    def modes(
+        self, amount: np.ndarray, heading_deg: float, n_mode: int, *, held: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (n_mode,) in Hz and shapes in the basis (n, n_mode), unit modal mass; where it is `held`, what
+        hangs on springs does not move relative to its node."""
         stiffness, mass = self.stiffness.copy(), self.mass.copy()
         head = _reduced_head(self.base, heading_deg, self.basis)
         total = head.copy()
@@ -52,8 +55,10 @@ class ReducedStates:
             for share, structure in zip(weight, each.structure, strict=True):
                 if structure is not self.base and share:
                     total += share * (_reduced_head(structure, heading_deg, self.basis) - head)
-        value, shape = eigh(stiffness, mass + total, subset_by_index=[0, n_mode - 1])
-        return np.sqrt(value) / (2 * np.pi), shape
+        mass += total
+        still = null_space(self.basis[[o.dof for o in self.base.oscillators]]) if held else np.eye(len(mass))
+        value, shape = eigh(still.T @ stiffness @ still, still.T @ mass @ still, subset_by_index=[0, n_mode - 1])
+        return np.sqrt(value) / (2 * np.pi), still @ shape
 
 
 def _lagrange(node: np.ndarray, x: float) -> np.ndarray:

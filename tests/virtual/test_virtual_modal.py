@@ -51,6 +51,41 @@ def test_columns_stay_with_their_modes():
     assert np.all(run.frequency_hz[:, 2] < 1.6)
 
 
+@pytest.mark.parametrize("effect", [
+    {"kind": "tuned_mass", "z_m": 60.0, "direction_deg": 80.0, "frequency_hz": 1.4, "mass_kg": 8e3},
+    {"kind": "second_structure", "leg": "B", "z_m": 8.0, "frequency_hz": 1.2, "mass_kg": 3e4},
+])
+def test_what_hangs_on_springs_is_there_from_its_hour_and_no_mode_of_the_five(effect, validation):
+    """Before its hour a mass of a gram, whose mode no sensor sees, changes nothing; after it the five are the modes of
+    the whole structure with the most of their strain energy in common with those of the structure without it."""
+    checked = validation(what="modal sets before and after a mass on springs", reference="the whole structure",
+                         why="a tenth of what a month's mean resolves")
+    seed, times = 7, {"days": 6, "n_block": 8, "scatter": 0.0}
+    late = {**effect, "time_profile": "step", "at_hour": 72.0}
+    with_it = modal_blocks.simulate_modes(truth={"parameters_from": "prior", "effect": [late]}, seed=seed, **times)
+    without = modal_blocks.simulate_modes(truth={"parameters_from": "prior"}, seed=seed, **times)
+    before = with_it.amount[:, 0] == 0
+    assert 0 < before.sum() < len(before)
+    checked.error(with_it.frequency_hz[before] / without.frequency_hz[before] - 1, below=1e-4, of="f before")
+    file = turbine_file.read_turbine(turbine_file.reference_file())
+    heading, damping = with_it.heading_deg[-1], with_it.truth.damping_ratio
+    there = frame.build_structure(file, with_it.truth, with_it.amount[-1])
+    full = dynamics.heading_modes(there, damping, heading)
+    alone = frame.build_structure(file, without.truth, np.zeros(0))
+    plain = dynamics.heading_modes(alone, damping, heading)
+    n = alone.stiffness.shape[0]
+    # in units of modal mass the strain energy of a mode is half its squared angular frequency
+    own = [(2 * np.pi * m.frequency_hz) ** 2 for m in (plain, full)]
+    common = (plain.shape.T @ alone.stiffness @ full.shape[:n]) ** 2 / np.outer(*own)
+    five = [int(np.argmin(np.abs(plain.frequency_hz - f))) for f in without.frequency_hz[-1]]
+    first, torsion, second = five[:2], five[2:3], five[3:]
+    most = [set(np.argsort(-common[group].sum(axis=0))[: len(group)].tolist()) for group in (first, torsion, second)]
+    found = np.sort(with_it.frequency_hz[-1])
+    wanted = np.sort(full.frequency_hz[sorted(set.union(*most))])
+    assert len(wanted) == 5
+    checked.error(found / wanted - 1, below=3e-4, of="f after")
+
+
 def test_effects_take_their_time_profile(busy):
     hour = (np.array([np.datetime64(s.id[:-1]) for s in busy.data.sets]) - modal_blocks.START) / np.timedelta64(1, "h")
     level = [s.environment["water_level_m"] for s in busy.data.sets]
