@@ -28,9 +28,8 @@ from probupdate.diagnosis.elementary import (
 )
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import residuals_at
-from probupdate.diagnosis.fitting import Fit, about, design_without_candidates, first_steps, with_candidates
+from probupdate.diagnosis.fitting import Fit, first_steps, with_candidates
 from probupdate.diagnosis.gain import measures
-from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -41,19 +40,16 @@ from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
-from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
 # masses on springs with which the search begins, beside FITTED of each kind that promise most to first order
-N_BEGUN = 4
-# how near a group's frequency (in ln f) and with which masses, in their prior's standard deviations, masses on springs
-# are tried, and from how many places of each group so many steps of a fit go on
-NEAR_GROUP, MASSES, N_PLACES, MORE_STEPS = 0.25, (0.4, 1.6), 3, 12
-# and where the fit of a search begins beside that
-BEGUN_AT = 0.5
+N_BEGUN = 8
+# masses on springs that go MORE_STEPS of a fit, from BEGUN_AT of their prior's standard deviation, and at how many
+# places those that move along one direction do
+N_AGAIN, MORE_STEPS, BEGUN_AT, N_ONE_WAY = 20, 4, 0.5, 4
 # probability from which what may be meant instead of a part is said
 POSSIBLE = 0.05
 # parts at once
@@ -119,44 +115,35 @@ def hung_at_first_steps(
     problem: DiagnosisProblem, noise: Noise, parts: Sequence[Part], runs: Executor = SERIAL
 ) -> dict[int, float]:
     """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
-    explain, the most telling first, and the masses to which they lead: at the blocks of one heading.
+    explain, the most telling first, and the masses to which they lead: at the blocks of one heading, from where the
+    prior expects the parameters.
 
-    One tuned near a group of modes makes another of it, nowhere near linear in the mass, and in a fit to all that was
-    measured everything else is bent to follow. The other groups hardly move: the parameters are fitted to these alone,
-    and what a mass makes of the group is computed exactly, for some masses and frequencies near it. From the places
-    that explain most, along each of their directions, the fit goes some steps.
+    A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
+    else is bent to follow (beside a step what was there before it holds the fit). Those that move both ways go one
+    step, at every place and every second frequency (where none does, those that move one way); where they explain most
+    they go some more, and those that move along one direction too.
     """
     rows = at_one_heading(problem)
-    problem, noise = problem.taken(rows), noise.taken(rows)
-    starts = [one for q in range(len(noise.weight)) if (one := _without_group(problem, noise, q)) is not None]
+    shared = problem.taken(rows), noise.taken(rows)
     hung: dict[tuple[str, str], list[int]] = {}
     for k, part in enumerate(parts):
         if part[1].tuned_hz is not None:
             hung.setdefault(place_and_direction(part[0].location), []).append(k)
-    ways: dict[str, list[str]] = {}
-    for place, way in hung:
-        ways.setdefault(place, []).append(way)
-    # both ways, which stands last, and every second direction
-    asked = [k for place, own in ways.items() for way in own[::-2] for k in hung[place, way]]
-    shared = problem, noise, starts
-    promised = zip(asked, runs.in_order(_promised, [(parts[k],) for k in asked], shared=shared), strict=True)
-    best: list[dict[str, tuple[int, float]]] = [{} for _ in starts]
-    for _, start, size, k in sorted((*one, k) for k, own in promised for one in own):
-        best[start].setdefault(place_and_direction(parts[k][0].location)[0], (k, size))
-    # of each group's, as equations of first order promise more for one than for another
-    again = [(min(hung[place, way], key=lambda i: abs(np.log(_hz(parts[i]) / _hz(parts[k])))), start, size)
-             for start, own in enumerate(best) for place, (k, size) in [*own.items()][:N_PLACES] for way in ways[place]]
-    found = zip(again, runs.in_order(_stepped, [(parts[k], *rest) for k, *rest in again], shared=shared), strict=True)
-    result: dict[int, float] = {}
-    for _, k, size in sorted((one[0], k, one[1]) for (k, *_), one in found if one is not None):
-        # from two groups the same mass may be led to two sizes, of which the first explains more
-        result.setdefault(k, size)
-    return result
 
+    def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
+        found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
+        return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
 
-def _hz(part: Part) -> float:
-    """The frequency with which a mass on springs begins."""
-    return part[1].tuned_hz or np.nan
+    both_ways = any(way == BOTH_WAYS for _, way in hung)
+    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS or not both_ways for k in own[::2]], 1)
+    again = [k for _, k, _, _ in first[:N_AGAIN]]
+    best: dict[str, float] = {}
+    for _, k, _, hz in first:
+        best.setdefault(place_and_direction(parts[k][0].location)[0], hz)
+    for place, hz in [*best.items()][:N_ONE_WAY]:
+        for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
+            again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
+    return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
 
 
 def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
@@ -165,70 +152,18 @@ def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
     return np.flatnonzero(bin_of == np.argmax(np.bincount(bin_of)))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Start:
-    """Parameters theta (n_param,) fitted to all groups of modes but one, whose mean frequency is exp(log_hz), and the
-    design there, with that group."""
-
-    theta: np.ndarray
-    log_hz: float
-    design: Design
-
-    def begun(
-        self, problem: DiagnosisProblem, part: Part, size: float
-    ) -> tuple[DiagnosisProblem, np.ndarray, IncludedEffect]:
-        """The problem with a mass on springs that is there throughout, its parameters, and that mass in it."""
-        constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
-        alone, _, n = with_hung(problem, part, constant, size)
-        return alone, np.pad(self.theta, (0, len(alone.predictor.parameters) - len(self.theta))), n
-
-
-def _without_group(problem: DiagnosisProblem, noise: Noise, number: int) -> _Start | None:
-    """Begun where the prior expects the parameters; None where the model has no modes on the way."""
-    weight = tuple(frozen_array(np.zeros(len(w))) if q == number else w for q, w in enumerate(noise.weight))
-    try:
-        theta, _, _ = first_steps(problem, np.array(problem.predictor.parameters.initial), [],
-                                  replace(noise, weight=weight), MORE_STEPS)
-        design = design_without_candidates(problem, theta, (), noise)
-    except ConvergenceError:
-        return None
-    return _Start(theta=theta, log_hz=float(problem.predictor.log_frequency[number].mean()), design=design)
-
-
-def _promised(
-    problem: DiagnosisProblem, noise: Noise, starts: Sequence[_Start], part: Part
-) -> list[tuple[float, int, float]]:
-    """-2 ln posterior, number of the start and mass with which this mass on springs explains most, for each group that
-    it is near and where the model has modes."""
-    found = []
-    for number, start in enumerate(starts):
-        if abs(np.log(_hz(part)) - start.log_hz) > NEAR_GROUP:
-            continue
-        own: list[tuple[float, int, float]] = []
-        for share in MASSES:
-            alone, theta, n = start.begun(problem, part, share * part[0].prior_scale)
-            try:
-                there = residuals_at(alone, theta, [n])
-            except ConvergenceError:
-                continue
-            _, centred = about(problem, start.design, start.theta, (), there)
-            own.append((start.design.misfit(centred, start.design.held(len(problem.updated))), number, n.size))
-        if own:
-            found.append(min(own))
-    return found
-
-
 def _stepped(
-    problem: DiagnosisProblem, noise: Noise, starts: Sequence[_Start], part: Part, number: int, size: float
-) -> tuple[float, float] | None:
-    """-2 ln posterior and mass where the first steps of a fit with a mass on springs lead; None where the model has no
+    problem: DiagnosisProblem, noise: Noise, part: Part, count: int
+) -> tuple[float, float, float] | None:
+    """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
     modes there."""
-    alone, theta, n = starts[number].begun(problem, part, size)
+    constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
+    alone, hung, n = with_hung(problem, part, constant, BEGUN_AT * part[0].prior_scale)
     try:
-        _, (n,), misfit = first_steps(alone, theta, [n], noise, MORE_STEPS)
+        theta, (n,), misfit = first_steps(alone, np.array(alone.predictor.parameters.initial), [n], noise, count)
     except ConvergenceError:
         return None
-    return misfit, n.size
+    return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
 
 
 def with_hung(

@@ -10,15 +10,7 @@ from probupdate.diagnosis import diagnose
 from probupdate.diagnosis import elementary as elementary_parts
 from probupdate.diagnosis import free_form as free_form_module
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.elementary import (
-    PART_CAUSES,
-    PLACED_HEIGHTS,
-    elementary,
-    in_place_of,
-    parts_of,
-    place_and_direction,
-    points,
-)
+from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
 from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
@@ -35,7 +27,6 @@ from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
 from probupdate.structure.load import reference_model
 from probupdate.structure.parameter_table import read_parameters
-from probupdate.virtual.modal_blocks import simulate_modes
 from tests.diagnosis.conftest import (
     CHANNELS,
     HEIGHT,
@@ -394,7 +385,7 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
 
 
 @pytest.mark.long
-def test_a_heavy_mass_on_springs_is_at_its_place_after_the_first_steps(frame):
+def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
     """Its modes are nowhere near linear in it: beside the fit without it another storey promises most."""
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
     hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
@@ -402,20 +393,6 @@ def test_a_heavy_mass_on_springs_is_at_its_place_after_the_first_steps(frame):
     parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", heights=5)
     first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
     assert parts[first][0].location.startswith("z = 12 m, along 0 deg")
-
-
-@pytest.mark.long
-def test_a_tuned_mass_is_first_at_its_height_where_the_prior_has_the_modes_elsewhere(turbine):
-    """In a fit to all modes everything else is bent to follow the pair that it makes another; from the prior's centre
-    masses at braces explained most."""
-    hidden = {"kind": "tuned_mass", "z_m": 61.222, "direction_deg": 129.0, "frequency_hz": 1.69, "mass_kg": 5831.2}
-    data = simulate_modes(truth={"parameters_from": "prior", "effect": [hidden]}, seed=490004).data
-    known = examine(turbine, data, most=0)
-    parts = parts_of(turbine, heights=PLACED_HEIGHTS)
-    first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
-    place, direction = place_and_direction(parts[first][0].location)
-    assert abs(float(place.removeprefix("tower, z = ").removesuffix(" m")) - 61.2) < 12
-    assert abs(float(direction.removeprefix("along ").removesuffix(" deg")) - 129) < 22.5
 
 
 def test_first_steps_are_made_at_the_heading_known_best(frame):
