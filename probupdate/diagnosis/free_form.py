@@ -28,9 +28,8 @@ from probupdate.diagnosis.elementary import (
 )
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import residuals_at
-from probupdate.diagnosis.fitting import Fit, first_steps, with_candidates
+from probupdate.diagnosis.fitting import Fit, with_candidates
 from probupdate.diagnosis.gain import measures
-from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.results import Finding
@@ -45,11 +44,6 @@ from probupdate.runtime.progress import Progress, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
-# masses on springs with which the search begins, beside FITTED of each kind that promise most to first order
-N_BEGUN = 8
-# masses on springs that go MORE_STEPS of a fit, from BEGUN_AT of their prior's standard deviation, and at how many
-# places those that move along one direction do
-N_AGAIN, MORE_STEPS, BEGUN_AT, N_ONE_WAY = 20, 4, 0.5, 4
 # probability from which what may be meant instead of a part is said
 POSSIBLE = 0.05
 # parts at once
@@ -69,33 +63,22 @@ class FreeForm:
 
 
 def most_promising(
-    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part], runs: Executor = SERIAL
+    problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]
 ) -> tuple[list[int], list[IncludedEffect]]:
-    """Numbers of the parts that promise most, N_KEPT of each kind, and what to begin with, the FITTED best of each:
-    to first order beside a fit, and masses on springs that are there throughout by the first steps of fits with them
-    too (half of the kept, N_BEGUN)."""
+    """Numbers of the parts that promise most to first order beside a fit, N_KEPT of each kind, and what to begin with,
+    the FITTED best of each."""
     profiles = [time_profile for time_profile in problem.time_profiles if time_profile.kind in ("constant", "step")]
     gain, size, _ = scores_of_parts(problem, fitted, parts, profiles)
     order, kept, begun = np.argsort(-gain.max(axis=1), kind="stable"), set(), []
-
-    def included(k: int, profile: TimeProfile, own: float) -> IncludedEffect:
-        return IncludedEffect(effect=parts[k][0], time_profile=profile, size=0.0).begun_at(own)
-
     for cause in PART_CAUSES:
         of_kind = [int(k) for k in order if parts[k][0].cause == cause]
-        hung = bool(of_kind) and parts[of_kind[0]][1].tuned_hz is not None
-        kept |= {*of_kind[: N_KEPT // 2 if hung else N_KEPT]}
+        kept |= {*of_kind[:N_KEPT]}
         for k in at_different_places(parts, of_kind, FITTED):
             c = int(np.argmax(gain[k]))
-            begun += [included(k, profiles[c], size[k, c])] if gain[k, c] > 0 else []
+            if gain[k, c] > 0:
+                begun.append(IncludedEffect(effect=parts[k][0], time_profile=profiles[c], size=0.0)
+                             .begun_at(size[k, c]))
             kept.add(k)
-    stepped = hung_at_first_steps(problem, fitted.design.noise, parts, runs)
-    kept |= {*[*stepped][: N_KEPT // 2]}
-    constant = next(profile for profile in profiles if profile.kind == "constant")
-    for k in at_different_places(parts, [*stepped], N_BEGUN):
-        # steps may lead to a mass of a few kilograms that shares a mode: from where they began a fit may lead elsewhere
-        begun += [included(k, constant, own) for own in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
-        kept.add(k)
     return sorted(kept), begun
 
 
@@ -109,61 +92,6 @@ def at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) 
         if len(first) == most:
             break
     return [*first.values()]
-
-
-def hung_at_first_steps(
-    problem: DiagnosisProblem, noise: Noise, parts: Sequence[Part], runs: Executor = SERIAL
-) -> dict[int, float]:
-    """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
-    explain, the most telling first, and the masses to which they lead: at the blocks of one heading, from where the
-    prior expects the parameters.
-
-    A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
-    else is bent to follow (beside a step what was there before it holds the fit). Those that move both ways go one
-    step, at every place and every second frequency (where none does, those that move one way); where they explain most
-    they go some more, and those that move along one direction too.
-    """
-    rows = at_one_heading(problem)
-    shared = problem.taken(rows), noise.taken(rows)
-    hung: dict[tuple[str, str], list[int]] = {}
-    for k, part in enumerate(parts):
-        if part[1].tuned_hz is not None:
-            hung.setdefault(place_and_direction(part[0].location), []).append(k)
-
-    def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
-        found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
-        return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
-
-    both_ways = any(way == BOTH_WAYS for _, way in hung)
-    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS or not both_ways for k in own[::2]], 1)
-    again = [k for _, k, _, _ in first[:N_AGAIN]]
-    best: dict[str, float] = {}
-    for _, k, _, hz in first:
-        best.setdefault(place_and_direction(parts[k][0].location)[0], hz)
-    for place, hz in [*best.items()][:N_ONE_WAY]:
-        for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
-            again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
-    return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
-
-
-def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
-    """Numbers of the blocks of the heading at which most are known."""
-    _, bin_of = problem.bins
-    return np.flatnonzero(bin_of == np.argmax(np.bincount(bin_of)))
-
-
-def _stepped(
-    problem: DiagnosisProblem, noise: Noise, part: Part, count: int
-) -> tuple[float, float, float] | None:
-    """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
-    modes there."""
-    constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
-    alone, hung, n = with_hung(problem, part, constant, BEGUN_AT * part[0].prior_scale)
-    try:
-        theta, (n,), misfit = first_steps(alone, np.array(alone.predictor.parameters.initial), [n], noise, count)
-    except ConvergenceError:
-        return None
-    return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
 
 
 def with_hung(
@@ -205,7 +133,7 @@ def free_form(
     parts = parts_of(prepared, heights=PLACED_HEIGHTS)
     if not parts:
         return None
-    kept, begun = most_promising(known.problem, known.null, parts, runs)
+    kept, begun = most_promising(known.problem, known.null, parts)
     wider = prepared_with(prepared, [parts[k] for k in kept])
     try:
         outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)

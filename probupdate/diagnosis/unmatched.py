@@ -16,14 +16,12 @@ from scipy import special
 from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
 from probupdate.diagnosis.blocks import FEWEST, mode_words, unmatched, unmatched_words
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.elementary import FITTED, Part, hung_near, place_and_direction
+from probupdate.diagnosis.elementary import BOTH_WAYS, FITTED, Part, hung_near, place_and_direction
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
-from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, noise_of, with_candidates
+from probupdate.diagnosis.fitting import Fit, first_steps, fitted_without_candidates, noise_of, with_candidates
 from probupdate.diagnosis.free_form import (
-    BEGUN_AT,
     POSSIBLE,
     at_different_places,
-    hung_at_first_steps,
     modes_moved,
     tuned,
     with_hung,
@@ -45,6 +43,9 @@ from probupdate.runtime.progress import Progress, silent
 
 # frequencies at which a mass on springs is tried over the measured one, in ln f: they move from there
 NEAR = (-0.1, 0.0, 0.1)
+# masses on springs that go MORE_STEPS of a fit, from BEGUN_AT of their prior's standard deviation, and at how many
+# places those that move along one direction do
+N_AGAIN, MORE_STEPS, BEGUN_AT, N_ONE_WAY = 20, 4, 0.5, 4
 # probability from which a mass on springs is said to be what has the mode
 PROBABLE = 0.5
 # probability with which sets before the first that has a mode have missed it, below which it began there
@@ -229,6 +230,61 @@ def _since(problem: DiagnosisProblem, label: str) -> TimeProfile:
 def _noise(problem: DiagnosisProblem) -> Noise:
     """From the sets' own scatter: whatever is expected of them does not change from one set to the next."""
     return noise_of(problem, tuple(np.where(used[:, None], y, 0.0) for y, used in zip(*problem.measured, strict=True)))
+
+
+def hung_at_first_steps(
+    problem: DiagnosisProblem, noise: Noise, parts: Sequence[Part], runs: Executor = SERIAL
+) -> dict[int, float]:
+    """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
+    explain, the most telling first, and the masses to which they lead: at the blocks of one heading, from where the
+    prior expects the parameters.
+
+    A mode more, and modes that are shared by two, are nowhere near linear in the mass, and in the fit without it all
+    else is bent to follow (beside a step what was there before it holds the fit). Those that move both ways go one
+    step, at every place and every second frequency (where none does, those that move one way); where they explain most
+    they go some more, and those that move along one direction too.
+    """
+    rows = at_one_heading(problem)
+    shared = problem.taken(rows), noise.taken(rows)
+    hung: dict[tuple[str, str], list[int]] = {}
+    for k, part in enumerate(parts):
+        if part[1].tuned_hz is not None:
+            hung.setdefault(place_and_direction(part[0].location), []).append(k)
+
+    def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
+        found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
+        return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
+
+    both_ways = any(way == BOTH_WAYS for _, way in hung)
+    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS or not both_ways for k in own[::2]], 1)
+    again = [k for _, k, _, _ in first[:N_AGAIN]]
+    best: dict[str, float] = {}
+    for _, k, _, hz in first:
+        best.setdefault(place_and_direction(parts[k][0].location)[0], hz)
+    for place, hz in [*best.items()][:N_ONE_WAY]:
+        for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
+            again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
+    return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
+
+
+def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
+    """Numbers of the blocks of the heading at which most are known."""
+    _, bin_of = problem.bins
+    return np.flatnonzero(bin_of == np.argmax(np.bincount(bin_of)))
+
+
+def _stepped(
+    problem: DiagnosisProblem, noise: Noise, part: Part, count: int
+) -> tuple[float, float, float] | None:
+    """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
+    modes there."""
+    constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
+    alone, hung, n = with_hung(problem, part, constant, BEGUN_AT * part[0].prior_scale)
+    try:
+        theta, (n,), misfit = first_steps(alone, np.array(alone.predictor.parameters.initial), [n], noise, count)
+    except ConvergenceError:
+        return None
+    return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
 
 
 def _fitted(

@@ -9,6 +9,7 @@ from scipy import linalg
 from probupdate.diagnosis import diagnose
 from probupdate.diagnosis import elementary as elementary_parts
 from probupdate.diagnosis import free_form as free_form_module
+from probupdate.diagnosis import unmatched as unmatched_module
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
 from probupdate.diagnosis.fitting import fitted_without_candidates
@@ -391,8 +392,19 @@ def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
     hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
     known = examine(frame, hung_record(5, mass=400.0, hz=hz, storey=3, from_block=0))
     parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", heights=5)
-    first = next(iter(free_form_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
+    first = next(iter(unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
     assert parts[first][0].location.startswith("z = 12 m, along 0 deg")
+
+
+def test_masses_on_springs_with_which_no_fit_can_begin_are_left_out(frame, monkeypatch):
+    def no_modes(*_):
+        raise ConvergenceError("no modes on the small basis", np.zeros(1))
+
+    known = examine(frame, record(6), most=0)
+    parts = elementary(frame.small, str, heights=2)
+    assert unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)
+    monkeypatch.setattr(unmatched_module, "first_steps", no_modes)
+    assert not unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)
 
 
 def test_first_steps_are_made_at_the_heading_known_best(frame):
@@ -400,7 +412,7 @@ def test_first_steps_are_made_at_the_heading_known_best(frame):
     angle = 40.0 * np.arange(N_BLOCK)
     angle[4:12], angle[[14, 15, 16, *range(24, 30)]] = 90.0, 270.0
     turned = replace(known.problem, blocks=replace(known.problem.blocks, angle_deg=angle))
-    assert free_form_module.at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
+    assert unmatched_module.at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
 
 
 def test_places_that_a_part_may_have_instead_are_said():
@@ -425,22 +437,6 @@ def test_masses_on_springs_at_one_place_are_one_whatever_their_frequency():
     assert said["posterior_probability"] == pytest.approx(0.57)
     assert [(a["location"], round(a["posterior_probability"], 2)) for a in said["alternatives"]] == [
         ("leg A, horizontal", 0.3), ("", 0.1)]
-
-
-@pytest.mark.long
-def test_parameters_without_modes_that_pair_leave_the_other_parts(frame, monkeypatch):
-    """Where no fit with a mass on springs can begin the parts are those that promise most to first order."""
-    def no_modes(*_):
-        raise ConvergenceError("no modes on the small basis", np.zeros(1))
-
-    data = record(3, spring=3e5)
-    known = examine(frame, data)
-    parts = elementary(frame.small, str, heights=5)
-    with_them = free_form_module.most_promising(known.problem, known.null, parts)
-    monkeypatch.setattr(free_form_module, "first_steps", no_modes)
-    kept, begun = free_form_module.most_promising(known.problem, known.null, parts)
-    assert set(kept) < set(with_them[0])
-    assert 0 < len(begun) < len(with_them[1])
 
 
 def test_nothing_is_added_where_nothing_is_hidden(frame):
