@@ -9,7 +9,6 @@ from scipy import linalg
 from probupdate.diagnosis import diagnose
 from probupdate.diagnosis import elementary as elementary_parts
 from probupdate.diagnosis import free_form as free_form_module
-from probupdate.diagnosis import unmatched as unmatched_module
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
 from probupdate.diagnosis.fitting import fitted_without_candidates
@@ -22,7 +21,6 @@ from probupdate.diagnosis.ranking import log_prior
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.small_model import N_CORE
 from probupdate.diagnosis.wording import free_form_words
-from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import processes
@@ -386,33 +384,15 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
 
 
 @pytest.mark.long
-def test_a_heavy_mass_on_springs_is_at_its_place_after_one_step(frame):
-    """Its modes are nowhere near linear in it: beside the fit without it another storey promises most."""
+@pytest.mark.parametrize(("mass", "share", "storey"), [(400.0, 1.05, 4), (300.0, 1.1, 3)])
+def test_a_heavy_mass_on_springs_all_through_the_record_is_at_its_place(frame, mass, share, storey):
+    """Begun to first order, which promises more at another storey: the modes are nowhere near linear in it."""
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
-    hz = 1.05 * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
-    known = examine(frame, hung_record(5, mass=400.0, hz=hz, storey=3, from_block=0))
-    parts = elementary(frame.small, lambda point: f"z = {point[2]:g} m", heights=5)
-    first = next(iter(unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)))
-    assert parts[first][0].location.startswith("z = 12 m, along 0 deg")
-
-
-def test_masses_on_springs_with_which_no_fit_can_begin_are_left_out(frame, monkeypatch):
-    def no_modes(*_):
-        raise ConvergenceError("no modes on the small basis", np.zeros(1))
-
-    known = examine(frame, record(6), most=0)
-    parts = elementary(frame.small, str, heights=2)
-    assert unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)
-    monkeypatch.setattr(unmatched_module, "first_steps", no_modes)
-    assert not unmatched_module.hung_at_first_steps(known.problem, known.null.design.noise, parts)
-
-
-def test_first_steps_are_made_at_the_heading_known_best(frame):
-    known = examine(frame, record(6))
-    angle = 40.0 * np.arange(N_BLOCK)
-    angle[4:12], angle[[14, 15, 16, *range(24, 30)]] = 90.0, 270.0
-    turned = replace(known.problem, blocks=replace(known.problem.blocks, angle_deg=angle))
-    assert unmatched_module.at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
+    hz = share * np.sqrt(linalg.eigvalsh(K, M)[0]) / (2 * np.pi)
+    data = hung_record(5, mass=mass, hz=hz, storey=storey - 1, from_block=0)
+    (part,) = free_form(frame, examine(frame, data), data).content["parts"]
+    assert part["location"].startswith(f"(0.0, 0.0, {HEIGHT * storey:.1f}) m, along 0 deg")
+    assert part["size"] == pytest.approx(mass, abs=3 * part["size_std"])
 
 
 def test_places_that_a_part_may_have_instead_are_said():

@@ -9,13 +9,15 @@ import pytest
 from scipy import linalg, stats
 
 import probupdate
+from probupdate.diagnosis import unmatched
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.elementary import PART_CAUSES, parts_of
+from probupdate.diagnosis.elementary import PART_CAUSES, elementary, parts_of
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, diagnosis_problem
 from probupdate.diagnosis.run import ModelSource, _read_groups, diagnose_files
 from probupdate.diagnosis.unmatched import _group, _noise, anywhere, unmatched_modes, with_unmatched
 from probupdate.diagnosis.wording import SELDOM
+from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData, ModalSet, ModeRecord
 from tests.diagnosis.conftest import (
     CHANNELS,
@@ -195,6 +197,26 @@ def test_few_sets_few_shapes_and_models_of_few_modes_are_not_searched(pictured_f
     assert unmatched_modes(pictured_frame, known, replace(data, sets=tuple(lacking))) == []
     small = replace(pictured_frame, small=replace(pictured_frame.small, n_search=6))
     assert unmatched_modes(small, known, data) == []
+
+
+def test_masses_on_springs_with_which_no_fit_can_begin_are_left_out(pictured_frame, monkeypatch):
+    def no_modes(*_):
+        raise ConvergenceError("no modes on the small basis", np.zeros(1))
+
+    data, _ = hung(9, mass=150.0, storey=4, from_block=0)
+    problem, _ = diagnosis_problem(pictured_frame, data)
+    parts = elementary(pictured_frame.small, str, heights=2)
+    assert unmatched.hung_at_first_steps(problem, _noise(problem), parts)
+    monkeypatch.setattr(unmatched, "first_steps", no_modes)
+    assert not unmatched.hung_at_first_steps(problem, _noise(problem), parts)
+
+
+def test_first_steps_are_made_at_the_heading_known_best(pictured_frame):
+    problem, _ = diagnosis_problem(pictured_frame, hung(9, mass=150.0, storey=4, from_block=0)[0])
+    angle = 40.0 * np.arange(N_BLOCK)
+    angle[4:12], angle[[14, 15, 16, *range(24, 30)]] = 90.0, 270.0
+    turned = replace(problem, blocks=replace(problem.blocks, angle_deg=angle))
+    assert unmatched.at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
 
 
 def test_a_channel_that_no_mode_moves_is_no_place_for_parts(pictured_frame):
