@@ -29,12 +29,13 @@ from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
 from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
-from probupdate.modal.labels import mode_character
+from probupdate.modal.labels import NEUTRAL, TURBINE, family
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
+from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
@@ -177,14 +178,15 @@ def export_lifetime(
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
     solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
-    damping = _modes(files, model, path, solved, run.modes, left_out, rng)
+    named = _labels_of(model, run.modes)
+    damping = _modes(files, named, solved, run.modes, left_out, rng)
     truncation = None
     if is_subdyn(path) and not unspeakable(path):
         truncation = _superelements(files, len(draws), _at_draw(path), settings.n_mode, progress)
     else:
         left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
-    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, settings.seed,
-                        progress)
+    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, named, left_out,
+                        settings.seed, progress)
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": status.remark,
         "accepted": bool(status.refused), "converged": status.converged, "sampler": status.sampler,
@@ -423,8 +425,9 @@ def refuse_without_members(path: Path) -> None:
 
 
 def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping,
-             left_out, seed: int, progress: Progress) -> dict | None:
-    """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
+             named, left_out, seed: int, progress: Progress) -> dict | None:
+    """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. named:
+    `_labels_of`."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
@@ -434,7 +437,6 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     sensors = model_sensors(path) or None
     found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed,
                    progress=progress)
-    named = _labels_of(model, path)
     n = solved[0].frequency_hz.size
     first = model.solve(model.parameters.initial, n)
     factors = frequency_factors(given, [named(one) for one in solved], [one.frequency_hz for one in solved],
@@ -450,17 +452,14 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     return dict(found.summary) | {"conditions": given.file.name, "conditions_sha256": _sha(given.file)}
 
 
-def _labels_of(model: Model, path: Path):
-    """ModalSolution -> names of its modes, by their shapes where the sensors' places are known."""
-    sensors = model_sensors(path) or ()
-    known = bool(sensors) and tuple(s.channel for s in sensors) == tuple(model.channels)
-    return lambda one: (mode_character(one.shape, sensors).labels if known else
-                        tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)))
+def _labels_of(model: Model, data: ModalData | None):
+    """ModalSolution -> names of its modes, as those of the measured ones."""
+    families = NEUTRAL if data is not None and {*map(family, data.labels or ())} & {*NEUTRAL[:2]} else TURBINE
+    return lambda one: mode_labels(model, one, families=families)
 
 
-def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | None, left_out, rng) -> _Damping:
-    """modes.csv: frequencies of every draw, named by their shapes; damping ratios as measured."""
-    named = _labels_of(model, path)
+def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) -> _Damping:
+    """modes.csv: frequencies of every draw, named by `_labels_of`; damping ratios as measured."""
     labels = [named(one) for one in solved]
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]

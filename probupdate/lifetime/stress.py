@@ -24,7 +24,6 @@ from scipy.sparse import linalg as sparse_linalg
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
 from probupdate.lifetime.details import Detail
-from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -36,6 +35,7 @@ from probupdate.structure.coefficient import Coefficients, TermCollector, build_
 from probupdate.structure.description import Description
 from probupdate.structure.frame import Frame
 from probupdate.structure.load import turbine_model
+from probupdate.structure.mode_labels import labels_of_shapes
 from probupdate.structure.subdyn_frame import SubDynFrame
 from probupdate.structure.subdyn_model import Coefficients as SubDynCoefficients
 from probupdate.structure.turbine_frame import build_frame
@@ -297,7 +297,7 @@ class StressModel:
         value, U = linalg.eigh(K, M)
         if value[0] <= 0:
             raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
-        labels = self._labels(U)
+        labels = self._labels(theta, U, value)
         ratio = np.full(len(value), self.conditions.damping.ratio)
         ratio[: len(labels)] = _shared_damping(np.sqrt(value[: len(labels)]), labels, damping, ratio[: len(labels)])
         omega = 2 * np.pi * self.frequency_hz
@@ -364,12 +364,10 @@ class StressModel:
         z = m.stress(q)
         return (z if wind else z - m.scale * one.own).reshape(len(self.details), 3, -1)
 
-    def _labels(self, U: np.ndarray) -> tuple[str, ...]:
-        if not self.sensors:
-            return ()
+    def _labels(self, theta: np.ndarray, U: np.ndarray, value: np.ndarray) -> tuple[str, ...]:
         n = min(LABELLED, U.shape[1])
         V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
-        return mode_character(self.model.channel_matrix @ V, self.sensors).labels
+        return labels_of_shapes(self.model, theta, V, np.sqrt(value[:n]) / (2 * np.pi))
 
     def _slopes(self, theta: np.ndarray, m: _Modes) -> _Slopes:
         """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with

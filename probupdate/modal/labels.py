@@ -1,15 +1,24 @@
-"""Names for the global modes of a tower-like structure, from what its sensors see: FA1, SS1, T1, FA2, ... of a turbine,
-X1, Y1, T1, X2, ... of a structure without a nacelle, L1, L2, ... of single members."""
+"""Names for the global modes of a tower-like structure: FA1, SS1, T1, FA2, ... of a turbine, X1, Y1, T1, X2, ... of a
+structure without a nacelle, L1, L2, ... of single members. Here they come from what sensors see; a model's own modes
+have theirs from the whole shape (`mode_energy`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from probupdate.modal.sets import Sensor
+from probupdate.modal.shape_criteria import mac
 from probupdate.runtime.arrays import frozen_array
 
+# more than this share of a mode in neither bending nor torsion makes it one of single members
+LOCAL_LIMIT = 0.5
+# modes within this of each other's frequency, of which one has more than this share across its own direction
+OBLIQUE_GAP, OBLIQUE = 0.02, 0.3
+# shapes at the sensors of a higher MAC are alike, and modes that move them less than this share of the most are unseen
+ALIKE, UNSEEN = 0.9, 1e-4
 # bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft
 TURBINE, NEUTRAL = ("FA", "SS", "T"), ("X", "Y", "T")
 ACROSS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2]) for first, second in (pair, pair[::-1])}
@@ -36,9 +45,9 @@ def along_x(label: str) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModeCharacter:
-    """How each mode moves: share (n_mode, 3) of the squared motion at the sensors that is fore-aft (with pitch),
-    side-side (with roll) and rotation about the vertical axis of each level as a rigid plane; `local` (n_mode,)
-    is the rest: heave and distortion of the level. The four add up to 1.
+    """How each mode moves: share (n_mode, 3) of its kinetic energy, or of the squared motion at the sensors, that is
+    fore-aft (with pitch), side-side (with roll) and rotation about the vertical axis of each level as a rigid plane;
+    `local` (n_mode,) is the rest: heave and distortion of the level. The four add up to 1.
     """
 
     share: np.ndarray
@@ -48,7 +57,7 @@ class ModeCharacter:
 
 def mode_character(
     shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE,
-    local_limit: float = 0.5
+    local_limit: float = LOCAL_LIMIT
 ) -> ModeCharacter:
     """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
     along x, along y and torsion.
@@ -85,13 +94,50 @@ def mode_character(
     # a level that is not symmetric about the axis couples the three; then their sum may pass 1 a little
     share = share / np.maximum(share.sum(axis=1, keepdims=True), 1.0)
     local = 1 - share.sum(axis=1)
-    count = dict.fromkeys((*families, "L"), 0)
+    return ModeCharacter(share=frozen_array(share), local=frozen_array(local),
+                         labels=numbered(share, local, families, local_limit))
+
+
+def numbered(
+    share: np.ndarray, local: np.ndarray, families: tuple[str, str, str], local_limit: float = LOCAL_LIMIT,
+    frequency_hz: np.ndarray | None = None,
+) -> tuple[str, ...]:
+    """Names of modes, ascending in frequency, by where most of each is: share (n_mode, 3), local (n_mode,). Where the
+    frequencies (n_mode,) are given, two close modes that bend obliquely are one of either direction: in a symmetric
+    structure no direction is preferred, and both may lean to the same."""
+    kind = np.where(local > local_limit, 3, np.argmax(share, axis=1)) if len(share) else np.zeros(0, int)
+    for j in range(1, len(kind) if frequency_hz is not None else 0):
+        i, own = j - 1, kind[j]
+        close = frequency_hz[j] - frequency_hz[i] < OBLIQUE_GAP * frequency_hz[j]
+        if own == kind[i] and own < 2 and close and max(share[k, 1 - own] for k in (i, j)) > OBLIQUE:
+            kind[i if share[i, 1 - own] > share[j, 1 - own] else j] = 1 - own
+    names, count = (*families, "L"), dict.fromkeys(range(4), 0)
     labels = []
-    for j in range(n_mode):
-        name = "L" if local[j] > local_limit else families[int(np.argmax(share[j]))]
-        count[name] += 1
-        labels.append(f"{name}{count[name]}")
-    return ModeCharacter(share=frozen_array(share), local=frozen_array(local), labels=tuple(labels))
+    for k in map(int, kind):
+        count[k] += 1
+        labels.append(f"{names[k]}{count[k]}")
+    return tuple(labels)
+
+
+def unseen(shape: np.ndarray) -> np.ndarray:
+    """(n_mode,) bool: modes of unit modal mass, shape (n_channel, n_mode), that hardly move a sensor beside others."""
+    size = np.linalg.norm(shape, axis=0)
+    return size <= UNSEEN * size.max(initial=0.0)
+
+
+def indistinguishable(labels: tuple[str, ...], frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[str, ...]:
+    """Sentences on modes that sensors, shape (n_channel, n_mode), do not see or do not distinguish."""
+    if not len(shape):
+        return ()
+    hidden = unseen(shape)
+    named = [f"{label} ({f:.4g} Hz)" for label, f in zip(labels, frequency_hz, strict=True)]
+    said = [f"{name} moves none of the sensors" for name, none in zip(named, hidden, strict=True) if none]
+    alike = mac(shape, shape)
+    for i, j in combinations(np.flatnonzero(~hidden), 2):
+        if alike[i, j] > ALIKE:
+            said.append(f"{named[i]} and {named[j]} have one shape at the sensors (MAC {alike[i, j]:.3f}): "
+                        "distinguished by frequency alone")
+    return tuple(said)
 
 
 def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 0.1) -> tuple[tuple[int, int], ...]:

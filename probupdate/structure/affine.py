@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.modal.mode_energy import DofPlaces
 from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ModelUncertainty
@@ -35,7 +36,8 @@ class AffineModel:
     analytic where it is used, as its derivatives are taken by complex steps. `channel_matrix` (n_channel, n_dof)
     picks the measured motion, which parameters may move elsewhere (`moved`: `channel_rows`), `wire_matrix` (3 n_node,
     n_dof) that of the picture's nodes. `derived` holds named scalars of theta, such as pile-head stiffness. `hash_key`
-    stands for all that went into the matrices. `uncertainty`: what is not known of the model itself (`model_error`).
+    stands for all that went into the matrices. `places`: where its degrees of freedom are, if known. `uncertainty`:
+    what is not known of the model itself (`model_error`).
     """
 
     name: str
@@ -51,6 +53,7 @@ class AffineModel:
     derived: Mapping[str, Callable[[np.ndarray], float]] = field(default_factory=dict)
     uncertainty: ModelUncertainty | None = None
     moved: tuple[MovedChannels, ...] = ()
+    places: DofPlaces | None = None
 
     def sharing(self, other: AffineModel) -> AffineModel:
         """The same model, with the other's matrices in place of its own where these are equal: in memory once."""

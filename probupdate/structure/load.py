@@ -26,6 +26,7 @@ from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.frame import Frame
 from probupdate.structure.matrices import load_matrices
+from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import read_parameters, read_toml, updated_parameters
 from probupdate.structure.pile_head import pile_head_stiffness
 from probupdate.structure.schema import nearest
@@ -250,6 +251,7 @@ def turbine_model(
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
         derived=pile_head_stiffness(frame, updated=parameters.names, values=values, theory=mesh.theory),
         moved=tuple(m.on(assembled.transform) for m in moved),
+        places=dof_places(frame.node_m, assembled.transform),
     )
 
 

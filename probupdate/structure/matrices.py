@@ -14,6 +14,7 @@ from scipy import sparse
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import archive_arrays
 from probupdate.io.result_table import plural
+from probupdate.modal.mode_energy import DofPlaces
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
@@ -81,6 +82,9 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     n = stiffness[0].shape[0]
     channels, channel_matrix = _channels(path, content, n)
     wire, wire_matrix = _wireframe(path, content, n)
+    places = None if wire is None else DofPlaces(
+        position_m=frozen_array(wire.node_m[content["dof_node"]]),
+        direction=frozen_array(content["dof_direction"], int))
     return AffineModel(
         name=name or path.stem,
         parameters=parameters,
@@ -91,6 +95,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         channel_matrix=channel_matrix,
         wire=wire,
         wire_matrix=wire_matrix,
+        places=places,
         hash_key=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
 

@@ -14,8 +14,7 @@ from scipy import sparse
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modal.labels import NEUTRAL, TURBINE, mode_character
-from probupdate.modal.modes import Sensor
+from probupdate.modal.labels import NEUTRAL, TURBINE, indistinguishable
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -23,6 +22,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
+from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn
 
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 SHIFT = (2 * np.pi * 0.1) ** 2
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
+# modes of which it is said what the sensors do not see
+SAID = tuple(f"{family}{k}" for own in (TURBINE, NEUTRAL) for family in own for k in (1, 2))
 # modes where it is not said how many
 MOST = 10
 # lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
@@ -107,19 +109,21 @@ def own_modes(
     if count > most:
         raise InputError(opened.name, f"{count} modes are asked for, it has {most}",
                          f"ask for at most {most} (--count)")
+    phi = None
     try:
         solution = opened.solve(opened.parameters.initial, count)
     except InputError:
         if not (isinstance(opened, AffineModel) and isinstance(model, str | Path) and is_subdyn(Path(model))):
             raise
-        solution, free = _with_free_motions(opened, count)
+        solution, phi, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
-    notes = (*notes, *_implausible(opened, solution.frequency_hz))
+    labels = mode_labels(opened, solution, sensors or (), families=NEUTRAL if of_matrices else TURBINE, phi=phi)
+    notes = (*notes, *_implausible(opened, solution.frequency_hz), *_distinguished(labels, solution))
     shape = _seen(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz),
-        labels=_labels(opened, sensors, shape, count, NEUTRAL if of_matrices else TURBINE),
+        labels=labels,
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
     )
 
@@ -142,9 +146,9 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
     return (f"implausible: the lowest frequency is {lowest:.3g} Hz; {usual}: {UNITS_ADVICE}",)
 
 
-def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:
-    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of
-    K + s M, less s. Raises InputError where the matrices are not even so definite."""
+def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:
+    """Modes of a structure that may float, as SubDyn's summary has them, their whole shapes, and how many are at 0 Hz:
+    eigenvalues of K + s M, less s. Raises InputError where the matrices are not even so definite."""
     theta = model.parameters.initial
     K, M = model.matrices(theta)
     value, phi = lowest_modes(sparse.csc_array(K + SHIFT * M), M, count, model.name)
@@ -154,7 +158,7 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, i
         raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for "
                          "a negative stiffness")
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
-                         shape=frozen_array(model.channel_rows(theta) @ phi)), int(np.sum(value == 0))
+                         shape=frozen_array(model.channel_rows(theta) @ phi)), phi, int(np.sum(value == 0))
 
 
 def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
@@ -177,16 +181,10 @@ def _notes(path: Path) -> tuple[str, ...]:
     return read_subdyn(path).notes
 
 
-def _labels(model: Model, sensors, shape: np.ndarray, count: int, families: tuple[str, str, str]) -> tuple[str, ...]:
-    """By the sensors where their places are known, by the whole structure where it has a picture."""
-    if sensors:
-        return mode_character(shape, sensors).labels
-    wire = model.wireframe(model.parameters.initial, count)
-    if wire is None or wire.displacement is None:
-        return tuple(f"mode {j + 1}" for j in range(count))
-    nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
-                  for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))
-    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes, families=families).labels
+def _distinguished(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:
+    """What the model's channels do not see of its first global modes, or do not distinguish."""
+    first = [j for j, label in enumerate(labels) if label in SAID]
+    return indistinguishable(tuple(labels[j] for j in first), solution.frequency_hz[first], solution.shape[:, first])
 
 
 def _seen(shape: np.ndarray) -> np.ndarray:

@@ -17,12 +17,14 @@ from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import read_elastodyn
 from probupdate.io.files import named_within
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
+from probupdate.modal.mode_energy import DofPlaces
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.affine import AffineModel
+from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
 from probupdate.structure.schema import Number, Table, Vector, nearest
 from probupdate.structure.subdyn_frame import (
@@ -245,6 +247,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
         channel_matrix=_channel_rows(frame, chosen, joints, path),
         wire=wire,
         wire_matrix=wire_matrix,
+        places=_places(frame),
         hash_key=hashlib.sha256(json.dumps(text, sort_keys=True).encode(errors="surrogateescape")).hexdigest(),
     )
 
@@ -559,6 +562,13 @@ def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray
     turn = np.kron(np.eye(4), element.axes[:, [2, 0, 1]].T)
     at_axis = turn[:6, :6].T @ beams.interpolation(xi, element.length_m) @ turn
     return dofs, np.hstack([np.eye(3), -cross_matrix(arm)]) @ at_axis
+
+
+def _places(frame: SubDynFrame) -> DofPlaces:
+    own = np.flatnonzero(frame.translation.ravel() >= 0)
+    pick = sparse.csr_array((np.ones(len(own)), (own, frame.translation.ravel()[own])),
+                            shape=(6 * len(frame.node_m), frame.n_full))
+    return dof_places(frame.node_m, pick @ frame.reduction)
 
 
 def _wireframe(frame: SubDynFrame) -> tuple[Wireframe, sparse.csr_array]:

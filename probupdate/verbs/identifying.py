@@ -32,7 +32,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
-from probupdate.verbs.sought import reference_modes
+from probupdate.verbs.sought import Sought, reference_modes
 
 # what the steps below are given where nothing is stated
 GIVEN = IdentificationSettings()
@@ -67,10 +67,11 @@ def identify(
     processes needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    reference, others = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
-    chosen, said = ssi_settings([opened], model, settings, reference)
-    found = identify_campaign(opened, reference, others=others, settings=chosen, store=store, jobs=jobs,
+    sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
+    chosen, said = ssi_settings([opened], model, settings, sought.modes)
+    found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, store=store, jobs=jobs,
                               progress=progress)
+    said = [*sought.notes, *said]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
@@ -91,8 +92,8 @@ def identify_shard(
     again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
     left to compute but the modes. model, parameters, lowest: for the settings of identification only, as there."""
     opened = read_campaign(campaign)
-    reference, _ = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
-    chosen, _ = ssi_settings([opened], model, settings, reference)
+    sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
+    chosen, _ = ssi_settings([opened], model, settings, sought.modes)
     share = shard if isinstance(shard, Shard) else Shard.of(shard)
     return identify_campaign_shard(opened, share, settings=chosen, store=store, jobs=jobs, progress=progress)
 
@@ -117,12 +118,12 @@ def identify_setups(
     paths = [Path(c) for c in campaigns]
     names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
-    reference, others = reference_at(opened, model, where=paths[0], parameters=parameters, lowest=lowest)
-    chosen, said = ssi_settings(opened, model, settings, reference)
+    sought = reference_at(opened, model, where=paths[0], parameters=parameters, lowest=lowest)
+    chosen, said = ssi_settings(opened, model, settings, sought.modes)
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
-    merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
+    merged = identify_campaigns(opened, names, reference=sought.modes, others=sought.others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
-    return replace(merged, summary="\n".join([merged.summary, *said]))
+    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said]))
 
 
 def _is_turbine(model: GivenModel | None) -> bool:
@@ -178,13 +179,13 @@ def sensors_of(campaigns: Sequence[Campaign]) -> tuple[Sensor, ...]:
 def reference_at(
     campaigns: Sequence[Campaign], model: GivenModel | None, *, where: str | Path,
     parameters: str | Path | None = None, lowest: int | None = None,
-) -> tuple[ReferenceModes | None, ReferenceModes | None]:
-    """The model's modes that are looked for, at all sensors, and its others; None without a model. Raises InputError
+) -> Sought:
+    """The model's modes that are looked for, at all sensors, and its others; none without a model. Raises InputError
     where the model has not all channels; `where`: the campaign's path."""
     if model is None:
         if lowest is not None:
             raise InputError("lowest", f"{lowest} modes of a model, and none is given", "give --model, or leave it out")
-        return None, None
+        return Sought(modes=None, others=None)
     sensors = sensors_of(campaigns)
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modal.labels import TURBINE, close_pairs, family, mode_character
+from probupdate.modal.labels import TURBINE, close_pairs, family, indistinguishable, mode_character, unseen
 from probupdate.modal.modes import Sensor, mac
+from probupdate.structure.mode_labels import full_model, mode_labels
 
 if TYPE_CHECKING:
-    from probupdate.model.interface import Model
+    from probupdate.model.interface import ModalSolution, Model
 
 # global modes looked for, (family, number): first and second bending pairs and the torsion between them (the paper's
 # first five: FA1, SS1, T1, FA2, SS2)
@@ -23,43 +25,67 @@ SEARCH = 24
 LOCAL = 0.03
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sought:
+    """The modes that identification looks for (None: without a model), the others that were computed to find them
+    (None: no other moves the sensors), and what is to be said of what the sensors see."""
+
+    modes: ReferenceModes | None
+    others: ReferenceModes | None
+    notes: tuple[str, ...] = ()
+
+
 def modes_of_interest(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
 ) -> ReferenceModes:
     """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
     whatever they are."""
-    return reference_modes(model, sensors, lowest, families)[0]
+    found = reference_modes(model, sensors, lowest, families).modes
+    assert found is not None  # a model has modes
 
 
 def reference_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
-) -> tuple[ReferenceModes, ReferenceModes | None]:
-    """The modes of interest, and the others that were computed to find them. Raises InputError where the model has
-    fewer than `lowest`, or no global mode at the sensors."""
+) -> Sought:
+    """Raises InputError where the model has fewer than `lowest`, or no global mode at the sensors."""
     if lowest is not None and lowest > model.n_available:
         raise InputError(model.name, f"{lowest} modes are to be looked for (--lowest), it has {model.n_available}",
                          f"ask for at most {model.n_available}")
     solution = model.solve(model.parameters.initial, min(max(SEARCH, lowest or 0), model.n_available))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
-    labels = global_labels(solution.frequency_hz, shape, sensors, families)
-    wanted = [f"{families[k]}{number}" for k, number in MODES_OF_INTEREST]
-    chosen = [labels.index(label) for label in wanted if label in labels]
+    labels = global_labels(model, solution, sensors, families)
+    hidden = unseen(shape)
+    wanted = [labels.index(name) for k, number in MODES_OF_INTEREST if (name := f"{families[k]}{number}") in labels]
     if lowest is not None:
-        chosen = list(range(min(lowest, len(solution.frequency_hz))))
+        wanted = list(range(min(lowest, len(solution.frequency_hz))))
+    chosen = [j for j in wanted if not hidden[j]]
     if not chosen:
         raise InputError(
             f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
             f"({', '.join(labels)})", "check the sensors' positions and directions, or name how many of the "
             "lowest modes to look for (--lowest)",
         )
-    seen = np.linalg.norm(shape, axis=0) > 0
-    rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
-    others = _as_reference(solution.frequency_hz, shape, labels, rest) if rest else None
-    return _as_reference(solution.frequency_hz, shape, labels, chosen), others
+    rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and not hidden[i]]
+    return Sought(
+        modes=_as_reference(solution.frequency_hz, shape, labels, chosen),
+        others=_as_reference(solution.frequency_hz, shape, labels, rest) if rest else None,
+        notes=indistinguishable(tuple(labels[j] for j in wanted), solution.frequency_hz[wanted], shape[:, wanted]),
+    )
 
 
 def global_labels(
+    model: Model, solution: ModalSolution, sensors: tuple[Sensor, ...], families: tuple[str, str, str] = TURBINE
+) -> tuple[str, ...]:
+    """Names of a model's modes: by where their energy is, or, where its nodes are not known, as the sensors see them
+    (`seen_labels`)."""
+    if full_model(model) is not None:
+        return mode_labels(model, solution, families=families)
+    rows = [model.channels.index(s.channel) for s in sensors]
+    return seen_labels(solution.frequency_hz, solution.shape[rows], sensors, families)
+
+
+def seen_labels(
     frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, str, str] = TURBINE
 ) -> tuple[str, ...]:
     """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little

@@ -87,7 +87,8 @@ def stand_for(out: Path, count: int, answer) -> None:
     module.BlockStore = StandIn
     opened = read_campaign(out / "campaign")
     opened = replace(opened, scada=repeated(opened.scada, count))
-    reference, others = reference_at([opened], model_path(MODEL), where=out / "campaign")
+    sought = reference_at([opened], model_path(MODEL), where=out / "campaign")
+    reference, others = sought.modes, sought.others
     settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings(), reference)
     before, begun = peak_mb(), time.process_time()
     found = identify_campaign(opened, reference, others=others, settings=settings,

@@ -182,9 +182,9 @@ def test_sets_that_say_nothing_since_a_time_are_not_nothing(prepared, record, va
     by_chance = rng.permutation(np.arange(len(data.sets)) >= 30)
     for lost, verdict in ((np.arange(len(data.sets)) >= 30, "unexplained"), (by_chance, "none")):
         sets = []
-        for s, without in zip(data.sets, lost, strict=True):
+        for s, is_lost in zip(data.sets, lost, strict=True):
             frequency, shape = np.array(s.frequency_hz), np.array(s.shape)
-            if without:
+            if is_lost:
                 frequency[1::2], shape[:, 1::2] = np.nan, np.nan
             sets.append(replace(s, frequency_hz=frequency, shape=shape))
         found = probupdate.diagnose(prepared, replace(data, sets=tuple(sets)), sampler=False, extend=False)

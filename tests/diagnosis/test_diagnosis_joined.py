@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.modal.joined_modes import joined
 from probupdate.diagnosis.prepare import prepare
+from probupdate.modal.joined_modes import joined
 from probupdate.modal.modes import ModalData, ModeRecord
 from tests.diagnosis.conftest import CHANNELS
 

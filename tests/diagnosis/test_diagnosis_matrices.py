@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 import probupdate
 from probupdate.diagnosis import ranking, wording
@@ -36,6 +35,7 @@ from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.updating.ensemble import SamplerSettings
+from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 # a chain of one segment: same seed, same numbers, converged or not
 QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=100)
@@ -250,7 +250,7 @@ def test_what_chance_alone_does_not_make_is_unexplained_however_improbable_each_
 def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, record, monkeypatch):
     """Which sign they have hangs on the last digit of the matrices: the threshold of this record was 4.88, 4.83 or
     4.76, and a test passed or failed with where its arrays lay in memory."""
-    whole = LocalModel.solve
+    whole, signs = LocalModel.solve, np.ones(4)
 
     def turned(local, *asked, **named):
         modes = whole(local, *asked, **named)
@@ -259,7 +259,8 @@ def test_eigenvectors_of_the_other_sign_give_the_same_threshold(frame_file, reco
 
     monkeypatch.setattr(LocalModel, "solve", turned)
     found = []
-    for signs in np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]]):
+    for now in ([1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]):
+        signs[:] = now
         problem, theta = diagnosis_problem(prepare(frame_file), record(6))
         found.append(search(problem, fit(problem, theta), seed=1).threshold)
     assert found == pytest.approx(3 * [found[0]], rel=1e-9)

@@ -476,7 +476,8 @@ def test_torsion_of_a_single_pile_moves_none_of_its_joints(tmp_path):
     (twist,) = np.flatnonzero(seen == 0)
     # a quarter of a wave: sqrt(G / rho) / 4 L
     assert found.frequency_hz[twist] == pytest.approx(np.sqrt(8.076923e10 / 7850) / 80, rel=2e-3)
-    assert found.labels[twist].startswith("L")
+    assert found.labels[twist] == "T1"
+    assert any("T1" in note and "moves none of the sensors" in note for note in found.notes)
 
 
 def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
