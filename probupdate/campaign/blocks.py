@@ -50,11 +50,14 @@ class Block:
 
     @property
     def id(self) -> str:
-        return block_id(self.start)
+        return block_id(self.start, self.minutes)
 
 
-def block_id(start: pd.Timestamp) -> str:
-    """Start to the minute, or to the second where blocks do not start on minutes: 2019-06-03T10:00Z."""
+def block_id(start: pd.Timestamp, minutes: float = 1.0) -> str:
+    """Start to the minute, or to the second where blocks do not start on minutes: 2019-06-03T10:00Z; to its last digit
+    where several begin in a second."""
+    if minutes < 1 / 60:
+        return start.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0") + "Z"
     return start.strftime("%Y-%m-%dT%H:%MZ" if start.second == 0 else "%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -171,7 +174,8 @@ def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
     minutes = campaign.block_minutes if minutes is None else minutes
     if minutes != campaign.block_minutes:
         refuse_absurd("block length", campaign.sampling_rate_hz, minutes, len(campaign.sensors))
-    return pd.Timedelta(minutes=minutes)
+    # two seconds, given as minutes, are two seconds again
+    return pd.Timedelta(microseconds=round(6e7 * minutes))
 
 
 def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int, int]:

@@ -14,7 +14,8 @@ import pandas as pd
 from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import CampaignHead, channels_attribute, read_head
-from probupdate.campaign.sources import pieces
+from probupdate.campaign.sources import opened
+from probupdate.campaign.stated import OwnWords, Stated, channel_factor, refuse_other_rate
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
@@ -163,13 +164,15 @@ def _one_source(path: Path, name: str, described: Description, head: CampaignHea
     """(files, samples, notes, (start, end) of each): the source's samples on the campaign's clock."""
     clock = file_clock(path, described, head.sampling_rate_hz)
     writer = _Writer(folder, name, key, head)
-    factor = np.array([described.factor[c] for c in head.channels])
-    lost = 0
-    for number, (time, data) in enumerate(pieces(path, described)):
+    own, pieces = opened(path, described)
+    refuse_other_rate(str(path), own, head.sampling_rate_hz, described.overrule)
+    factor, words = _factors(path, own, head, described)
+    lost, markers = 0, [v for v in described.lost if not isinstance(v, str)]
+    for number, (time, data) in enumerate(pieces):
         if number == 0:
             refuse_time(str(path), head.channels, data)
-        if described.lost:
-            data = np.where(np.isin(data, described.lost), np.nan, data)
+        if markers:
+            data = np.where(np.isin(data, markers), np.nan, data)
         # what single precision does not hold is no acceleration: lost, and counted below
         with np.errstate(over="ignore", invalid="ignore"):
             data = (data * factor).astype(np.float32)
@@ -181,10 +184,17 @@ def _one_source(path: Path, name: str, described: Description, head: CampaignHea
     outputs, spans, count = writer.close()
     if not count:
         raise InputError(str(path), "holds no sample", "leave it out of `files`")
-    notes = [f"{name}: {text}" for text in clock.notes()]
+    notes = [f"{name}: {text}" for text in (*words, *clock.notes())]
     if lost:
         notes.append(f"{name}: {lost} values are lost (NaN)")
     return outputs, count, notes, spans
+
+
+def _factors(path: Path, own: OwnWords, head: CampaignHead, described: Description) -> tuple[np.ndarray, list[str]]:
+    """(n_channel,) what the samples are multiplied with, and what the file's own words changed."""
+    found = [channel_factor(str(path), s, own.channels.get(s.channel, Stated()), described.factor.get(s.channel),
+                            described.overrule) for s in head.sensors]
+    return np.array([f for f, _ in found]), [text for _, text in found if text is not None]
 
 
 class _Writer:

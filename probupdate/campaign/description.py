@@ -30,19 +30,24 @@ class _Written:
 
     files: Text
     time: Text | int | None = None
+    time_format: Text | None = None
     time_unit: Literal["iso", "s", "ms", "us", "ns", "day", "matlab", "excel"] = "iso"
     zone: Text | None = None
     start: Text | None = None
     start_pattern: Text | None = None
     start_format: Text | None = None
     data: Text | None = None
+    orientation: Literal["channels in columns", "channels in rows"] | None = None
     columns: Mapping[str, Text | Annotated[int, Range(1)]] = field(default_factory=dict)
     factor: Mapping[str, Annotated[float, Range(-1e12, 1e12, nonzero=True)]] = field(default_factory=dict)
     separator: Text = ","
     decimal: Text = "."
+    encoding: Text = "utf-8"
     header: bool = True
     skip_rows: Annotated[int, Range(0, 1e9)] = 0
-    lost: tuple[float, ...] = ()
+    units_row: Annotated[int, Range(1, 1e9)] | None = None
+    lost: tuple[float | str, ...] = ()
+    overrule: tuple[Literal["unit", "quantity", "direction", "rate"], ...] = ()
     fill_seconds: Annotated[float, Range(0, 1e9)] = 60.0
 
 
@@ -53,28 +58,36 @@ class Description:
     files: pattern below the folder of the sources. time: name of the time column, or None where `start` or
     `start_pattern` (a pattern with one group in the file's name, read by start_format) gives a file's first sample and
     the campaign's rate the others. time_unit: "iso", or the unit of a number counted from `start`, from 1970 where no
-    start is given, or "matlab"/"excel" day numbers. zone: of every time that does not state its own. data: variable
-    that holds all channels as columns. columns: channel -> name, or number from 1, of its column; without an entry the
-    channel's own name. factor: channel -> what its numbers are multiplied with to be in the unit of campaign.toml.
-    lost: numbers that stand for a lost sample. fill_seconds: gaps up to so long are filled with NaN within a file.
+    start is given, or "matlab"/"excel" day numbers; time_format: strptime's codes of times that are not ISO 8601. zone:
+    of every time that does not state its own. data: variable that holds all channels, as columns or as rows where
+    `orientation` says so. columns: channel -> name, or number from 1, of its column; without an entry the channel's own
+    name. factor: channel -> what its numbers are multiplied with to be in the unit of campaign.toml, where it is given.
+    encoding: of a table's text; units_row: its line, from 1, that states the columns' units. lost: numbers and words
+    that stand for a lost sample. overrule: what the sources say of themselves and is wrong ("unit", "quantity",
+    "direction", "rate"). fill_seconds: gaps up to so long are filled with NaN within a file.
     """
 
     path: Path
     files: str
     time: str | int | None
+    time_format: str | None
     time_unit: str
     zone: tzinfo | None
     start: str | None
     start_pattern: str | None
     start_format: str | None
     data: str | None
+    orientation: str | None
     columns: Mapping[str, str | int]
     factor: Mapping[str, float]
     separator: str
     decimal: str
+    encoding: str
     header: bool
     skip_rows: int
-    lost: tuple[float, ...]
+    units_row: int | None
+    lost: tuple[float | str, ...]
+    overrule: tuple[str, ...]
     fill_seconds: float
 
 
@@ -107,7 +120,16 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     same = {f.name: getattr(described, f.name) for f in fields(described)}
     return Description(**(same | {
         "path": path, "zone": _zone(path, described.zone), "columns": columns,
-        "factor": {c: float(described.factor.get(c, 1.0)) for c in channels}}))
+        "encoding": _encoding(path, described.encoding)}))
+
+
+def _encoding(path: Path, text: str) -> str:
+    """A text encoding that Python knows; a byte order mark is no letter."""
+    try:
+        "a".encode(text)
+    except (LookupError, UnicodeError, ValueError):
+        raise InputError(f"{path}, encoding", f"'{text}' is no encoding", "use utf-8, cp1252 or utf-16") from None
+    return "utf-8-sig" if text.lower().replace("_", "-") in ("utf-8", "utf8") else text
 
 
 def _zone(path: Path, text: str | None) -> tzinfo | None:

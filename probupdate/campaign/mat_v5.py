@@ -20,11 +20,13 @@ NUMBER_CLASSES = range(6, 16)
 NUMBER_TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13}
 # elements of an array before its values: flags with the class, dimensions, name
 BEFORE_VALUES = 3
+DEEPEST = 32
 
 
-def refuse_damaged(path: Path) -> None:
-    """Raises InputError where an element does not fit the file, is of no known type or is packed wrongly."""
-    size = path.stat().st_size
+def refuse_damaged(path: Path) -> int:
+    """Bytes of its content, unpacked. Raises InputError where an element does not fit the file, is of no known type or
+    is packed wrongly."""
+    size, total = path.stat().st_size, 0
     with path.open("rb") as file:
         order = {b"IM": "<", b"MI": ">"}.get(file.read(HEAD)[-2:])
         # older files, and what is none at all, are known by their heads
@@ -34,10 +36,12 @@ def refuse_damaged(path: Path) -> None:
             if kind not in (MATRIX, PACKED) or content + length > size:
                 raise _damaged(path, start)
             if kind == PACKED:
-                _refuse_wrongly_packed(path, file, length)
+                total += _refuse_wrongly_packed(path, file, length)
             else:
+                total += length
                 _refuse_unknown_values(path, file, order, content + length)
             file.seek(content + length)
+    return total
 
 
 def _tag(path: Path, file: BinaryIO, order: str) -> tuple[int, int, int]:
@@ -52,14 +56,18 @@ def _tag(path: Path, file: BinaryIO, order: str) -> tuple[int, int, int]:
     return first, second, start + 8
 
 
-def _refuse_unknown_values(path: Path, file: BinaryIO, order: str, end: int) -> None:
+def _refuse_unknown_values(path: Path, file: BinaryIO, order: str, end: int, depth: int = 0) -> None:
     number, of_numbers = 0, False
     while file.tell() < end:
         start = file.tell()
         kind, length, content = _tag(path, file, order)
         unknown = number >= BEFORE_VALUES and of_numbers and kind not in NUMBER_TYPES
-        if content + length > end or unknown or (number == 0 and length < 4):
+        if content + length > end or unknown or (number == 0 and length < 4) or depth > DEEPEST:
             raise _damaged(path, start)
+        if number >= BEFORE_VALUES and kind == MATRIX and length:
+            # fields and cells are arrays again
+            file.seek(content)
+            _refuse_unknown_values(path, file, order, content + length, depth + 1)
         if number == 0:
             file.seek(content)
             of_numbers = struct.unpack(order + "I", file.read(4))[0] & 0xFF in NUMBER_CLASSES
@@ -67,20 +75,21 @@ def _refuse_unknown_values(path: Path, file: BinaryIO, order: str, end: int) -> 
         number += 1
 
 
-def _refuse_wrongly_packed(path: Path, file: BinaryIO, length: int) -> None:
-    """zlib ends with a checksum of what was packed: what passes it is as it was written."""
-    start, unpacked = file.tell(), zlib.decompressobj()
+def _refuse_wrongly_packed(path: Path, file: BinaryIO, length: int) -> int:
+    """Bytes unpacked. zlib ends with a checksum of what was packed: what passes it is as it was written."""
+    start, unpacked, total = file.tell(), zlib.decompressobj(), 0
     try:
         while length > 0 and not unpacked.eof:
             packed = file.read(min(length, PIECE))
             length -= len(packed)
             while packed:
-                unpacked.decompress(packed, PIECE)
+                total += len(unpacked.decompress(packed, PIECE))
                 packed = unpacked.unconsumed_tail
     except zlib.error:
         raise _damaged(path, start) from None
     if not unpacked.eof:
         raise _damaged(path, start)
+    return total
 
 
 def _damaged(path: Path, at: int) -> InputError:

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from probupdate.campaign.stated import refuse_other_words
 from probupdate.errors import InputError, parsing
+from probupdate.modal.modes import Sensor
 
 ENDING = ".parquet"
 # the asked columns of one row group, as eight-byte numbers: a group is read whole
@@ -17,12 +19,13 @@ LARGEST_GROUP = 256 * 2**20
 HEAD_KEYS = ("start", "sampling_rate_hz")
 
 
-def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
+def parquet_head(path: Path, sensors: Sequence[Sensor]) -> tuple[str, str, int]:
     """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a
     number or the package pyarrow is missing."""
     with _opened(path) as file:
         import pyarrow
 
+        channels = [s.channel for s in sensors]
         known = {field.name: field.type for field in file.schema_arrow}
         for channel in channels:
             if channel not in known:
@@ -30,8 +33,10 @@ def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
                                  "give one per [[sensor]], under the channel's name")
             if not (pyarrow.types.is_floating(known[channel]) or pyarrow.types.is_integer(known[channel])):
                 raise InputError(f"{path}, {channel}", f"holds {known[channel]}, not numbers", "write float32")
-        found = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
-                 for key, value in (file.schema_arrow.metadata or {}).items()}
+        found = _text(file.schema_arrow.metadata)
+        refuse_other_words(str(path), sensors, found)
+        for sensor in sensors:
+            refuse_other_words(str(path), [sensor], _text(file.schema_arrow.field(sensor.channel).metadata))
         for key in HEAD_KEYS:
             if key not in found:
                 raise InputError(str(path), f"has no '{key}' in its metadata", "write it as text beside the columns")
@@ -42,6 +47,10 @@ def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
                                  f"row group {k + 1} has {n_row} rows, {8e-6 * n_row * len(channels):.0f} MB",
                                  "write smaller groups, such as half an hour each")
         return found["start"], found["sampling_rate_hz"], int(file.metadata.num_rows)
+
+
+def _text(metadata: dict | None) -> dict[str, str]:
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
 def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> np.ndarray:

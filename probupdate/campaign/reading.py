@@ -15,21 +15,16 @@ import pandas as pd
 from probupdate.campaign import parquet_records, zarr_records
 from probupdate.campaign.parquet_records import parquet_head
 from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
+from probupdate.campaign.stated import UNITS, refuse_other_words
 from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
 from probupdate.modal.modes import Sensor
 
-# unit -> factor to SI, by quantity; g is the standard gravity
-UNITS = {
-    "acceleration": {"m/s2": 1.0, "m/s^2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-}
-# a block holds at least some periods of some mode; what is longer than a day is no block, and would not fit in memory
-SHORTEST_BLOCK_MINUTES, LONGEST_BLOCK_MINUTES, FEWEST_SAMPLES = 0.1, 1440.0, 100
-BLOCK_MINUTES_TEXT = f"{SHORTEST_BLOCK_MINUTES:g} to {LONGEST_BLOCK_MINUTES:g}"
+# how long a block must be its rate decides, by the samples that identify a mode at all: a laboratory's kHz record may
+# be of seconds; what is longer than a day is no block
+FEWEST_SAMPLES, LONGEST_BLOCK_MINUTES = 100, 1440.0
 HIGHEST_RATE_HZ = 1e5
 # what one block may take in memory, at eight bytes a sample; reading and checking hold a few copies of it
 LARGEST_BLOCK_BYTES = 128 * 2**20
@@ -90,6 +85,8 @@ class Campaign:
 
 def nearest(key: str, known: tuple[str, ...]) -> str:
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+    if not known:
+        return "there are none"
     return f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
 
 
@@ -141,7 +138,7 @@ def read_campaign(path: str | Path) -> Campaign:
         water_depth_m=_positive(where, raw, "water_depth_m") if "water_depth_m" in raw else None,
         rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(where, raw),
-        files=_record_files(path / "acceleration", head.sampling_rate_hz, head.channels),
+        files=_record_files(path / "acceleration", head.sampling_rate_hz, head.sensors),
         scada=read_scada(inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
@@ -167,12 +164,13 @@ def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_cha
         raise InputError(f"{where}, sampling_rate_hz", f"{rate_hz:g} Hz is above {HIGHEST_RATE_HZ:g}",
                          "give samples a second")
     here = f"{where}, block_minutes"
-    if not SHORTEST_BLOCK_MINUTES <= block_minutes <= LONGEST_BLOCK_MINUTES:
-        raise InputError(here, f"{block_minutes:g} is not in {BLOCK_MINUTES_TEXT}", "give minutes, such as 30")
+    if block_minutes > LONGEST_BLOCK_MINUTES:
+        raise InputError(here, f"{block_minutes:g} is more than a day", "give minutes, such as 30")
     n_sample = round(block_minutes * 60 * rate_hz)
     if n_sample < FEWEST_SAMPLES:
         raise InputError(here, f"{block_minutes:g} minutes at {rate_hz:g} Hz are fewer than {FEWEST_SAMPLES} samples",
-                         "give longer blocks, such as 30 minutes")
+                         f"give at least {FEWEST_SAMPLES / (60 * rate_hz):.3g} minutes, and many periods of the lowest "
+                         "mode")
     if 8 * n_sample * n_channel > LARGEST_BLOCK_BYTES:
         longest = LARGEST_BLOCK_BYTES / (8 * n_channel * 60 * rate_hz)
         raise InputError(here, f"{block_minutes:g} minutes of {n_channel} channels at {rate_hz:g} Hz are "
@@ -225,7 +223,8 @@ def _sensors(where: Path, raw: Mapping) -> tuple[Sensor, ...]:
     return tuple(sensors)
 
 
-def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tuple[RecordFile, ...]:
+def _record_files(folder: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> tuple[RecordFile, ...]:
+    channels = tuple(s.channel for s in sensors)
     endings = (".h5", parquet_records.ENDING, zarr_records.ENDING)
     paths = sorted(path for ending in endings for path in folder.glob(f"*{ending}"))
     if not paths:
@@ -234,17 +233,17 @@ def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tu
     for path in paths:
         inside(path, folder.parent)
         if path.suffix == parquet_records.ENDING:
-            start, rate, n_sample = parquet_head(input_file(path, "remove it"), channels)
+            start, rate, n_sample = parquet_head(input_file(path, "remove it"), sensors)
             files.append(_checked(path, n_sample, start, rate, rate_hz))
             continue
         if path.suffix == zarr_records.ENDING:
-            start, rate, names, n_sample = zarr_head(input_folder(path, remedy="remove it"), len(channels))
+            start, rate, names, n_sample = zarr_head(input_folder(path, remedy="remove it"), sensors)
             if names is not None:
                 _refuse_renamed(path, names, channels)
             files.append(_checked(path, n_sample, start, rate, rate_hz))
             continue
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
-            files.append(_record_file(path, file, rate_hz, channels))
+            files.append(_record_file(path, file, rate_hz, sensors))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
 
 
@@ -253,10 +252,10 @@ def channels_attribute(channels: tuple[str, ...]) -> str:
     return json.dumps(channels, ensure_ascii=False)
 
 
-def _record_file(path: Path, file, rate_hz: float, channels: tuple[str, ...]) -> RecordFile:
+def _record_file(path: Path, file, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordFile:
     import h5py
 
-    n_channel = len(channels)
+    n_channel = len(sensors)
     data = file.get("data")
     if not isinstance(data, h5py.Dataset):
         raise InputError(str(path), "holds no dataset 'data'", "write the samples under that name")
@@ -272,7 +271,8 @@ def _record_file(path: Path, file, rate_hz: float, channels: tuple[str, ...]) ->
         raise InputError(str(path), f"'data' holds {data.dtype}, not numbers", "write float32")
     # files of other programs need not have it
     if "channels" in data.attrs:
-        _refuse_renamed(path, data.attrs["channels"], channels)
+        _refuse_renamed(path, data.attrs["channels"], tuple(s.channel for s in sensors))
+    refuse_other_words(str(path), sensors, data.attrs)
     return _checked(path, int(data.shape[0]), data.attrs["start"], data.attrs["sampling_rate_hz"], rate_hz)
 
 

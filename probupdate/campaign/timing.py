@@ -115,7 +115,7 @@ class Clock:
     def _nanoseconds(self, time: np.ndarray) -> np.ndarray:
         """(n,) int64 since 1970 UTC."""
         where, described = f"{self.path}, time", self.described
-        if np.asarray(time).dtype.kind in "iuf":
+        if np.asarray(time).dtype.kind in "iuf" and described.time_format is None:
             value = np.asarray(time, float)
             if not np.isfinite(value).all():
                 raise InputError(where, f"row {self._row(~np.isfinite(value))} has no time", "drop it or give its time")
@@ -144,11 +144,14 @@ class Clock:
             if offset is not None:
                 return since + offset.value
             return self._to_utc(pd.DatetimeIndex(since.astype("datetime64[ns]")), where)
+        form = described.time_format or "ISO8601"
         try:
-            index = pd.DatetimeIndex(pd.to_datetime(pd.Series(time), format="ISO8601"))
+            texts = pd.Series(time)
+            index = pd.DatetimeIndex(pd.to_datetime(texts.astype(str) if described.time_format else texts, format=form))
         except (ValueError, TypeError) as error:
             raise InputError(where, f"is not a time ({str(error).splitlines()[0]})",
-                             "write ISO 8601, or numbers with time_unit") from None
+                             "write ISO 8601, numbers with time_unit, or state time_format, such as "
+                             "\"%d.%m.%Y %H:%M:%S.%f\", in convert.toml") from None
         if index.hasnans:
             row = self._row(np.asarray(index.isna()))
             raise InputError(where, f"row {row} has no time", "drop it or give its time")

@@ -16,6 +16,8 @@ from types import ModuleType
 
 import numpy as np
 
+from probupdate.campaign.stated import LENGTHS, Stated
+from probupdate.campaign.uff_axes import NODES, SYSTEMS, UNITS, Geometry, geometry, number_of, whole_of
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, whole
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
@@ -26,9 +28,15 @@ LARGEST = 2**30
 # how far a node may be from the sensor it is taken for, and how far the lines of a file may be from one rate
 SAME_PLACE_M, SAME_RATE = 1e-3, 1e-4
 AXES = {1: "+x", 2: "+y", 3: "+z", -1: "-x", -2: "-y", -3: "-z"}
+# rotations about them
+ROTATIONS = (4, 5, 6, -4, -5, -6)
 # datasets 58 that are records in time, and the code of each quantity
 RECORD, TIME = 1, 17
 QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}
+# what else an ordinate may be; 0 and 1 (unknown, general) say nothing
+OTHER_QUANTITIES = {2: "stress", 3: "strain", 5: "a temperature", 6: "a heat flux", 9: "a reaction force",
+                    13: "an excitation force", 15: "a pressure", 16: "a mass", 17: "time", 18: "a frequency",
+                    19: "a rotational speed", 20: "an order"}
 SET_LINE, CHANNEL_LINE = "set ", "channel "
 # analyses of dataset 55 that hold modes
 NORMAL, COMPLEX = 2, (3, 7)
@@ -37,10 +45,12 @@ NORMAL, COMPLEX = 2, (3, 7)
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UffRecords:
     """Records of one file on one clock: data (n_sample, n_channel) float64, `names` from the files' first lines or ''
-    where they have none, `places` such as '12:+x', rate_hz and first_s, where the abscissa begins."""
+    where they have none, `places` such as '12:+x', rate_hz and first_s, where the abscissa begins; stated: the
+    quantity, unit and direction that the file gives each."""
 
     names: tuple[str, ...]
     places: tuple[str, ...]
+    stated: tuple[Stated, ...]
     rate_hz: float
     first_s: float
     data: np.ndarray
@@ -65,26 +75,10 @@ def _read(path: str | Path) -> tuple[Path, list[dict]]:
         warnings.simplefilter("error")
         file = pyuff.UFF(str(path))
         kinds = [int(k) for k in file.get_set_types()]
-        wanted = [k for k, kind in enumerate(kinds) if kind in (15, 55, 58, 2411)]
+        wanted = [k for k, kind in enumerate(kinds) if kind in (55, 58, *NODES, *SYSTEMS, UNITS)]
         found = [file.read_sets(k) for k in wanted]
         found = [d if isinstance(d, dict) else {} for d in found]
     return path, [d for d in found if d]
-
-
-def _number(value, where: str, what: str) -> float:
-    """A finite number, whatever the parser made of it."""
-    with parsing(where, f"its {what} is no number", "write it again"):
-        number = float(np.real(value))
-    if not np.isfinite(number):
-        raise InputError(where, f"its {what} is {number}", "write it again")
-    return number
-
-
-def _whole(value, where: str, what: str) -> int:
-    number = _number(value, where, what)
-    if number != int(number) or abs(number) >= 2**53:
-        raise InputError(where, f"its {what} is {number:g}, not a whole number", "write it again")
-    return int(number)
 
 
 def _text(value) -> str:
@@ -107,12 +101,13 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
             "holds no modes (dataset 55 of normal modes or complex eigenvalues)",
             "export the modes as dataset 55",
         )
-    rows = [_mode(d, f"{path}, mode {k + 1}") for k, d in enumerate(modes)]
+    placed = geometry(path, found)
+    rows = [_mode(d, placed, f"{path}, mode {k + 1}") for k, d in enumerate(modes)]
     nodes = sorted({node for row in rows for node in row["motion"]})
     if sensors is None:
         named, project = _components(nodes, rows)
     else:
-        named, project = _projected(path, _places(path, found), sensors)
+        named, project = _projected(path, placed.places, sensors)
     cases: dict[int, list[dict]] = {}
     for row in rows:
         cases.setdefault(row["case"], []).append(row)
@@ -147,16 +142,17 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
     return ModalData(channels=named, sets=tuple(sets))
 
 
-def _mode(d: Mapping, where: str) -> dict:
-    """One dataset 55: hz, damping ratio, case, mode, set's name, motion node -> (3,) complex."""
+def _mode(d: Mapping, placed: Geometry, where: str) -> dict:
+    """One dataset 55: hz, damping ratio, case, mode, set's name, motion node -> (3,) complex in the file's axes."""
     if d["analysis_type"] == NORMAL:
-        hz, damping = _number(d["freq"], where, "frequency"), _number(d["modal_damp_vis"], where, "damping")
+        hz = number_of(d["freq"], where, "frequency")
+        damping = number_of(d["modal_damp_vis"], where, "damping")
         if not 0 <= damping < 1:
             raise InputError(where, f"its viscous damping ratio is {damping:g}", "give a share of critical, below 1")
         # what is zero was not given
         damping = damping or np.nan
     else:
-        pole = complex(_number(np.real(d["eig"]), where, "eigenvalue"), _number(np.imag(d["eig"]), where, "eigenvalue"))
+        pole = complex(*(number_of(part(d["eig"]), where, "eigenvalue") for part in (np.real, np.imag)))
         hz, damping = abs(pole) / (2 * np.pi), -pole.real / abs(pole) if pole else 0.0
     if not 0 < hz < 1e6:
         raise InputError(where, f"its frequency is {hz:g} Hz", "give eigenvalues in rad/s, frequencies in Hz")
@@ -170,10 +166,11 @@ def _mode(d: Mapping, where: str) -> dict:
     return {
         "hz": hz,
         "damping": damping,
-        "case": _whole(d["load_case"], where, "load case"),
-        "mode": _whole(d["mode_n"], where, "mode number"),
+        "case": whole_of(d["load_case"], where, "load case"),
+        "mode": whole_of(d["mode_n"], where, "mode number"),
         "set": line.removeprefix(SET_LINE) if line.startswith(SET_LINE) else "",
-        "motion": {_whole(n, where, "node"): row for n, row in zip(numbers, motion, strict=True)},
+        "motion": {node: row @ placed.axes_at(node) for node, row in zip(
+            (whole_of(n, where, "node") for n in numbers), motion, strict=True)},
     }
 
 
@@ -185,19 +182,6 @@ def _components(nodes: Sequence[int], rows: Sequence[Mapping]):
         return np.array([motion[n][k] if n in motion else np.nan for n, k in chosen], complex)
 
     return tuple(f"{n}:{AXES[k + 1]}" for n, k in chosen), project
-
-
-def _places(path: Path, found: Sequence[Mapping]) -> dict[int, np.ndarray]:
-    """Node -> position (3,) in m of datasets 15 and 2411."""
-    places = {}
-    for d in found:
-        if d.get("type") not in (15, 2411):
-            continue
-        numbers = d.get("node_nums", d.get("grid_global", ()))
-        for number, *xyz in zip(np.atleast_1d(numbers), *(np.atleast_1d(d.get(a, ())) for a in "xyz"), strict=False):
-            node = _whole(number, f"{path}, nodes", "number")
-            places[node] = np.array([_number(v, f"{path}, node {node}", "position") for v in xyz])
-    return places
 
 
 def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[Sensor]):
@@ -216,7 +200,7 @@ def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[S
             raise InputError(
                 f"{path}, {s.channel}",
                 f"its nearest node, {numbers[int(distance.argmin())]}, is {distance.min():.3g} m away",
-                "mend position_m, or the file's units (m)",
+                "mend position_m, or the file's units (m, or those of dataset 164)",
             )
         node.append(numbers[int(distance.argmin())])
 
@@ -296,23 +280,25 @@ def read_uff_records(path: str | Path) -> UffRecords:
     records = [d for d in found if d.get("type") == 58 and d.get("func_type") == RECORD]
     if not records:
         raise InputError(str(path), "holds no record in time (dataset 58 of function type 1)", "export time histories")
-    names, places, columns, clocks = [], [], [], []
+    placed = geometry(path, found)
+    names, places, columns, clocks, stated = [], [], [], [], []
     for k, d in enumerate(records, 1):
         where = f"{path}, record {k}"
-        if _whole(d.get("abscissa_spacing", 0), where, "abscissa spacing") != 1:
+        if whole_of(d.get("abscissa_spacing", 0), where, "abscissa spacing") != 1:
             raise InputError(where, "has a time for every sample of its own (uneven spacing)", "export even spacing")
-        step = _number(d.get("abscissa_inc", 0), where, "time step")
+        step = number_of(d.get("abscissa_inc", 0), where, "time step")
         if not 1e-9 < step < 1e9:
             raise InputError(where, f"its time step is {step:g} s", "give seconds")
-        node, direction = (_whole(d.get(key, 0), where, key) for key in ("rsp_node", "rsp_dir"))
+        node, direction = (whole_of(d.get(key, 0), where, key) for key in ("rsp_node", "rsp_dir"))
         values = np.atleast_1d(d.get("data", ()))
         if np.iscomplexobj(values) or values.ndim != 1 or not values.size:
             raise InputError(where, "is not a row of real numbers", "export time histories")
         line = _text(d.get("id1"))
         names.append(line.removeprefix(CHANNEL_LINE))
         places.append(f"{node}:{AXES.get(direction, direction)}")
+        stated.append(_stated(d, placed, node, direction))
         columns.append(np.asarray(values, float))
-        clocks.append((step, _number(d.get("abscissa_min", 0), where, "first time"), values.size))
+        clocks.append((step, number_of(d.get("abscissa_min", 0), where, "first time"), values.size))
     step, first, size = clocks[0]
     for k, (other, start, n) in enumerate(clocks[1:], 2):
         if abs(other / step - 1) > SAME_RATE or abs(start - first) > 0.5 * step or n != size:
@@ -325,10 +311,27 @@ def read_uff_records(path: str | Path) -> UffRecords:
     return UffRecords(
         names=tuple(names),
         places=tuple(places),
+        stated=tuple(stated),
         rate_hz=1 / step,
         first_s=first,
         data=frozen_array(np.column_stack(columns)),
     )
+
+
+def _stated(d: Mapping, placed: Geometry, node: int, direction: int) -> Stated:
+    """What a dataset 58 says of its ordinate; a motion without a unit's name is in the file's units of length and s."""
+    code = whole_of(d.get("ordinate_spec_data_type", 0), "dataset 58", "kind of ordinate")
+    quantity = next((q for q, own in QUANTITIES.items() if own == code), OTHER_QUANTITIES.get(code))
+    if direction in ROTATIONS:
+        quantity = f"rotation ({quantity or 'motion'} about {AXES[int(np.sign(direction)) * (abs(direction) - 3)]})"
+    unit = _text(d.get("ordinate_axis_units_lab"))
+    if not unit and quantity in QUANTITIES and placed.length_m is not None:
+        name = next((n for n, size in LENGTHS.items() if abs(size / placed.length_m - 1) < 1e-6), None)
+        unit = "" if name is None else name + {"displacement": "", "velocity": "/s", "acceleration": "/s2"}[quantity]
+    along = None
+    if direction in AXES:
+        along = frozen_array(np.sign(direction) * placed.axes_at(node)[abs(direction) - 1])
+    return Stated(quantity=quantity, unit=unit or None, direction=along)
 
 
 def write_uff_records(

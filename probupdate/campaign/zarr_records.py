@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from probupdate.campaign.stated import refuse_other_words
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_json_table
+from probupdate.modal.modes import Sensor
 
 ENDING = ".zarr"
 # a chunk as eight-byte numbers: it is read whole
@@ -22,10 +24,10 @@ CODECS = frozenset({"bytes", "transpose", "blosc", "gzip", "zstd", "crc32c", "sh
 AGAIN = "write it again as zarr.create_array does, or remove it"
 
 
-def zarr_head(path: Path, n_channel: int) -> tuple[Any, Any, Any, int]:
+def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int]:
     """Start, sampling rate and names of the channels (None where they are not said) as they are written, and the number
     of samples. Raises InputError where a number or the package zarr is missing."""
-    files = set(zarr_files(path))
+    files, n_channel = set(zarr_files(path)), len(sensors)
     if "zarr.json" not in files:
         raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
     head = read_json_table(path / "zarr.json", AGAIN, nan=True)
@@ -46,6 +48,7 @@ def zarr_head(path: Path, n_channel: int) -> tuple[Any, Any, Any, int]:
         raise InputError(str(path), f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks are not "
                          f"there and would be read as {array.fill_value:g}",
                          "write them, or give the array the fill_value NaN")
+    refuse_other_words(str(path), sensors, attributes)
     names = attributes.get("channels")
     return (attributes["start"], attributes["sampling_rate_hz"],
             json.dumps(names) if isinstance(names, list) else names, int(array.shape[0]))

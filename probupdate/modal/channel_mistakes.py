@@ -51,9 +51,12 @@ class ChannelMistake:
     def remedy(self) -> str:
         if self.whole_order:
             return "check the order of `channels`, and mend it"
-        kind = "its sign" if len(self.candidates[0]) == 1 else "which cable is whose"
-        return (f"check {kind} at {' and '.join(self.candidates[0])} "
-                "and mend campaign.toml or the shapes, then try again")
+        if len(self.candidates[0]) == 1:
+            return (f"check its sign at {self.candidates[0][0]}; if it is reversed, say so where the model reads it "
+                    "(direction of its [[sensor]] in model.toml, channel_sign in a model of matrices), or give it the "
+                    "factor -1 in convert.toml, convert into a new folder and identify again")
+        return (f"check which cable is whose at {' and '.join(self.candidates[0])}; if they are exchanged, exchange "
+                "the two names in `channels` of the modes' file, and in convert.toml, [columns], for other records")
 
 
 def _by_words(channels: tuple[str, ...]) -> str:

@@ -29,6 +29,8 @@ from probupdate.modal.labels import TURBINE as TURBINE_LABELS
 from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.matrices import channel_places
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
@@ -40,6 +42,8 @@ GIVEN = IdentificationSettings()
 LEAST_PARTS = 4
 # columns of SCADA that only a turbine has
 OF_TURBINES = ("power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg", "yaw_rate_degps")
+# cosine of the angle between directions that are one: sensors are mounted to a few degrees
+ALONG = 0.98
 # the paper's sampling rate after decimation
 PAPER_HZ = 5.0
 
@@ -194,7 +198,26 @@ def reference_at(
             f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
+    if not has_geometry(model) and isinstance(turbine, AffineModel):
+        _refuse_other_directions(str(where), turbine, sensors)
     return reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
+
+
+def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[Sensor]) -> None:
+    """A model of matrices reads a row with a sign, whatever campaign.toml says of the channel: both must say the
+    same."""
+    known = {s.channel: s.direction for s in channel_places(model)}
+    for sensor in sensors:
+        own = known.get(sensor.channel)
+        if own is None or float(own @ sensor.direction) > ALONG:
+            continue
+        opposite = float(own @ sensor.direction) < -ALONG
+        raise InputError(
+            f"{where}: channel {sensor.channel}", f"points along {sensor.direction.tolist()} in campaign.toml, and "
+            f"{model.name} reads it along {own.tolist()}",
+            "reverse the one that is wrong: direction in campaign.toml, or channel_sign in the model's archive"
+            if opposite else "mend direction in campaign.toml, or channel_dof in the model's archive (channel_row for "
+            "an oblique sensor)")
 
 
 def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float) -> None:

@@ -115,7 +115,7 @@ def test_a_file_half_a_sample_off_the_grid_goes_to_the_nearest_sample(campaign_f
 def test_another_length_of_block(campaign_folder, signal):
     campaign = read_campaign(campaign_folder([(0, signal(12000))]))
     assert [len(b.data) for b in blocks(campaign, minutes=5)] == [3000] * 4
-    with pytest.raises(InputError, match="0 is not in"):
+    with pytest.raises(InputError, match="0 minutes at 10 Hz are fewer than 100 samples"):
         next(blocks(campaign, minutes=0))
 
 
@@ -134,3 +134,17 @@ def test_data_of_a_block_cannot_be_changed(campaign_folder, signal):
     (block,) = read(campaign_folder([(0, signal(6000))]))
     with pytest.raises(ValueError, match="read-only"):
         block.data[0, 0] = 1
+
+
+@pytest.mark.parametrize("seconds", [0.2, 2.0])
+def test_a_laboratorys_plateau_of_seconds_is_a_block(campaign_folder, write_file, head, seconds):
+    """Files of one block each at 1 kHz; two blocks of one second have ids of their own."""
+    text = head.replace("sampling_rate_hz = 10.0", "sampling_rate_hz = 1000.0").replace(
+        "block_minutes = 10", f"block_minutes = {seconds / 60}")
+    folder = campaign_folder([], head=text)
+    for k in range(3):
+        write_file(folder, f"{k}.h5", pd.Timestamp("2019-06-03T10:00Z") + pd.Timedelta(seconds=10 * k),
+                   np.ones((round(1000 * seconds), 2)), rate=1000.0)
+    found = list(blocks(read_campaign(folder)))
+    assert [len(b.data) for b in found] == [round(1000 * seconds)] * 3
+    assert len({b.id for b in found}) == 3

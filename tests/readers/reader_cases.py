@@ -231,7 +231,7 @@ def convert_description(folder: Path) -> Made:
 def source(suffix: str):
     def make(folder: Path) -> Made:
         from probupdate.campaign.description import read_description
-        from probupdate.campaign.sources import pieces
+        from probupdate.campaign.sources import opened
 
         table = np.random.default_rng(2).standard_normal((500, 3))
         table[:, 0] = np.arange(500) / 5
@@ -244,6 +244,23 @@ def source(suffix: str):
         elif suffix == ".npy":
             np.save(path, table[:, 1:])
             described = described.replace('time = "t"\ntime_unit = "s"\n', "")
+        elif suffix == ".parquet":
+            import pandas as pd
+
+            pd.DataFrame(table, columns=list("tab")).to_parquet(path)
+        elif suffix == ".uff":
+            from probupdate.campaign.uff_file import write_uff_records
+            from probupdate.modal.modes import Sensor
+
+            two = [Sensor(channel=c, level="l", position_m=np.zeros(3) + k, direction=np.eye(3)[k])
+                   for k, c in enumerate("ab")]
+            write_uff_records(table[:, 1:], 5.0, two, path, start="2020-01-01T00:00Z")
+            described = described.replace('time = "t"', 'time = "abscissa"')
+        elif suffix == "struct.mat":
+            from scipy.io import savemat
+
+            savemat(path, {"rec": {"t": table[:, :1], "y": table[:, 1:], "fs": 5.0, "units": "g"}})
+            described = described.replace('time = "t"', 'time = "rec.t"') + 'data = "rec.y"\n'
         elif suffix == "5.mat":
             from scipy.io import savemat
 
@@ -254,7 +271,7 @@ def source(suffix: str):
                     file[name] = table[:, k][None]
         (folder / "convert.toml").write_text(described)
         description = read_description(folder / "convert.toml", ("a", "b"))
-        return [path], lambda: sum(len(data) for _, data in pieces(path, description))
+        return [path], lambda: sum(len(data) for _, data in opened(path, description)[1])
 
     return make
 
@@ -524,11 +541,14 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "head": (head, ("campaign.reading.read_head",)),
     "scada": (scada, ("campaign.scada.read_scada",)),
     "convert": (convert_description, ("campaign.description.read_description",)),
-    "csv": (source(".csv"), ("campaign.sources.pieces",)),
-    "npz": (source(".npz"), ("campaign.sources.pieces",)),
-    "npy": (source(".npy"), ("campaign.sources.pieces",)),
-    "mat5": (source("5.mat"), ("campaign.sources.pieces",)),
-    "mat73": (source("73.mat"), ("campaign.sources.pieces",)),
+    "csv": (source(".csv"), ("campaign.table_sources.read_csv", "campaign.sources.opened")),
+    "npz": (source(".npz"), ("campaign.array_sources.read_npz",)),
+    "npy": (source(".npy"), ("campaign.array_sources.read_npy",)),
+    "parquet_table": (source(".parquet"), ("campaign.table_sources.read_parquet",)),
+    "mat_struct": (source("struct.mat"), ("campaign.array_sources.read_mat",)),
+    "uff_source": (source(".uff"), ("campaign.sources.read_uff",)),
+    "mat5": (source("5.mat"), ("campaign.array_sources.read_mat",)),
+    "mat73": (source("73.mat"), ("campaign.array_sources.read_mat",)),
     "model": (model_description, ("structure.description_file.read_description",)),
     "turbine_model": (turbine_model, ("structure.load.load_model",)),
     "parameters": (parameters, ("structure.parameter_table.read_parameters",)),

@@ -1,0 +1,234 @@
+"""Records as tables of other programs: text (CSV, TOA5 and the like) and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.description import Description
+from probupdate.campaign.reading import nearest
+from probupdate.campaign.stated import UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in
+from probupdate.errors import InputError, parsing
+from probupdate.io.result_table import plural
+
+PIECE = 200_000
+# of columns, where it is not the stated one
+SEPARATORS = (";", "\t", "|", ",")
+# words of programs and loggers for a number that is none
+NOT_A_NUMBER = frozenset({"nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "1.#qnan", "-1.#qnan", "1.#ind",
+                          "-1.#ind", "#nan"})
+# a table of Campbell's loggers begins with this word, then come its names, units and kinds of processing
+TOA5, TOA5_NAMES, TOA5_UNITS, TOA5_HEAD = "TOA5", 1, 2, 4
+# lines before the table in which a rate is looked for, and what it looks like
+MOST_LINES = 200
+RATE_LINE = re.compile(r"(?:sampl\w*[ _]*(?:rate|freq\w*)|abtast\w*|\bfs\b)[^\d\n]{0,20}?([\d.]+)\s*(k?hz)?\b",
+                       re.IGNORECASE)
+# what pandas calls an index without a name in a Parquet file, and what it is called here
+NAMELESS_INDEX, INDEX = "__index_level_0__", "index"
+
+
+def one_by_one(items: Iterable, *said: str) -> Iterator:
+    """The items of a library's reader, its errors as `parsing` says them, not those of whoever takes them."""
+    items = iter(items)
+    while True:
+        with parsing(*said):
+            item = next(items, None)
+        if item is None:
+            return
+        yield item
+
+
+# Text ---------------------------------------------------------------------------------------------------------------
+
+
+def read_csv(path: Path, d: Description) -> Iterator:
+    """OwnWords, then pieces of a table as text."""
+    said = str(path), "is no table", "check separator, header, skip_rows and encoding in convert.toml"
+    head = _head_lines(path, d)
+    names, units, skipped = _layout(path, d, head)
+    with parsing(*said):
+        table = pd.read_csv(
+            path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
+            chunksize=PIECE, skipinitialspace=True, encoding=d.encoding, low_memory=False, na_values=_lost_words(d),
+        )
+    whole = first = False
+    with table:
+        for frame in one_by_one(table, *said):
+            if names is not None and len(names) == frame.shape[1]:
+                frame.columns = names
+            if not first:
+                yield _table_words(path, d, list(frame.columns), units, _rate_of(head[: d.skip_rows]))
+                first = True
+            # pandas fills a short row with NaN at its end, as it reads an empty cell, which is a gap
+            if not whole and len(d.separator) == 1 and frame.iloc[:, -1].isna().any():
+                with parsing(*said):
+                    _refuse_short_rows(path, d, frame.shape[1], skipped)
+                whole = True
+            yield _from_frame(path, d, frame)
+    if not first:
+        yield OwnWords()
+
+
+def _lost_words(d: Description) -> list[str]:
+    return ["NAN", *(w for w in d.lost if isinstance(w, str))]
+
+
+def _head_lines(path: Path, d: Description) -> list[str]:
+    """The first lines: those before the table, and that of its units."""
+    wanted = max(min(d.skip_rows, MOST_LINES), d.units_row or 0, TOA5_HEAD)
+    try:
+        with path.open(encoding=d.encoding, newline="") as stream:
+            return [line for _, line in zip(range(wanted), stream, strict=False)]
+    except UnicodeError as error:
+        raise InputError(str(path), f"is no text in {d.encoding.removesuffix('-sig')} ({str(error)[:80]})",
+                         'state its encoding in convert.toml, such as encoding = "cp1252" or "utf-16"') from None
+
+
+def _layout(path: Path, d: Description, head: Sequence[str]):
+    """(names of the columns where not from their head, cells with units or None, numbers of lines to skip)."""
+    skipped, names, units = set(range(d.skip_rows)), None, None
+    row = d.units_row
+    if row is not None and row > len(head):
+        raise InputError(f"{d.path}, units_row", f"{path.name} has {len(head)} lines", "count lines from 1")
+    if head and next(csv.reader(head[:1], delimiter=d.separator), [""])[:1] == [TOA5]:
+        if d.header and d.skip_rows <= TOA5_NAMES:
+            skipped = set(range(TOA5_HEAD)) - {TOA5_NAMES}
+        elif not d.header and d.skip_rows == TOA5_HEAD:
+            names = _cells(head[TOA5_NAMES], d)
+        row = row or TOA5_UNITS + 1
+    if row is not None:
+        units = _cells(head[row - 1], d)
+        skipped.add(row - 1)
+    return names, units, skipped
+
+
+def _cells(line: str, d: Description) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=d.separator[:1], skipinitialspace=True), [])]
+
+
+def _rate_of(lines: Sequence[str]) -> float | None:
+    for line in lines:
+        found = RATE_LINE.search(line)
+        if found:
+            try:
+                return float(found[1]) * (1e3 if (found[2] or "").lower() == "khz" else 1.0) or None
+            except ValueError:
+                continue
+    return None
+
+
+def _table_words(path: Path, d: Description, names: list, units: Sequence[str] | None, rate: float | None) -> OwnWords:
+    """Units by their row, else in brackets behind a column's name."""
+    found = {}
+    for channel, wanted in d.columns.items():
+        k = _column(path, names, wanted, channel)
+        text = units[k] if units is not None and k < len(units) else unit_in(str(names[k]))
+        found[channel] = Stated(unit=text or None)
+    return OwnWords(channels=found, rate_hz=rate)
+
+
+def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int]) -> None:
+    with path.open(encoding=d.encoding, newline="") as stream:
+        lines = (line for k, line in enumerate(stream) if k not in skipped)
+        rows = csv.reader(lines, delimiter=d.separator, skipinitialspace=True)
+        for row in rows:
+            if 0 < len(row) < n_column and any(row):
+                raise InputError(f"{path}, line {rows.line_num + len(skipped)}",
+                                 f"has {plural(len(row), 'cell')} of {n_column}",
+                                 "complete it with empty cells where samples were lost, or take the line out")
+
+
+# Parquet ------------------------------------------------------------------------------------------------------------
+
+
+def read_parquet(path: Path, d: Description) -> Iterator:
+    """OwnWords, then pieces of a Parquet table; the index of a DataFrame is a column like any other."""
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError(str(path), "Parquet needs the package pyarrow, which is not installed",
+                         "pip install probupdate[parquet], or save the table as CSV") from None
+    said = str(path), "cannot be read as Parquet", "write it again or remove it"
+    with parsing(*said):
+        opened = parquet.ParquetFile(path)
+    with opened as file:
+        with parsing(*said):
+            fields = list(file.schema_arrow)
+            own = _plain(file.schema_arrow.metadata)
+        names = [INDEX if f.name == NAMELESS_INDEX and INDEX not in file.schema_arrow.names else f.name for f in fields]
+        units = [next((v for k, v in _plain(f.metadata).items() if k in UNIT_KEYS), None) for f in fields]
+        units = [u or unit_in(n) or "" for u, n in zip(units, names, strict=True)]
+        yield _table_words(path, d, names, units, keyed_rate({k: _number(v) for k, v in own.items()}))
+        batches = (batch.to_pandas(ignore_metadata=True) for batch in file.iter_batches(batch_size=PIECE))
+        for frame in one_by_one(batches, *said):
+            frame.columns = names
+            yield _from_frame(path, d, frame)
+
+
+def _plain(metadata: dict | None) -> dict[str, str]:
+    return {k.decode("utf-8", "replace").lower(): v.decode("utf-8", "replace") for k, v in (metadata or {}).items()
+            if len(v) < 1000}
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+# Columns ------------------------------------------------------------------------------------------------------------
+
+
+def _from_frame(path: Path, d: Description, frame: pd.DataFrame) -> tuple[np.ndarray | None, np.ndarray]:
+    names = [c.strip() if isinstance(c, str) else c for c in frame.columns]
+    data = np.empty((len(frame), len(d.columns)))
+    for k, (channel, wanted) in enumerate(d.columns.items()):
+        column = frame.iloc[:, _column(path, names, wanted, channel)]
+        if not pd.api.types.is_numeric_dtype(column):
+            column = _numbers(column, d, f"{path}, column {wanted}")
+        data[:, k] = column.to_numpy(float, na_value=np.nan)
+    time = None if d.time is None else frame.iloc[:, _column(path, names, d.time, "time")].to_numpy()
+    return time, data
+
+
+def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
+    """A column of text as numbers; words that stand for a lost sample are NaN."""
+    words = {w.strip().lower() for w in d.lost if isinstance(w, str)} | NOT_A_NUMBER
+    text = column.where(column.isna(), column.astype(str).str.strip())
+    text = text.mask(text.str.lower().isin(words))
+    if d.decimal != ".":
+        # the text that remains has the file's decimal sign, and no other
+        text = text.str.replace(".", "?", regex=False).str.replace(d.decimal, ".", regex=False)
+    number = pd.to_numeric(text, errors="coerce")
+    wrong = number.isna() & text.notna()
+    if wrong.any():
+        at = wrong[wrong].index[0]
+        raise InputError(f"{where}, row {at + 1}", f"'{column[at]}' is no number",
+                         "give decimal, separator or skip_rows in convert.toml, mend the cell, or declare it lost: "
+                         f"lost = [{json.dumps(str(column[at]).strip()[:20])}]")
+    return number
+
+
+def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
+    """The number, from 0, of a column that convert.toml names or counts from 1."""
+    if isinstance(wanted, int):
+        if wanted > len(names):
+            raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
+        return wanted - 1
+    if wanted not in names:
+        known = tuple(map(str, names[:40]))
+        if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
+            raise InputError(f"{path}, {what}",
+                             f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
+                             f"give its separator in convert.toml: separator = {json.dumps(other)}")
+        key = "time" if what == "time" else "[columns]"
+        raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
+                         f"mend {key} in convert.toml; {nearest(wanted, known)}")
+    return list(names).index(wanted)

@@ -1,0 +1,89 @@
+"""What an error advises where channels are reversed, exchanged or point elsewhere is done as it says, and works."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+from probupdate.verbs import update
+from probupdate.verbs.identifying import reference_at
+
+N, K, MASS = 4, 2.0e6, 5.0e3
+PARAMETERS = '[[parameter]]\nname = "k"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.5\nupper = 2.0\n'
+
+
+def matrices():
+    stiffness = K * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))
+    stiffness[-1, -1] = K
+    return stiffness, MASS * np.eye(N)
+
+
+def write_model(folder, sign=(1, 1, 1, 1)):
+    stiffness, mass = matrices()
+    np.savez(folder / "model.npz", K0=0 * stiffness, M0=mass, K_k=stiffness, channel=[f"A{j}" for j in range(1, 5)],
+             channel_dof=np.arange(N), channel_sign=np.array(sign),
+             node_position_m=np.outer(np.arange(1, 5), [0, 0, 3.0]),
+             dof_node=np.arange(N), dof_direction=np.zeros(N, int))
+    (folder / "parameters.toml").write_text(PARAMETERS)
+    return folder / "model.npz"
+
+
+def write_modes(folder, channels=("A1", "A2", "A3", "A4"), sign=(1, 1, 1, 1)):
+    stiffness, mass = matrices()
+    squares, shape = np.linalg.eigh(stiffness / MASS)
+    shape = (shape / np.abs(shape).max(axis=0) * np.array(sign)[:, None])[:, :3]
+    frequency = np.sqrt(squares[:3]) / (2 * np.pi)
+    content = {"channels": list(channels), "sets": [{
+        "id": "one", "frequency_hz": frequency.tolist(), "damping_ratio": [0.01] * 3,
+        "frequency_std_hz": (0.005 * frequency).tolist(), "shape_re": shape.T.tolist(),
+        "shape_std": np.full(shape.T.shape, 0.01).tolist()}]}
+    (folder / "modes.json").write_text(json.dumps(content))
+    return folder / "modes.json"
+
+
+def test_a_reversed_channel_of_matrices_is_mended_by_its_sign_in_the_model(tmp_path):
+    modes = write_modes(tmp_path, sign=(1, 1, 1, -1))
+    with pytest.raises(InputError, match=r"A4 with the opposite sign.*channel_sign in a model of matrices"):
+        update(write_model(tmp_path), modes)
+    found = update(write_model(tmp_path, sign=(1, 1, 1, -1)), modes)
+    assert found.map_theta[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_exchanged_channels_are_mended_by_their_names_in_the_modes(tmp_path):
+    model = write_model(tmp_path)
+    with pytest.raises(InputError, match=r"A[14] and A[14] exchanged.*`channels` of the modes' file"):
+        update(model, write_modes(tmp_path, channels=("A4", "A2", "A3", "A1")))
+    update(model, write_modes(tmp_path))
+
+
+def write_campaign(folder, directions):
+    text = 'name = "x"\nsampling_rate_hz = 20.0\nblock_minutes = 1\n'
+    for k, direction in enumerate(directions, 1):
+        text += (f'[[sensor]]\nchannel = "A{k}"\nlevel = "l"\nposition_m = [0.0, 0.0, {3.0 * k}]\n'
+                 f'direction = {list(direction)}\nquantity = "acceleration"\nunit = "m/s2"\n')
+    (folder / "campaign.toml").write_text(text)
+    (folder / "acceleration").mkdir(exist_ok=True)
+    with h5py.File(folder / "acceleration/0.h5", "w") as file:
+        data = file.create_dataset("data", data=np.zeros((1200, N), np.float32))
+        data.attrs.update(start="2024-05-01T10:00Z", sampling_rate_hz=20.0)
+    return read_campaign(folder)
+
+
+X, BACK, Y = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def test_a_direction_and_the_models_sign_must_agree(tmp_path):
+    model, turned = write_model(tmp_path), write_campaign(tmp_path, (X, X, X, BACK))
+    with pytest.raises(InputError, match=r"channel A4: points along.*channel_sign in the model's archive"):
+        reference_at([turned], model, where=tmp_path)
+    # either of the two that are named
+    assert reference_at([write_campaign(tmp_path, (X, X, X, X))], model, where=tmp_path)[0] is not None
+    assert reference_at([turned], write_model(tmp_path, sign=(1, 1, 1, -1)), where=tmp_path)[0] is not None
+
+
+def test_a_channel_across_its_row_of_the_model_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"channel A2: points along.*channel_row for an oblique"):
+        reference_at([write_campaign(tmp_path, (X, Y, X, X))], write_model(tmp_path), where=tmp_path)
