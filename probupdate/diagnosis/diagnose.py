@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -353,18 +353,19 @@ def findings_of(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=n.size, size_std=std,
             unit=effect.unit + time_profile.unit, time_profile=time_profile.name, time_profile_start=start, z=z,
             posterior_probability=float(probability[0]), prior_probability=float(special.softmax(prior)[0]),
-            alternatives=_alternatives(others[1:], probability[1:]), check=effect.check))
+            alternatives=_alternatives(others[1:], probability[1:]), check=effect.check, key=effect.key))
     return result
 
 
 def _alternatives(others: Sequence[Effect | None], probability: Sequence[float]) -> tuple[Alternative, ...]:
     """The most probable first; the same part in place of one finding and of several is one."""
-    together: dict[tuple[str, str], float] = {}
+    together: dict[Hashable, Alternative] = {}
     for other, p in zip(others, probability, strict=True):
-        key = (CHANCE, "") if other is None else (other.cause, other.location)
-        together[key] = together.get(key, 0.0) + float(p)
-    return tuple(Alternative(cause=cause, location=location, posterior_probability=p)
-                 for (cause, location), p in sorted(together.items(), key=lambda pair: -pair[1]) if p > 1e-3)
+        key, cause, where = (CHANCE, CHANCE, "") if other is None else (other.key, other.cause, other.location)
+        before = together[key].posterior_probability if key in together else 0.0
+        together[key] = Alternative(cause=cause, location=where, posterior_probability=before + float(p), key=key)
+    return tuple(sorted((one for one in together.values() if one.posterior_probability > 1e-3),
+                        key=lambda one: -one.posterior_probability))
 
 
 def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:
@@ -495,17 +496,19 @@ def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
 
 def _foreign(findings: Sequence[Finding]) -> list[str]:
     """What to say of findings for which an elementary part that no row describes is more probable."""
-    instead: dict[tuple[str, str], list[tuple[Finding, Alternative]]] = {}
+    instead: dict[Hashable, list[tuple[Finding, Alternative]]] = {}
     for f in findings:
         part = _likelier_part(f)
         if part is not None:
-            instead.setdefault((part.cause, part.location), []).append((f, part))
+            instead.setdefault(part.key, []).append((f, part))
     result = []
-    for (cause, location), pairs in instead.items():
+    for pairs in instead.values():
+        _, part = pairs[0]
         names = " and ".join(f"{f.cause}, {f.location}," for f, _ in pairs)
         least, most = min(p.posterior_probability for _, p in pairs), max(f.posterior_probability for f, _ in pairs)
         result.append(f"{names} {'is' if len(pairs) == 1 else 'are'} less probable ({most:.2g}) than an elementary "
-                      f"part, {cause}: {location} ({least:.2g}); no row of the catalogue describes what is there")
+                      f"part, {part.cause}: {part.location} ({least:.2g}); no row of the catalogue describes what is "
+                      "there")
     return result
 
 
@@ -518,7 +521,7 @@ def _likelier_part(found: Finding) -> Alternative | None:
 def _own_response(findings: Sequence[Finding], responses: Sequence[OwnResponse]) -> OwnResponse | None:
     """The most probable of those that are more probable than a finding in whose place they are."""
     likelier = [one for one in responses for part in map(_likelier_part, (findings[k] for k in one.numbers))
-                if part is not None and (part.cause, part.location) == (one.row.cause, one.row.location)]
+                if part is not None and part.key == one.row.key]
     return max(likelier, key=lambda one: one.log_evidence + one.log_prior, default=None)
 
 

@@ -21,6 +21,14 @@ from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Explored, without
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.part_places import (
+    N_DIRECTION,
+    Direction,
+    PartKey,
+    directions,
+    placed_by,
+    words_of,
+)
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.ranking import Hypothesis, Ranking, hypothesis_of, key_of, log_prior
@@ -32,11 +40,10 @@ from probupdate.errors import ConvergenceError
 from probupdate.modal.matching import close_clusters
 from probupdate.model.interface import Wireframe
 from probupdate.runtime.executors import Executor
-from probupdate.structure.description import Description
-from probupdate.structure.places import place_of
+from probupdate.structure.places import SAME_PLACE
 
-# points of the structure where a part may sit, and horizontal directions of a spring
-N_POINT, N_DIRECTION = 48, 4
+# points of the structure where a part may sit
+N_POINT = 48
 # heights of masses on springs that compete with findings, and of those that are placed: a bay between them is too far
 COMPETING_HEIGHTS, PLACED_HEIGHTS = 10, 16
 # horizontal directions of a mass on springs: it splits a pair of modes along its own. How far its frequencies are apart
@@ -53,8 +60,6 @@ CHUNK, FITTED = 160, 3
 FIRST_ORDER_ERRS = 20.0
 # score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
 SAME = 0.98
-# points nearer to one another than this share of the structure's extent are one
-SAME_PLACE = 0.012
 # of motions, as a share: rounding
 ALONG = 1e-9
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
@@ -119,14 +124,23 @@ def farthest(place: np.ndarray, among: Sequence[int], count: int) -> list[int]:
     return result
 
 
+def extent_of(wire: Wireframe) -> float:
+    """The largest dimension of a structure's picture along an axis, in m."""
+    return float(np.max(np.ptp(wire.node_m, axis=0)))
+
+
+def _at_one_height(z_m: np.ndarray, apart_m: float) -> list[np.ndarray]:
+    """Numbers of heights (n,), lowest first: those that follow one another by no more than that are one."""
+    order = np.argsort(z_m, kind="stable")
+    return [np.sort(one) for one in np.split(order, np.flatnonzero(np.diff(z_m[order]) > apart_m) + 1)]
+
+
 def hanging_points(wire: Wireframe, nodes: np.ndarray, most: int) -> list[tuple[int, int]]:
     """Which of these nodes (n,) a mass on springs may hang at, at most so many heights of the structure, and along how
     many horizontal directions: many where nothing else is at that height; of several nodes there those that are
     farthest from one another, as many as directions."""
     place = wire.node_m[nodes]
-    extent = float(np.max(np.ptp(wire.node_m, axis=0)))
-    levels = np.round(place[:, 2] / (2 * SAME_PLACE * extent)).astype(int)
-    own = [np.flatnonzero(levels == k) for k in np.unique(levels)]
+    own = _at_one_height(place[:, 2], SAME_PLACE * extent_of(wire))
     heights = np.array([[0.0, 0.0, place[k, 2].mean()] for k in own])
     result = []
     for number in sorted(farthest(heights, range(len(own)), most)):
@@ -135,12 +149,6 @@ def hanging_points(wire: Wireframe, nodes: np.ndarray, most: int) -> list[tuple[
         chosen = farthest(place, [int(k) for k in there], N_DIRECTION) if several else there
         result += [(int(nodes[k]), N_DIRECTION if several else N_HUNG_DIRECTION) for k in chosen]
     return result
-
-
-def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
-    angle = np.arange(n) * 180.0 / n
-    level = [(f"along {a:g} deg", np.array([np.cos(np.radians(a)), np.sin(np.radians(a)), 0.0])) for a in angle]
-    return [*level, ("vertical", np.array([0.0, 0.0, 1.0]))]
 
 
 def elementary(
@@ -158,58 +166,57 @@ def elementary(
     nodes = points(wire)
     flexibility = linalg.cho_factor(K)
     rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
+    there = dict(zip(map(int, nodes), words_of(wire.node_m[nodes], place, extent_of(wire)), strict=True))
     result = []
 
-    def spring(cause: str, words: str, b: np.ndarray) -> None:
+    def spring(key: PartKey, words: str, b: np.ndarray) -> None:
         gives_way = float(b @ linalg.cho_solve(flexibility, b))
         # a point that the model holds, or knows no motion of that way
         if not gives_way > 0:
             return
         stiffness = 1 / gives_way
-        result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=b[None])))
+        result.append(_part(key, words, SHARE * stiffness, stiffness=b[None]))
 
-    for k in nodes:
-        there = place(wire.node_m[k])
-        own = rows[int(k)]
-        for words, b in _apart(own, directions()):
-            spring(PART_CAUSES[0], f"{there}, {words}", b)
+    for k, own in rows.items():
+        for way, b in _apart(own, directions()):
+            spring(PartKey(cause=PART_CAUSES[0], at=(k,), way=way.number), f"{there[k]}, {way.words}", b)
         moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
         if not moved > 0:
             continue
         modal_mass = 1 / moved
-        result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own)))
+        result.append(_part(PartKey(cause=PART_CAUSES[2], at=(k,)), there[k], SHARE * modal_mass, mass=own))
     lined = {frozenset(map(int, line)) for line in wire.line}
     for a, b in combinations(map(int, nodes), 2):
         way = wire.node_m[b] - wire.node_m[a]
         if frozenset((a, b)) not in lined:
-            spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
+            spring(PartKey(cause=PART_CAUSES[1], at=(a, b)), f"{there[a]} and {there[b]}",
                    way / np.linalg.norm(way) @ (rows[b] - rows[a]))
     hung = hanging_points(wire, nodes, heights) if heights else []
     # what hangs where little moves is no heavier for that
     most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
     for k, n in hung if most > 0 else ():
-        one_way = [(words, b[None]) for words, b in _apart(rows[k], directions(n)[:-1])]
+        one_way = [(way.number, way.words, b[None]) for way, b in _apart(rows[k], directions(n)[:-1])]
         # where there is motion one way only, both ways are that one
-        for words, own in [*one_way, *([(BOTH_WAYS, rows[k][:2])] if len(one_way) > 1 else [])]:
+        for way, words, own in [*one_way, *([(None, BOTH_WAYS, rows[k][:2])] if len(one_way) > 1 else [])]:
             for hz in tuned_hz:
-                result.append(_part(PART_CAUSES[3], f"{place(wire.node_m[k])}, {words}, about {hz:.3g} Hz", "kg",
-                                    SHARE / most, Attachment(mass=own, tuned_hz=hz), MOST_HUNG))
+                key = PartKey(cause=PART_CAUSES[3], at=(k,), way=way, tuned_hz=hz)
+                result.append(_part(key, f"{there[k]}, {words}", SHARE / most, MOST_HUNG, mass=own))
     return _of_kinds(result)
 
 
-def _apart(own: np.ndarray, ways: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
-    """Of these directions, in words and as unit vectors (3,), those along which a node of motions `own` (3, r) on the
-    basis moves, each with the motion (r,): of those along which it moves alike, as where the model knows no motion
-    across its plane, the nearest to it."""
-    moved = {words: d @ own for words, d in ways}
-    length = {words: float(np.linalg.norm(b)) for words, b in moved.items()}
-    result: list[tuple[str, np.ndarray]] = []
-    for words in sorted(length, key=lambda words: -length[words]):
-        if length[words] > ALONG * max(length.values()) and all(
-            abs(moved[words] @ b) < (1 - ALONG) * length[words] * length[other] for other, b in result
+def _apart(own: np.ndarray, ways: Sequence[Direction]) -> list[tuple[Direction, np.ndarray]]:
+    """Of these directions those along which a node of motions `own` (3, r) on the basis moves, each with the motion
+    (r,): of those along which it moves alike, as where the model knows no motion across its plane, the nearest to
+    it."""
+    moved = [way.unit @ own for way in ways]
+    length = np.array([np.linalg.norm(b) for b in moved])
+    chosen: list[int] = []
+    for k in np.argsort(-length, kind="stable"):
+        if length[k] > ALONG * length.max() and all(
+            abs(moved[k] @ moved[i]) < (1 - ALONG) * length[k] * length[i] for i in chosen
         ):
-            result.append((words, moved[words]))
-    return [(words, moved[words]) for words in moved if any(words == other for other, _ in result)]
+            chosen.append(int(k))
+    return [(ways[k], moved[k]) for k in sorted(chosen)]
 
 
 def _of_kinds(parts: Sequence[Part]) -> list[Part]:
@@ -223,14 +230,15 @@ def _at_channels(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: 
     that way, and masses on springs of these frequencies. K of the basis, the modes' shapes (r, n) on it."""
     flexibility, result = linalg.cho_factor(K), []
     moved = np.sum((small.at_channels @ shape) ** 2, axis=1)
-    for name, row, own in zip(small.channels, small.at_channels, moved, strict=True):
+    for k, (name, row, own) in enumerate(zip(small.channels, small.at_channels, moved, strict=True)):
         # a channel that no mode moves is no place for anything
         if own > 0:
             stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"
-            result += [_part(PART_CAUSES[0], there, "N/m", SHARE * stiffness, Attachment(stiffness=row[None])),
-                       _part(PART_CAUSES[2], there, "kg", SHARE / float(own), Attachment(mass=row[None])),
-                       *(_part(PART_CAUSES[3], f"{there}, about {hz:.3g} Hz", "kg", SHARE / float(moved.max()),
-                               Attachment(mass=row[None], tuned_hz=hz), MOST_HUNG) for hz in tuned_hz)]
+            spring, mass, hung = (PartKey(cause=PART_CAUSES[c], at=(k,), way=0) for c in (0, 2, 3))
+            result += [_part(spring, there, SHARE * stiffness, stiffness=row[None]),
+                       _part(mass, there, SHARE / float(own), mass=row[None]),
+                       *(_part(replace(hung, tuned_hz=hz), there, SHARE / float(moved.max()), MOST_HUNG, mass=row[None])
+                         for hz in tuned_hz)]
     return result
 
 
@@ -238,12 +246,6 @@ def hung_near(prepared: Prepared, tuned_hz: Sequence[float]) -> list[Part]:
     """Masses on springs tuned to these frequencies."""
     return [part for part in parts_of(prepared, heights=COMPETING_HEIGHTS, tuned_hz=tuned_hz)
             if part[0].cause == PART_CAUSES[3]]
-
-
-def place_and_direction(location: str) -> tuple[str, str]:
-    """Where a mass on springs of this location hangs and how it moves, without its frequency."""
-    place, way, _ = location.rsplit(", ", 2)
-    return place, way
 
 
 def tunings(frequency_hz: np.ndarray) -> np.ndarray:
@@ -257,28 +259,25 @@ def tunings(frequency_hz: np.ndarray) -> np.ndarray:
     return np.exp(result)
 
 
-def _part(
-    cause: str, location: str, unit: str, std: float, attachment: Attachment, most: float = MOST
-) -> tuple[Effect, Attachment]:
-    name = f"{cause}: {location}"
-    effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, prior_scale=std,
-                    lower=0.0, upper=most * std, parameter=name, time_profiles=("constant", "step"),
-                    check="look there for what the model does not have")
-    return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=most * std)
-
-
-def place_words(point: np.ndarray, description: Description | None) -> str:
-    """Where a point is: by leg, face and bay where the structure is described, else by its coordinates."""
-    included = place_of(description, point) if description is not None else ""
-    return included or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
+def _part(key: PartKey, where: str, std: float, most: float = MOST, **rows: np.ndarray) -> Part:
+    """Of a prior scale `std`, at most so many times that; `rows` of its stiffness or mass, as an attachment has
+    them."""
+    about = "" if key.tuned_hz is None else f", about {key.tuned_hz:.3g} Hz"
+    attachment = Attachment(key=key, where=where, unit="N/m" if "stiffness" in rows else "kg", std=std, lower=0.0,
+                            upper=most * std, **rows)
+    effect = Effect(kind="structural", cause=key.cause, location=f"{where}{about}", unit=attachment.unit, tolerance=0.0,
+                    prior_scale=std, lower=0.0, upper=attachment.upper, parameter=key.parameter,
+                    time_profiles=("constant", "step"), check="look there for what the model does not have")
+    return effect, attachment
 
 
 def parts_of(prepared: Prepared, *, heights: int = 0, tuned_hz: Sequence[float] = ()) -> list[Part]:
     """Every part that may be added to a model (see `elementary`); none where it has parts already."""
     if any(effect.cause in PART_CAUSES for effect in prepared.effects):
         return []
-    return elementary(prepared.small, lambda point: place_words(point, prepared.description), heights=heights,
-                      tuned_hz=tuned_hz)
+    small = prepared.small
+    extent = 0.0 if small.wire is None else extent_of(small.wire)
+    return elementary(small, placed_by(prepared.description, extent), heights=heights, tuned_hz=tuned_hz)
 
 
 def with_parts(

@@ -7,7 +7,7 @@ kind at the prior odds of one row of the catalogue. They say where and in which 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +16,12 @@ from scipy import linalg
 from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.elementary import (
-    BOTH_WAYS,
     FITTED,
     OWN_RESPONSE,
     PART_CAUSES,
     PLACED_HEIGHTS,
     Part,
     parts_of,
-    place_and_direction,
     scores_of_parts,
 )
 from probupdate.diagnosis.evidence import sizes_std
@@ -34,7 +32,7 @@ from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.results import Finding
 from probupdate.diagnosis.search import drawn_scores, search
-from probupdate.diagnosis.small_model import SmallModel, TunedMass
+from probupdate.diagnosis.small_model import Attachment, SmallModel, TunedMass
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
@@ -84,11 +82,10 @@ def most_promising(
 
 def at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
     """The first of these parts; of masses on springs the first of each place that move both ways, and one way."""
-    first: dict[tuple, int] = {}
+    first: dict[Hashable, int] = {}
     for k in order:
-        hung = parts[k][1].tuned_hz is not None
-        place, way = place_and_direction(parts[k][0].location) if hung else (parts[k][0].location, "")
-        first.setdefault((place, way == BOTH_WAYS), k)
+        key = parts[k][1].key
+        first.setdefault(key if key.tuned_hz is None else (key.at, key.way is None), k)
         if len(first) == most:
             break
     return [*first.values()]
@@ -141,10 +138,11 @@ def free_form(
         return None
     if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.included):
         return None
-    return FreeForm(prepared=wider, outcome=outcome, content=_content(outcome))
+    placed = {parts[k][0].key: parts[k][1] for k in kept}
+    return FreeForm(prepared=wider, outcome=outcome, content=_content(outcome, placed))
 
 
-def _content(outcome: Outcome) -> dict:
+def _content(outcome: Outcome, placed: Mapping[Hashable, Attachment]) -> dict:
     problem, fitted = outcome.problem, outcome.fitted
     std = sizes_std(problem, fitted)
     rows = []
@@ -154,7 +152,7 @@ def _content(outcome: Outcome) -> dict:
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            **by_place(found), "modes": modes_moved(outcome, number), **tuned(outcome, n),
+            **by_place(found, placed), "modes": modes_moved(outcome, number), **tuned(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
@@ -172,7 +170,7 @@ def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
         "since": problem.blocks.ids[profile.at] if profile.kind == "step" else "", "elementary": True,
         "posterior_probability": min(
             (a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
-             if (a.cause, a.location) == (own.row.cause, own.row.location)), default=own.probability),
+             if a.key == own.row.key), default=own.probability),
         "check": own.row.check, "factors": own.factors(),
     }
     found = search(problem, fitted, seed=seed, heavier=outcome.first.heavier)
@@ -181,19 +179,20 @@ def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
             "gain": measures(problem, outcome.null, fitted, noise=outcome.null.design.noise)}
 
 
-def by_place(found: Finding) -> dict:
+def by_place(found: Finding, placed: Mapping[Hashable, Attachment]) -> dict:
     """The probability of a part's place, and what may be meant instead with more than POSSIBLE: masses on springs at
-    one place are one, whatever their frequency."""
-    probability: dict[tuple[str, str], float] = {}
+    one place are one, whatever their frequency. `placed`: the parts by the identity of their rows."""
+    together: dict[Hashable, dict] = {}
     for f in (found, *found.alternatives):
-        key = f.cause, ", ".join(place_and_direction(f.location)) if f.cause == PART_CAUSES[3] else f.location
-        probability[key] = probability.get(key, 0.0) + f.posterior_probability
+        part = placed.get(f.key)
+        key, where = (f.key, f.location) if part is None else (part.key.untuned, part.where)
+        row = together.setdefault(key, {"cause": f.cause, "location": where, "posterior_probability": 0.0})
+        row["posterior_probability"] += f.posterior_probability
     # the part itself stands first
-    own = probability.pop(next(iter(probability)))
-    return {"posterior_probability": own,
-            "alternatives": [{"cause": cause, "location": location, "posterior_probability": p}
-                             for (cause, location), p in sorted(probability.items(), key=lambda pair: -pair[1])
-                             if p > POSSIBLE]}
+    own, *others = together.values()
+    return {"posterior_probability": own["posterior_probability"],
+            "alternatives": sorted((row for row in others if row["posterior_probability"] > POSSIBLE),
+                                   key=lambda row: -row["posterior_probability"])}
 
 
 def tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:

@@ -92,7 +92,7 @@ class ModalPredictor:
     def behind(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
         """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
-        marks = "|".join(f"{e.cause}, {e.location} {size!r}" for e, size in effects)
+        marks = "|".join(f"{e.key} {size!r}" for e, size in effects)
         other = replace(self, seen=tuple(effects), state=self.state + marks.encode())
         same = other._paired(local, local.at_rest)[1] == self._paired(local, local.at_rest)[1]
         return self if same else other

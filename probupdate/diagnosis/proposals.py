@@ -275,8 +275,8 @@ def with_crosstalk(
     them."""
     best = int(np.argmax(found.statistic))
     _, c = problem.which[best]
-    known = {(e.cause, e.location) for e in problem.effects}
-    rows = [e for e in crosstalk_effects(problem.blocks.channels) if (e.cause, e.location) not in known]
+    known = {e.key for e in problem.effects}
+    rows = [e for e in crosstalk_effects(problem.blocks.channels) if e.key not in known]
     constant = [k for k, time_profile in enumerate(problem.time_profiles) if time_profile.kind == "constant"]
     time_profiles = np.unique([*constant, c])
     everything = _wider(problem, rows, np.tile(time_profiles, (len(rows), 1)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,16 +29,19 @@ VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
 @dataclass(frozen=True, kw_only=True)
 class Alternative:
+    """What may be meant instead: its words, and the identity (`key`) of its row of the catalogue."""
+
     cause: str
     location: str
     posterior_probability: float
+    key: Hashable = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """One effect: cause, place, size with standard deviation in `unit`, time profile along the record, score z against
     what is normal, probability among its competing hypotheses with the data and by their prior odds alone, what would
-    split it from them."""
+    split it from them; the identity (`key`) of its row of the catalogue."""
 
     kind: str
     cause: str
@@ -54,6 +57,7 @@ class Finding:
     check: str
     prior_probability: float = float("nan")
     gain: dict = field(default_factory=dict, repr=False)
+    key: Hashable = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)

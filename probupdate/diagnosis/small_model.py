@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg, sparse
 
+from probupdate.diagnosis.part_places import PartKey
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
@@ -84,22 +85,27 @@ class SmallModes:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attachment:
     """A part put on the basis: the rows F (n, r) of what one `unit` of its parameter adds, F^T F, to stiffness or
-    mass, and its prior. A thousand parts are two megabytes as rows, and hundreds as matrices. A mass with `tuned_hz`
-    hangs on springs with which it has that frequency, along each of its rows."""
+    mass, and its prior; `where`: words for its place and direction. A thousand parts are two megabytes as rows, and
+    hundreds as matrices. A mass with a frequency in its key hangs on springs with which it has that frequency, along
+    each of its rows."""
 
-    name: str = ""
+    key: PartKey
+    where: str = ""
     unit: str = ""
     std: float = 1.0
     lower: float = -np.inf
     upper: float = np.inf
     stiffness: np.ndarray | None = None
     mass: np.ndarray | None = None
-    tuned_hz: float | None = None
+
+    @property
+    def tuned_hz(self) -> float | None:
+        return self.key.tuned_hz
 
     def as_tuned(self, column: int, tuning: int) -> TunedMass:
         """The mass on springs whose mass and tuning are these parameters. Raises ValueError where it is none."""
         if self.mass is None or self.tuned_hz is None:
-            raise ValueError(f"{self.name} is no mass on springs")
+            raise ValueError(f"{self.key.parameter} is no mass on springs")
         return TunedMass(column=column, tuning=tuning, rows=self.mass, hz=self.tuned_hz)
 
 
@@ -182,9 +188,10 @@ class SmallModel:
         stiff = {k: part.stiffness for k, part in enumerate(parts) if part.stiffness is not None}
         heavy = {k: part.mass for k, part in enumerate(parts) if part.mass is not None and k not in tuned}
         coefficients = _WithParts(coefficients=self.coefficients, n_own=own, stiff=tuple(stiff), heavy=tuple(heavy))
-        added = [Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
+        added = [Parameter(name=p.key.parameter, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
                  for p in parts]
-        added += [Parameter(name=f"{parts[k].name}, tuning", unit="-", initial=0.0, std=TUNING_STD) for k in tuned]
+        added += [Parameter(name=f"{parts[k].key.parameter}, tuning", unit="-", initial=0.0, std=TUNING_STD)
+                  for k in tuned]
         hung = tuple(parts[k].as_tuned(own + k, own + len(parts) + i) for i, k in enumerate(tuned))
         correlation = self.parameters.correlation
         if correlation is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 from scipy import linalg
 
@@ -27,22 +29,22 @@ def splits(outcome: Outcome) -> tuple[str, ...]:
     for finding in outcome.diagnosis.findings:
         if finding.posterior_probability >= SURE:
             continue
-        best = _candidate(problem, finding, finding.cause, finding.location)
+        best = _candidate(problem, finding, finding.key)
         for other in finding.alternatives[:MOST]:
-            competitor = _candidate(problem, finding, other.cause, other.location)
+            competitor = _candidate(problem, finding, other.key)
             if best is not None and competitor is not None and other.posterior_probability > PROBABLE:
                 sentences.append(_sentence(problem, design, finding, best, competitor))
     return tuple(sentences)
 
 
-def _candidate(problem: DiagnosisProblem, finding: Finding, cause: str, location: str) -> int | None:
-    """The candidate of that cause and place whose time profile is the finding's, or nearest to it; None if it has
+def _candidate(problem: DiagnosisProblem, finding: Finding, key: Hashable) -> int | None:
+    """The candidate of that row of the catalogue whose time profile is the finding's, or nearest to it; None if it has
     none."""
     ids = problem.blocks.ids
     start = ids.index(finding.time_profile_start) if finding.time_profile_start in ids else 0
     found = [
         (abs(problem.time_profiles[c].at - start), k) for k, (j, c) in enumerate(problem.which)
-        if (problem.effects[j].cause, problem.effects[j].location) == (cause, location)
+        if problem.effects[j].key == key
         and problem.time_profiles[c].name == finding.time_profile
     ]
     return min(found)[1] if found else None

@@ -16,7 +16,7 @@ from scipy import special
 from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
 from probupdate.diagnosis.blocks import FEWEST, mode_words, unmatched, unmatched_words
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.elementary import BOTH_WAYS, FITTED, Part, hung_near, place_and_direction
+from probupdate.diagnosis.elementary import FITTED, Part, hung_near
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, first_steps, fitted_without_candidates, noise_of, with_candidates
 from probupdate.diagnosis.free_form import (
@@ -29,6 +29,7 @@ from probupdate.diagnosis.free_form import (
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.mode_numbers import modes_with
 from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.part_places import PartKey
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DiagnosisProblem, IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.ranking import log_prior
@@ -160,16 +161,17 @@ def _explained(
     best, instead = _in_place_of_findings(known, problem, best)
     noise = best.fitted.design.noise
     # one place and direction begun twice is one
-    value: dict[str, float] = {}
+    value: dict[PartKey, float] = {}
     for one in found:
         evidence = marginal_evidence(one.problem, one.fitted.theta, one.fitted.included, noise)
-        value[one.part[0].location] = max(value.get(one.part[0].location, -np.inf), evidence)
+        value[one.part[1].key] = max(value.get(one.part[1].key, -np.inf), evidence)
     with_it = float(special.logsumexp([*value.values()]) - np.log(len(parts)))
     of_mass, of_model, _ = special.softmax([with_it, *_without(known, problem, noise, record.label)])
     scored = with_candidates(best.problem, best.fitted)
     left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
-    content = _content(known, best, record, value) if of_mass >= PROBABLE and p >= ADEQUATE else {}
+    where = {one.part[1].key.untuned: one.part[1].where for one in found}
+    content = _content(known, best, record, value, where) if of_mass >= PROBABLE and p >= ADEQUATE else {}
     return Unmatched(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p, instead=instead,
                      content=content and {**content, "complete": True, "adequacy_p": p})
 
@@ -246,23 +248,23 @@ def hung_at_first_steps(
     """
     rows = at_one_heading(problem)
     shared = problem.taken(rows), noise.taken(rows)
-    hung: dict[tuple[str, str], list[int]] = {}
+    hung: dict[PartKey, list[int]] = {}
     for k, part in enumerate(parts):
         if part[1].tuned_hz is not None:
-            hung.setdefault(place_and_direction(part[0].location), []).append(k)
+            hung.setdefault(part[1].key.untuned, []).append(k)
 
     def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
         found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
         return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
 
-    both_ways = any(way == BOTH_WAYS for _, way in hung)
-    first = steps([k for (_, way), own in hung.items() if way == BOTH_WAYS or not both_ways for k in own[::2]], 1)
+    both_ways = any(key.way is None for key in hung)
+    first = steps([k for key, own in hung.items() if key.way is None or not both_ways for k in own[::2]], 1)
     again = [k for _, k, _, _ in first[:N_AGAIN]]
-    best: dict[str, float] = {}
+    best: dict[tuple[int, ...], float] = {}
     for _, k, _, hz in first:
-        best.setdefault(place_and_direction(parts[k][0].location)[0], hz)
-    for place, hz in [*best.items()][:N_ONE_WAY]:
-        for own in (own for (there, way), own in hung.items() if there == place and way != BOTH_WAYS):
+        best.setdefault(parts[k][1].key.at, hz)
+    for at, hz in [*best.items()][:N_ONE_WAY]:
+        for own in (own for key, own in hung.items() if key.at == at and key.way is not None):
             again.append(min(own, key=lambda k: abs(np.log((parts[k][1].tuned_hz or 0.0) / hz))))
     return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
 
@@ -330,17 +332,18 @@ def anywhere(problem: DiagnosisProblem, noise: Noise, number: int) -> float:
     return float(-0.5 * (misfit + np.linalg.slogdet(information)[1] + log_noise))
 
 
-def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, float]) -> dict:
+def _content(
+    known: Outcome, best: Hung, record: ModeRecord, value: dict[PartKey, float], where: dict[PartKey, str]
+) -> dict:
     """What `free_form` says of elementary parts, of the mass on springs that has a mode; what it gains in the modes
-    that the model has."""
+    that the model has. `where`: words for the places."""
     problem, fitted = best.problem, best.fitted
     n, std = fitted.included[-1], sizes_std(problem, fitted)[-1]
     total = special.logsumexp([*value.values()])
-    places: dict[str, float] = {}
-    for location, own in value.items():
-        place = ", ".join(place_and_direction(location))
-        places[place] = places.get(place, 0.0) + float(np.exp(own - total))
-    here = ", ".join(place_and_direction(best.part[0].location))
+    places: dict[PartKey, float] = {}
+    for key, own in value.items():
+        places[key.untuned] = places.get(key.untuned, 0.0) + float(np.exp(own - total))
+    here = best.part[1].key.untuned
     number = _group(problem, record.label)
     used = problem.measured[1][number]
     expected = np.mean((problem.measured[0][number] - fitted.residuals[number])[used], axis=0)
@@ -349,11 +352,11 @@ def _content(known: Outcome, best: Hung, record: ModeRecord, value: dict[str, fl
     outcome = replace(known, problem=problem, fitted=fitted)
     step = n.time_profile.kind == "step"
     row = {
-        "cause": n.effect.cause, "location": here, "size": n.size, "size_std": std, "unit": n.effect.unit,
+        "cause": n.effect.cause, "location": where[here], "size": n.size, "size_std": std, "unit": n.effect.unit,
         "time_profile": n.time_profile.name, "since": problem.blocks.ids[n.time_profile.at] if step else "",
         "elementary": True,
         "posterior_probability": places.pop(here),
-        "alternatives": [{"cause": n.effect.cause, "location": place, "posterior_probability": p}
+        "alternatives": [{"cause": n.effect.cause, "location": where[place], "posterior_probability": p}
                          for place, p in sorted(places.items(), key=lambda pair: -pair[1]) if p > POSSIBLE],
         **tuned(outcome, n),
         "has_mode": {"label": record.label, "frequency_hz": record.frequency_hz,

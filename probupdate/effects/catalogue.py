@@ -9,7 +9,7 @@ calibration papers allow it, and it is a nuisance, not a finding. Beyond it the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -86,6 +86,11 @@ class Effect:
     @property
     def name(self) -> str:
         return f"{self.cause}, {self.location}" if self.location else self.cause
+
+    @property
+    def key(self) -> Hashable:
+        """What tells it from all other rows, whatever it is called: its cause and how it enters."""
+        return self.cause, self.increments or self.observe
 
     @property
     def increments(self) -> tuple[tuple[str, float], ...]:

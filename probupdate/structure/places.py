@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -12,13 +13,27 @@ from probupdate.structure.turbine_frame import leg_point
 
 # a point within this share of the legs' spacing of a leg's axis is on it, and so for the axis of the tower
 NEAR = 0.15
+# points nearer to one another than this share of the structure's extent are one
+SAME_PLACE = 0.012
+
+
+def decimals(length_m: float) -> int:
+    """With how many decimals lengths are written of which such a one shows; at least one."""
+    return max(1, math.ceil(-math.log10(length_m))) if 0 < length_m < math.inf else 1
+
+
+def coordinates(point: np.ndarray, digits: int) -> str:
+    """"(0.0, 2.5, 12.0) m" of a point (3,) in m."""
+    # no minus before a zero
+    return "({}) m".format(", ".join(f"{round(float(v), digits) + 0.0:.{digits}f}" for v in point))
 
 
 def place_of(d: Description, point: np.ndarray) -> str:
     """"leg A, z = -3.0 m", "face AB, bay 2", "tower, z = 42.0 m"; empty where none of these is near. point (3,) in
     m."""
     x, y, z = (float(v) for v in point)
-    level = f"z = {z:.1f} m"
+    extent = max(station.z_m for station in d.tower.station) - d.jacket.bottom.z_m
+    level = f"z = {z:.{decimals(SAME_PLACE * extent)}f} m"
     if d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
         legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])
         near = NEAR * float(np.linalg.norm(legs[0] - legs[1]))

@@ -8,6 +8,7 @@ from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.expected import residuals_at, signatures_at
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes, signature
+from probupdate.diagnosis.part_places import PartKey
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
@@ -127,7 +128,8 @@ def test_matrices_about_the_priors_centre_are_those_of_all_terms(turbine, valida
     p = small.parameters
     kept = [{p.names[k] for k in about.slopes} for about in small.about]
     assert {"k_j", "k_p"} <= kept[0] and "a_m" in kept[1]
-    spring = Attachment(name="spring", std=1.0, stiffness=rng.standard_normal((1, small.at_channels.shape[1])))
+    spring = Attachment(key=PartKey(cause="spring", at=(0,)), std=1.0,
+                        stiffness=rng.standard_normal((1, small.at_channels.shape[1])))
     wider = small.attached([spring])
     for number in range(6):
         theta = p.initial.copy()

@@ -14,12 +14,13 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of
 from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
+from probupdate.diagnosis.part_places import PartKey
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import changed_together
 from probupdate.diagnosis.ranking import log_prior
 from probupdate.diagnosis.results import Alternative, Finding
-from probupdate.diagnosis.small_model import N_CORE
+from probupdate.diagnosis.small_model import N_CORE, Attachment
 from probupdate.diagnosis.wording import free_form_words
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
@@ -405,18 +406,27 @@ def test_places_that_a_part_may_have_instead_are_said():
 
 
 def test_masses_on_springs_at_one_place_are_one_whatever_their_frequency():
-    def one(location, p, cause=PART_CAUSES[3]):
-        return Alternative(cause=cause, location=location, posterior_probability=p)
+    placed = {}
 
-    others = (one("tower, z = 72 m, along 45 deg, about 3.1 Hz", 0.25), one("leg A, horizontal, about 1 Hz", 0.2),
-              one("leg A, horizontal, about 1.3 Hz", 0.1), one("", 0.1, "chance alone"), one("leg B", 0.03, "scour"))
-    found = Finding(kind="structural", cause=PART_CAUSES[3], location="tower, z = 72 m, along 45 deg, about 3.9 Hz",
-                    size=1e4, size_std=2e3, unit="kg", time_profile="step", time_profile_start="", z=9.0,
-                    posterior_probability=0.32, prior_probability=0.1, alternatives=others, check="")
-    said = free_form_module.by_place(found)
+    def one(node, way, where, hz, p):
+        key = PartKey(cause=PART_CAUSES[3], at=(node,), way=way, tuned_hz=hz)
+        placed[hz] = Attachment(key=key, where=where)
+        return Alternative(cause=key.cause, location=f"{where}, about {hz:g} Hz", posterior_probability=p, key=hz)
+
+    def row(cause, p):
+        return Alternative(cause=cause, location="", posterior_probability=p, key=cause)
+
+    others = (one(9, 2, "tower, z = 72 m, along 45 deg", 3.1, 0.25), one(4, None, "leg A, horizontal", 1.0, 0.2),
+              one(4, None, "leg A, horizontal", 1.3, 0.1), row("chance alone", 0.1), row("scour", 0.03),
+              one(8, 2, "tower, z = 72 m, along 45 deg", 3.8, 0.06))
+    own = one(9, 2, "tower, z = 72 m, along 45 deg", 3.9, 0.32)
+    found = Finding(kind="structural", cause=own.cause, location=own.location, size=1e4, size_std=2e3, unit="kg",
+                    time_profile="step", time_profile_start="", z=9.0, posterior_probability=0.32,
+                    prior_probability=0.1, alternatives=others, check="", key=own.key)
+    said = free_form_module.by_place(found, placed)
     assert said["posterior_probability"] == pytest.approx(0.57)
     assert [(a["location"], round(a["posterior_probability"], 2)) for a in said["alternatives"]] == [
-        ("leg A, horizontal", 0.3), ("", 0.1)]
+        ("leg A, horizontal", 0.3), ("", 0.1), ("tower, z = 72 m, along 45 deg", 0.06)]
 
 
 def test_nothing_is_added_where_nothing_is_hidden(frame):
