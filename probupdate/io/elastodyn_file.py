@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
+from probupdate.io.elastodyn_keys import unused
 from probupdate.io.files import named_within
-from probupdate.io.fortran_text import number, read_lines, unquoted, words
+from probupdate.io.fortran_text import logical, number, read_lines, unquoted, words
 from probupdate.runtime.arrays import frozen_array
 
 # keys a rigid rotor-nacelle assembly is made of
 NACELLE = ("NacMass", "NacCMxn", "NacCMyn", "NacCMzn", "NacYIner", "YawBrMass", "Twr2Shft", "OverHang", "ShftTilt",
            "HubMass", "HubIner", "HubCM", "NumBl", "TipRad", "HubRad")
+PLATFORM = ("PtfmMass", "PtfmCMxt", "PtfmCMyt", "PtfmCMzt", "PtfmRIner", "PtfmPIner", "PtfmYIner", "PtfmXYIner",
+            "PtfmXZIner", "PtfmYZIner")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,9 +35,9 @@ class Tower:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RotorNacelle:
-    """A rigid body about the tower's top: mass in kg, centre (3,) in m from the top, inertia (3, 3) about the centre in
-    kg m2; x downwind, z up."""
+class RigidBody:
+    """Mass in kg, centre (3,) in m, inertia (3, 3) about the centre in kg m2; x downwind, z up. Rotor and nacelle are
+    placed from the tower's top, the platform from the tower's axis at mean sea level."""
 
     mass_kg: float
     centre_m: np.ndarray
@@ -43,8 +46,14 @@ class RotorNacelle:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ElastoDyn:
+    """`yaw_deg` (NacYaw) is in rotor_nacelle already. `platform`: what SubDyn's interface carries, None without mass
+    and inertia. `notes`: what of the files would change stiffness or mass and is not used."""
+
     tower: Tower
-    rotor_nacelle: RotorNacelle
+    rotor_nacelle: RigidBody
+    yaw_deg: float
+    platform: RigidBody | None
+    notes: tuple[str, ...]
 
 
 class _Keys:
@@ -53,7 +62,7 @@ class _Keys:
     def __init__(self, path: Path, root: Path | None = None):
         self.path, self.root = path, (root or path.parent).resolve()
         self.lines = read_lines(path)
-        self.found = {}
+        self.found, self.used, self.files = {}, set(), [self]
         for at, line in enumerate(self.lines, 1):
             parts = words(line)
             if len(parts) > 1:
@@ -62,6 +71,7 @@ class _Keys:
     def word(self, name: str) -> tuple[int, str]:
         if name.lower() not in self.found:
             raise InputError(str(self.path), f"{name} is missing", f"add a line '<value> {name}'")
+        self.used.add(name.lower())
         return self.found[name.lower()]
 
     def number(self, name: str, missing: float | None = None) -> float:
@@ -82,7 +92,14 @@ class _Keys:
         return file
 
     def opened(self, name: str) -> _Keys:
-        return _Keys(self.beside(name), self.root)
+        file = _Keys(self.beside(name), self.root)
+        self.files.append(file)
+        return file
+
+    def notes(self) -> tuple[str, ...]:
+        """What is not used of this file and of those opened from it."""
+        return tuple(dict.fromkeys(note for file in self.files
+                                   for note in unused(file.lines, str(file.path), file.used)))
 
     def table(self, count: str, first: str, columns: int) -> np.ndarray:
         """The rows below the line of names that begins with `first`, leading `columns` numbers."""
@@ -109,7 +126,41 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
     keys = _Keys(Path(path), root)
     with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
             over="raise", invalid="raise", divide="raise"):
-        return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
+        _refuse_furling(keys)
+        yaw = keys.number("NacYaw", 0.0)
+        return ElastoDyn(tower=_tower(keys), rotor_nacelle=turned(_rotor_nacelle(keys), yaw), yaw_deg=yaw,
+                         platform=_platform(keys), notes=keys.notes())
+
+
+def turned(body: RigidBody, angle_deg: float) -> RigidBody:
+    """The body counter-clockwise about z."""
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return RigidBody(mass_kg=body.mass_kg, centre_m=frozen_array(turn @ body.centre_m),
+                     inertia_kgm2=frozen_array(turn @ body.inertia_kgm2 @ turn.T))
+
+
+def _refuse_furling(keys: _Keys) -> None:
+    if "furling" not in keys.found:
+        return
+    at, word = keys.word("Furling")
+    if logical(word) is not False:
+        raise InputError(f"{keys.path}, line {at}", f"Furling is '{word}': the masses of tail and furling rotor "
+                         "stand in FurlFile, which is not read", "give [rotor_nacelle] with them in the model's TOML "
+                         "and write False")
+
+
+def _platform(keys: _Keys) -> RigidBody | None:
+    """The rigid platform on SubDyn's interface. Products of inertia (newer files) are the tensor's own entries,
+    -int x y dm."""
+    mass, x, y, z, roll, pitch, yaw, xy, xz, yz = (keys.number(name, 0.0) for name in PLATFORM)
+    for name, value in zip(("PtfmMass", "PtfmRIner", "PtfmPIner", "PtfmYIner"), (mass, roll, pitch, yaw), strict=True):
+        if value < 0:
+            raise InputError(f"{keys.path}, line {keys.word(name)[0]}", f"{name} is {value:g}", "give zero or more")
+    inertia = np.array([[roll, xy, xz], [xy, pitch, yz], [xz, yz, yaw]])
+    if not mass and not inertia.any():
+        return None
+    return RigidBody(mass_kg=mass, centre_m=frozen_array([x, y, z]), inertia_kgm2=frozen_array(inertia))
 
 
 def named_files(path: str | Path, root: Path | None = None) -> tuple[Path, ...]:
@@ -138,7 +189,7 @@ def _tower(keys: _Keys) -> Tower:
                  stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)
 
 
-def _rotor_nacelle(keys: _Keys) -> RotorNacelle:
+def _rotor_nacelle(keys: _Keys) -> RigidBody:
     """Nacelle, yaw bearing, hub and blades as particles, with the inertia the file states about its axes; the rotor
     does not turn about its shaft, and what is on the fast shaft is left out."""
     v = {name: keys.number(name) for name in NACELLE}
@@ -177,7 +228,7 @@ def _rotor_nacelle(keys: _Keys) -> RotorNacelle:
     centre = masses @ points / total
     d = points - centre
     inertia = own + (masses * (d**2).sum(1)).sum() * np.eye(3) - np.einsum("i,ij,ik->jk", masses, d, d)
-    return RotorNacelle(mass_kg=total, centre_m=frozen_array(centre), inertia_kgm2=frozen_array(inertia))
+    return RigidBody(mass_kg=total, centre_m=frozen_array(centre), inertia_kgm2=frozen_array(inertia))
 
 
 def _column(file: _Keys, name: str) -> int:

@@ -140,11 +140,16 @@ def _read_soil(path: Path, name: str, line: int, root: Path | None) -> SsiFile:
     return read_ssi(file, name)
 
 
+# what older files have behind the columns of a table
+EXTRA = {"the joints": "JointDamp is not used, a damping of the joint"}
+
+
 class _Reader:
     """The lines one after another; errors name file and line."""
 
     def __init__(self, lines: Sequence[str], where: str):
         self.lines, self.where, self.at = lines, where, 0
+        self.beyond: dict[str, list[int]] = {}
 
     def fail(self, problem: str, remedy: str, line: int | None = None) -> NoReturn:
         raise InputError(f"{self.where}, line {line or self.at}", problem, remedy)
@@ -201,7 +206,8 @@ class _Reader:
         return rows
 
     def numbers(self, line: int, found: list[str], allowed: Sequence[int], title: str) -> list[float]:
-        """The leading numbers of a row, as many as the table has columns; words behind them are a comment."""
+        """The leading numbers of a row, as many as the table has columns; what stands behind them SubDyn passes over,
+        and numbers above zero there are reported (`passed_over`)."""
         values = []
         for word in found:
             value = number(word)
@@ -209,11 +215,19 @@ class _Reader:
                 break
             values.append(value)
         fitting = [n for n in allowed if len(values) >= n]
-        if not fitting or (len(values) > max(allowed) and len(allowed) > 1):
+        if not fitting:
             wanted = " or ".join(str(n) for n in allowed)
             odd = f", the next is '{found[len(values)]}'" if len(values) < len(found) else ""
             self.fail(f"{len(values)} numbers in a row of {title}{odd}, {wanted} expected", "complete the row", line)
+        if any(values[max(allowed) :]):
+            self.beyond.setdefault(title, []).append(line)
         return values[: max(fitting)]
+
+    def passed_over(self) -> list[str]:
+        """A sentence for each table with numbers behind its columns."""
+        return [f"{self.where}, line {at[0]}: SubDyn passes over what stands behind the columns of {title}"
+                f"{f' (and in {len(at) - 1} more lines)' if at[1:] else ''}: {EXTRA.get(title, 'not used here either')}"
+                for title, at in self.beyond.items()]
 
     def id(self, line: int, word: str, title: str) -> int:
         value = integer(word)
@@ -240,6 +254,8 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     members = _members(r, member_rows, spin)
     if r.at >= len(lines) or not any(words(line) for line in lines[r.at :]):
         notes.append(f"{where}: ends before its OUTPUT section; SubDyn itself will not read it")
+    notes += r.passed_over()
+    notes += _unused(where, settings, tables["cable"])
     file = SubDynFile(
         where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,
         members=members, sets={k: rows for k, rows in tables.items() if k not in ("cosine", "mass")},
@@ -541,6 +557,19 @@ def _check_sizes(r: _Reader, file: SubDynFile) -> None:
     for row in file.masses:
         if row.values[0] < 0:
             r.fail(f"a concentrated mass is {row.values[0]:g} kg", "give zero or more", row.line)
+
+
+def _unused(where: str, settings: Mapping[str, str], cables: Sequence[Row]) -> list[str]:
+    """What SubDyn does with the structure beyond its stiffness and mass."""
+    notes = []
+    if any(number(word) for word in settings.get("InitialPosition", "").split()):
+        notes.append(f"{where}: the initial rigid-body position ({settings['InitialPosition']}) is not used: the "
+                     "structure stands where its joints are, its soil along the same axes")
+    led = [row for row in cables if len(row.values) > 3 and row.values[3] > 0]
+    if led:
+        notes.append(f"{where}, line {led[0].line}: CtrlChannel is not used: the cable keeps its T0, which a "
+                     "controller would change")
+    return notes
 
 
 DIRECTIONS = ("x", "y", "z", "tx", "ty", "tz")

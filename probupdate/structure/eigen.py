@@ -8,9 +8,13 @@ from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
 
-# relative residual |K phi - lambda M phi| / |K phi| above which an eigenpair is refused; Lanczos in double
-# precision leaves 1e-10 on these matrices
-RESIDUAL_LIMIT = 1e-6
+# |lambda K^-1 M phi - phi| in the norm of M, free of units and of the mesh: above the first, modes are solved again
+# with residuals in extended precision; above the second, refused. It bounds an eigenvalue's relative error, which is of
+# its square once the modes are solved again
+ACCURATE, REFUSED_ERROR = 1e-9, 1e-6
+REPEATS = 4
+# an eigenvalue below so many roundings of the entries it sums up is none but rounding: a free motion
+ROUNDINGS = 30.0
 # below so many degrees of freedom, or of a model on a basis, whose matrices are full, a dense solution is ten times
 # faster than Lanczos' bookkeeping
 DENSE_BELOW = 80
@@ -21,7 +25,14 @@ SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 # of a shape derivative's equation, relative: where corrections stop, and above which a pivoted factorisation is taken
 REFINED, REFUSED = 1e-11, 1e-9
 CORRECTIONS = 20
-# share of the largest 1 / lambda below which there is no mass: rounding alone leaves some 1e-16
+# of solutions corrected in extended precision, each by the same factor: after a correction so small the next one is of
+# its square
+CORRECTED = 1e-7
+# share of the stiffest degree of freedom's K_ii / M_ii that holds free motions at first, and of the shift below which
+# what is left is zero
+SOFT, FREE = 1e-10, 1e-8
+# share of the largest 1 / lambda, or of the largest eigenvalue of M, below which there is no mass: rounding alone
+# leaves some 1e-16
 MASSLESS = 1e-14
 # a mode's own factorisation is made this share beside its eigenvalue, where the matrix is not singular
 BESIDE = 1e-6
@@ -29,33 +40,159 @@ BESIDE = 1e-6
 EQUAL = 1e-9
 
 
-def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model"):
+def lowest_modes(
+    K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model", *, refused: float = REFUSED_ERROR
+):
     """Eigenvalues lambda (n_mode,) ascending and shapes phi (n_dof, n_mode) of K phi = lambda M phi, phi^T M phi = 1.
 
     Shift-invert Lanczos at zero with one symmetric-ordering factorisation and a fixed start vector, or, for small
-    matrices, a dense solution. Raises InputError where K is singular or indefinite.
+    matrices, a dense solution; solved again by subspace iteration where that is not accurate. Raises InputError where
+    K is singular or indefinite, or a mode's error |lambda K^-1 M phi - phi| stays above `refused`, in the norm of M.
     """
     n = K.shape[0]
     # Lanczos leaves two modes out, a dense solution none
     if n_mode > (n if _solved_dense(K) else n - 2):
         raise InputError(where, f"{n_mode} modes asked of {n} degrees of freedom", "ask for fewer")
+    # powers of four: exact, and no product overflows in whatever units the matrices are
+    scales = _power_of_four(K, where, "stiffness"), _power_of_four(M, where, "mass")
+    K, M = K / scales[0], M / scales[1]
     if _is_full(K):
         value, phi = _dense(K, M, n_mode, where)
+        solve = _cholesky(K)
     else:
         factor = _definite_factor(K, where)
-        value, phi = _dense(K, M, n_mode, where) if n < DENSE_BELOW else _lanczos(K, M, n_mode, factor)
-    order = np.argsort(value)
-    value, phi = value[order], phi[:, order]
-    force = K @ phi
-    residual = np.linalg.norm(force - (M @ phi) * value, axis=0) / np.linalg.norm(force, axis=0)
-    if not np.all(residual < RESIDUAL_LIMIT):
-        raise InputError(
-            where, f"mode {int(np.argmax(residual)) + 1} has a relative residual of {residual.max():.1e}",
-            "check units and the condition of the matrices",
-        )
-    phi /= np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
+        value, phi = _dense(K, M, n_mode, where) if n < DENSE_BELOW else _lanczos(K, M, n_mode, factor, where)
+        solve = factor.solve
+    value, phi = _normalised(value, phi, M)
+    _refuse_rounding(K, value, phi, where)
+    value, phi = _accurate(K, M, value, phi, solve, where, refused)
     largest = np.argmax(np.abs(phi), axis=0)
-    return value, phi * np.sign(phi[largest, np.arange(n_mode)])
+    with np.errstate(over="ignore"):
+        value, phi = value * (scales[0] / scales[1]), phi * np.sign(phi[largest, np.arange(n_mode)]) / scales[1] ** 0.5
+    if not (np.all(np.isfinite(value)) and np.all(value > 0)):
+        raise InputError(where, "its eigenvalues exceed the computer's numbers", "check the units of K and M")
+    return value, phi
+
+
+def modes_with_free_motions(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model"):
+    """As `lowest_modes` for a structure that may float: eigenvalues (n_mode,), exactly zero for the motions that
+    nothing holds, shapes (n_dof, n_mode), and how many are free. Raises InputError where a stiffness is negative.
+
+    The modes of K + s M less s. s is first a small share of the stiffest degree of freedom's K_ii / M_ii (no more than
+    the highest eigenvalue, in any units), then the lowest eigenvalue above zero, beside which all of them keep their
+    digits.
+    """
+    stiffness, mass = K.diagonal(), M.diagonal()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        stiffest = np.max(np.where(mass > 0, stiffness / mass, 0.0), initial=0.0)
+    if not 0 < stiffest < np.inf:
+        raise InputError(where, "no motion has both stiffness and mass", "check K and M")
+    shift, size = SOFT * stiffest, abs(K)
+    # the first modes only say where the lowest eigenvalue above zero is
+    for refused in (np.inf, REFUSED_ERROR):
+        value, phi = lowest_modes(sparse.csc_array(K + shift * M), M, n_mode, where, refused=refused)
+        rounding = np.maximum(_rounding(size, phi), FREE * shift)
+        value = value - shift
+        if value[0] < -rounding[0]:
+            raise InputError(where, "the stiffness matrix is not positive definite and no motion is free",
+                             "look for a negative stiffness")
+        held = value > rounding
+        if not held.any():
+            break
+        shift = value[held][0]
+    return np.where(held, value, 0.0), phi, int(np.sum(~held))
+
+
+def _power_of_four(matrix, where: str, kind: str) -> float:
+    """The power of four nearest to the largest entry."""
+    largest = np.max(np.abs(matrix.data if sparse.issparse(matrix) else matrix), initial=0.0)
+    if not 0 < largest < np.inf:
+        raise InputError(where, f"the {kind} matrix is {'singular: zero' if largest == 0 else 'not finite'}",
+                         "check the parameters' bounds and the units")
+    return float(4.0 ** np.clip(np.round(np.log2(largest) / 2), -500, 500))
+
+
+def _accurate(K, M, value, phi, solve, where: str, refused: float):
+    """The modes (ascending, of unit modal mass) to what double precision holds.
+
+    A solution of K x = b by its factors is wrong by the condition of K, which grows with the fourth power of a mesh's
+    fineness. Corrected with residuals in extended precision it is not, and neither is a Rayleigh-Ritz step on solutions
+    y of K y = M phi, which needs no product with K: y^T K y = y^T M phi.
+    """
+    extended = None
+    for _ in range(REPEATS):
+        force = value * (M @ phi)
+        y, extended = _solved(K, force, solve, extended)
+        error = _change(M, phi, y)
+        if np.all(error < ACCURATE):
+            return value, phi
+        try:
+            mu, turn = linalg.eigh(y.T @ (M @ y), _symmetric(y.T @ force))
+        except linalg.LinAlgError:
+            break
+        if not mu[0] > 0:
+            break
+        value, phi = _normalised(1 / mu, y @ turn, M)
+        if np.all(error < refused):
+            return value, phi
+    worst = int(np.argmax(error))
+    raise InputError(where, f"mode {worst + 1} is known to {error[worst]:.1e} only from the digits of these matrices",
+                     "check them for entries of unlike size: very stiff beside very soft parts, or a mesh far too fine")
+
+
+def _change(M, phi, y) -> np.ndarray:
+    """(n_mode,) norm of y - phi, but for what it has of lower modes: these are orthogonal to phi by construction, and
+    K^-1 makes more of their rounding by the ratio of eigenvalues."""
+    shared = phi.T @ (M @ y)
+    beyond = _norm(M, y - phi @ shared)
+    return np.sqrt(beyond**2 + np.sum(np.tril(shared - np.eye(phi.shape[1])) ** 2, axis=0))
+
+
+def _solved(K, force, solve, extended):
+    """x (n, k) of K x = force, corrected until nothing is left to correct, and K in extended precision."""
+    x = solve(force)
+    extended = K.astype(np.longdouble) if extended is None else extended
+    before = np.inf
+    for _ in range(CORRECTIONS):
+        step = solve(np.asarray(force - extended @ x.astype(np.longdouble), float))
+        change = float(np.max(np.linalg.norm(step, axis=0) / np.linalg.norm(x, axis=0)))
+        # rounding ends it, or a matrix too near to a singular one
+        if not change < 0.5 * before:
+            break
+        x, before = x + step, change
+        if change < CORRECTED:
+            break
+    return x, extended
+
+
+def _normalised(value, phi, M):
+    order = np.argsort(value)
+    phi = phi[:, order]
+    return value[order], phi / _norm(M, phi)
+
+
+def _norm(M, phi) -> np.ndarray:
+    """(n_mode,); what is semi-definite may be below zero by rounding."""
+    return np.sqrt(np.maximum(np.einsum("ij,ij->j", phi, M @ phi), 0.0))
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return 0.5 * (matrix + matrix.T)
+
+
+def _rounding(size, phi) -> np.ndarray:
+    """(n_mode,) what roundings of K, of entries `size`, may make of phi^T K phi = 0, of unit modal mass."""
+    squares = phi**2
+    total = np.einsum("ij,ij->j", squares, size.power(2) @ squares if sparse.issparse(size) else size**2 @ squares)
+    return ROUNDINGS * np.finfo(float).eps * np.sqrt(total)
+
+
+def _refuse_rounding(K, value, phi, where: str) -> None:
+    free = int(np.sum(value <= _rounding(abs(K), phi)))
+    if free:
+        raise InputError(where, f"the stiffness matrix is singular but for rounding: {free} of the lowest motions "
+                         f"{'is' if free == 1 else 'are'} held by nothing, a mechanism or a missing support",
+                         "check supports, bounds and zero stiffness factors")
 
 
 def available_modes(K, M) -> int:
@@ -63,13 +200,12 @@ def available_modes(K, M) -> int:
     n = K.shape[0]
     if not _solved_dense(K):
         return n - 2
-    try:
-        mu = linalg.eigvalsh(_array(M), _array(K))
-    except linalg.LinAlgError:
-        # the solution itself says what is wrong with K
-        return n
-    # without any positive mass too
-    return int(np.sum(mu > MASSLESS * mu[-1])) if mu[-1] > 0 else n
+    # the rank of M, whose rows are brought to one size first: rotations have other units
+    mass = _array(M)
+    size = np.sqrt(np.maximum(np.diag(mass), 0.0))
+    size[size > 0] = 1 / size[size > 0]
+    share = linalg.eigvalsh(mass * np.outer(size, size))
+    return int(np.sum(share > MASSLESS * share[-1])) if share[-1] > 0 else n
 
 
 def _solved_dense(K) -> bool:
@@ -105,14 +241,23 @@ def _indefinite(where: str) -> InputError:
     )
 
 
-def _lanczos(K, M, n_mode: int, factor):
+def _cholesky(K):
+    factor = linalg.cho_factor(_array(K))
+    return lambda force: linalg.cho_solve(factor, force)
+
+
+def _lanczos(K, M, n_mode: int, factor, where: str):
     n = K.shape[0]
     inverse = sparse_linalg.LinearOperator((n, n), factor.solve, dtype=float)
     start = np.cos(np.arange(n))
-    return sparse_linalg.eigsh(
-        sparse.csc_matrix(K), k=n_mode, M=sparse.csc_matrix(M), sigma=0.0, OPinv=inverse, v0=start, tol=1e-12,
-        ncv=min(n, max(2 * n_mode + 8, 24)),
-    )
+    try:
+        return sparse_linalg.eigsh(
+            sparse.csc_matrix(K), k=n_mode, M=sparse.csc_matrix(M), sigma=0.0, OPinv=inverse, v0=start, tol=1e-12,
+            ncv=min(n, max(2 * n_mode + 8, 24)),
+        )
+    except sparse_linalg.ArpackError as error:
+        raise InputError(where, f"its modes do not converge ({error})", "check that M is positive semi-definite and "
+                         "both matrices are in one set of units") from None
 
 
 def _dense(K, M, n_mode: int, where: str):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
@@ -19,18 +18,16 @@ from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.eigen import lowest_modes
+from probupdate.structure.eigen import modes_with_free_motions
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
-from probupdate.structure.subdyn_model import beside, is_subdyn
+from probupdate.structure.subdyn_model import is_subdyn, read_description, with_tower
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# (0.1 Hz)^2 in (rad/s)^2: beside it a free motion's eigenvalue is rounding, and a structure's own keeps its digits
-SHIFT = (2 * np.pi * 0.1) ** 2
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
 # modes of which it is said what the sensors do not see
@@ -113,7 +110,7 @@ def own_modes(
     try:
         solution = opened.solve(opened.parameters.initial, count)
     except InputError:
-        if not (isinstance(opened, AffineModel) and isinstance(model, str | Path) and is_subdyn(Path(model))):
+        if not isinstance(opened, AffineModel):
             raise
         solution, phi, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
@@ -147,18 +144,12 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
 
 
 def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:
-    """Modes of a structure that may float, as SubDyn's summary has them, their whole shapes, and how many are at 0 Hz:
-    eigenvalues of K + s M, less s. Raises InputError where the matrices are not even so definite."""
+    """Modes of a structure that may float, as SubDyn's summary has them, their whole shapes, and how many are at 0
+    Hz."""
     theta = model.parameters.initial
-    K, M = model.matrices(theta)
-    value, phi = lowest_modes(sparse.csc_array(K + SHIFT * M), M, count, model.name)
-    # what rounding leaves of a zero
-    value = np.where(np.abs(value - SHIFT) < 1e-6 * SHIFT, 0.0, value - SHIFT)
-    if value[0] < 0 or value[0] > 0:
-        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for "
-                         "a negative stiffness")
+    value, phi, free = modes_with_free_motions(*model.matrices(theta), count, model.name)
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
-                         shape=frozen_array(model.channel_rows(theta) @ phi)), phi, int(np.sum(value == 0))
+                         shape=frozen_array(model.channel_rows(theta) @ phi)), phi, free
 
 
 def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
@@ -177,7 +168,7 @@ def _notes(path: Path) -> tuple[str, ...]:
     if not is_subdyn(path):
         return ()
     if path.suffix == ".toml":
-        return read_subdyn(beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file"), path.parent).notes
+        return with_tower(read_description(read_toml(path), path), path)[0].notes
     return read_subdyn(path).notes
 
 

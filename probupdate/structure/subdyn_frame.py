@@ -138,6 +138,14 @@ def translational_mass(length_m: float) -> np.ndarray:
     return matrix
 
 
+def string_stiffness(length_m: float) -> np.ndarray:
+    """(12, 12) local, times the tension: what holds a taut straight cable across its axis."""
+    matrix = np.zeros((12, 12))
+    for k in (1, 2):
+        matrix[np.ix_((k, k + 6), (k, k + 6))] = np.array([[1.0, -1.0], [-1.0, 1.0]]) / length_m
+    return matrix
+
+
 def rigid_body_mass(values) -> np.ndarray:
     """(6, 6) at the joint: mass, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz about the centre of gravity, which lies at the
     offset x, y, z. SubDyn adds the products of inertia as they stand in the file."""
@@ -242,7 +250,8 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
         (np.array([c[2] for c in columns]), ([c[0] for c in columns], [c[1] for c in columns])),
         shape=(n_full, n_column)))
     links = _rigid_links(file, node_m, elements, translation, joints)
-    keep = _free(file, node_of, translation, joints, links)
+    acted = _acted(file, node_of, translation, elements, dofs, n_full)
+    keep = _free(file, node_of, translation, joints, links, acted)
     reduction = sparse.csr_array(joints @ links)[:, keep]
     at_joints = sparse.csr_array(links)[:, keep]
     stiffness = sparse.csr_array((n_column, n_column))
@@ -388,8 +397,22 @@ def _rigid_links(file: SubDynFile, node_m, elements, translation, joints) -> spa
         ([e[2] for e in entries], ([e[0] for e in entries], [e[1] for e in entries])), shape=(n_column, len(left))))
 
 
-def _free(file: SubDynFile, node_of, translation, joints, links) -> np.ndarray:
-    """The columns that no reaction joint holds."""
+def _acted(file: SubDynFile, node_of, translation, elements, dofs, n_full: int) -> np.ndarray:
+    """(n_full,) which degrees of freedom anything stiff or heavy is at: all but rotations where cables alone end."""
+    acted = np.zeros(n_full, bool)
+    for own, element in zip(dofs, elements, strict=True):
+        acted[own if element.member.kind != "cable" else own[[0, 1, 2, 6, 7, 8]]] = True
+    for row in file.masses:
+        if any(row.values[1:]):
+            acted[translation[node_of[row.id]]] = True
+    for reaction in file.reactions:
+        if reaction.ssi is not None:
+            acted[translation[node_of[reaction.joint]]] = True
+    return acted
+
+
+def _free(file: SubDynFile, node_of, translation, joints, links, acted: np.ndarray) -> np.ndarray:
+    """The columns that no reaction joint holds and that move anything."""
     moved = sparse.csr_array(joints @ links)
     held = set()
     for reaction in file.reactions:
@@ -404,7 +427,8 @@ def _free(file: SubDynFile, node_of, translation, joints, links) -> np.ndarray:
                 raise InputError(where, f"the reaction joint {reaction.joint} follows a rigid link and is held itself",
                                  "hold the joint that leads the link, or hold all six directions of it there")
             held.add(int(row.indices[0]))
-    return np.array([c for c in range(moved.shape[1]) if c not in held])
+    moving = abs(moved).T @ acted.astype(float) > 0
+    return np.array([c for c in range(moved.shape[1]) if c not in held and moving[c]])
 
 
 def sizes_at(file: SubDynFile, element: Element) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -435,7 +459,7 @@ def plain_matrices(file: SubDynFile, element: Element) -> tuple[np.ndarray, np.n
     if member.kind == "cable":
         ea, density, tension = values[:3]
         rest = length / (1 + tension / ea)
-        stiffness = ea * length / rest * beams.stiffness_matrices(length)["axial"]
+        stiffness = ea * length / rest * beams.stiffness_matrices(length)["axial"] + tension * string_stiffness(length)
         return element.to_global(stiffness), element.to_global(density * translational_mass(rest))
     half = np.zeros((6, 6))
     half[np.triu_indices(6)] = values

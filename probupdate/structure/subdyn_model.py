@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,7 +14,7 @@ from pydantic import Field, Strict, ValidationError
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.io.elastodyn_file import read_elastodyn
+from probupdate.io.elastodyn_file import ElastoDyn, read_elastodyn
 from probupdate.io.files import named_within
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
 from probupdate.modal.mode_energy import DofPlaces
@@ -44,7 +44,7 @@ from probupdate.structure.subdyn_frame import (
 from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, body_of, mounted, tables_of
 
 # raise it when the same files give other matrices
-FORMULATION = 1
+FORMULATION = 2
 # how far from a member's surface a sensor may sit
 REACH_M = 2.0
 Whole = Annotated[int, Strict(), Field(ge=1)]
@@ -163,19 +163,41 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
     for name in ("tower", "rotor_nacelle"):
         if name in description.group:
             raise InputError(f"{path}: group.{name}", "is the name of what [tower] adds", "give the group another name")
+    platform = None
     if entry.elastodyn is not None:
         read = read_elastodyn(beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)
-        tower, carried = read.tower, read.rotor_nacelle if body is None else body_of(body)
+        tower, carried, platform = read.tower, read.rotor_nacelle if body is None else body_of(body), read.platform
+        file = replace(file, notes=(*file.notes, *_elastodyn_notes(file, entry, read, body is None)))
     else:
+        if entry.joint is None:
+            raise InputError(f"{path}: tower.joint", "is missing", "name the joint the tower stands on")
         foot = next((j.position_m[2] for j in file.joints if j.id == entry.joint), 0.0)
         tower = tables_of(entry, foot, str(path))
         if body is None:
             raise InputError(f"{path}: rotor_nacelle", "is missing", "give mass_kg, centre_m and inertia_kgm2")
         carried = body_of(body)
-    whole = mounted(file, entry, tower, carried, str(path))
+    whole = mounted(file, entry, tower, carried, platform, str(path))
     groups = {"tower": GroupEntry(members=whole.members), "rotor_nacelle": GroupEntry(masses=(whole.mass,))}
     nacelle = description.subdyn.model_copy(update={"nacelle": (*description.subdyn.nacelle, whole.mass)})
     return whole.file, description.model_copy(update={"group": {**description.group, **groups}, "subdyn": nacelle})
+
+
+def _elastodyn_notes(file: SubDynFile, entry: TowerEntry, read: ElastoDyn, own_body: bool) -> Iterator[str]:
+    """What of ElastoDyn acts elsewhere than it may seem, or not at all."""
+    where = entry.elastodyn
+    if read.platform is not None:
+        ids = {row.joint for row in file.interfaces} | ({entry.joint} if entry.joint is not None else set())
+        there = sorted({row.id for row in file.masses if row.id in ids and row.values[0] > 0})
+        place = f"joint {entry.joint}" if entry.joint is not None else "the transition piece"
+        yield f"{where}: PtfmMass {read.platform.mass_kg:g} kg and its inertia act at {place}" + (
+            f"; the SubDyn file has a concentrated mass at joint {', '.join(map(str, there))} too: make sure that it "
+            "is not the same one" if there else "")
+    if read.yaw_deg and own_body:
+        yield (f"{where}: NacYaw turns rotor and nacelle by {read.yaw_deg:g} degrees; a set's nacelle_angle_deg counts "
+               "from there")
+    if not own_body:
+        yield f"{where}: rotor and nacelle are those of [rotor_nacelle]; the file's own (and NacYaw) are not used"
+    yield from read.notes
 
 
 def is_subdyn(path: Path) -> bool:
@@ -232,6 +254,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     chosen = tuple(sensors) if sensors is not None else _own_sensors(file, description, path)
     joints = {s.channel: s.joint for s in description.sensor if s.joint is not None}
     text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)],
+            [joint.position_m for joint in file.joints],
             {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
             description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
             [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],

@@ -11,19 +11,20 @@ import numpy as np
 from pydantic import Field, Strict
 
 from probupdate.errors import InputError
-from probupdate.io.elastodyn_file import RotorNacelle, Tower
+from probupdate.io.elastodyn_file import RigidBody, Tower
 from probupdate.io.subdyn_file import Joint, Member, Row, SubDynFile
 from probupdate.structure.schema import Number, Positive, Table, Vector
 
-# how far the foot may be from the joint it stands on
-GAP_M = 0.01
+# how far the foot may be from the joint it stands on, as a share of the tower's height
+GAP = 1e-4
 
 
 class TowerEntry(Table):
     """[tower]: `elastodyn`, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m. ElastoDyn states
-    bending only: area and torsion are those of a tube of the stated material with that mass and bending stiffness."""
+    bending only: area and torsion are those of a tube of the stated material with that mass and bending stiffness.
+    `joint`: what it stands on; without one, a rigid transition piece on all interface joints."""
 
-    joint: Annotated[int, Strict(), Field(ge=1)]
+    joint: Annotated[int, Strict(), Field(ge=1)] | None = None
     elastodyn: str | None = None
     top_m: Number | None = None
     fraction: tuple[Number, ...] = ()
@@ -69,22 +70,24 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
         for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
 
 
-def body_of(entry: RotorNacelleEntry) -> RotorNacelle:
+def body_of(entry: RotorNacelleEntry) -> RigidBody:
     xx, yy, zz, xy, xz, yz = entry.inertia_kgm2
-    return RotorNacelle(mass_kg=entry.mass_kg, centre_m=np.array(entry.centre_m),
+    return RigidBody(mass_kg=entry.mass_kg, centre_m=np.array(entry.centre_m),
                         inertia_kgm2=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacelle, where: str) -> Mounted:
-    """Put a tower of `entry.elements` uniform beams on a joint; numbers follow the file's highest ones."""
-    foot = next((j for j in file.joints if j.id == entry.joint), None)
-    if foot is None:
-        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is not in {file.where}", "mend its number")
-    if foot.kind != "cantilever":
-        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is {foot.kind}", "take a rigid joint")
-    if abs(foot.position_m[2] - tower.base_m) > GAP_M:
-        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is at z = {foot.position_m[2]:g} m and the "
-                         f"tower's base at {tower.base_m:g} m", "name the joint the tower stands on")
+def mounted(
+    file: SubDynFile, entry: TowerEntry, tower: Tower, body: RigidBody, platform: RigidBody | None, where: str
+) -> Mounted:
+    """Put a tower of `entry.elements` uniform beams on a joint, or on a rigid transition piece, with ElastoDyn's
+    platform at its foot; numbers follow the file's highest ones."""
+    if entry.joint is None:
+        file, foot = _transition_piece(file, tower, where)
+    else:
+        foot = _foot(file, entry.joint, tower, where)
+    if platform is not None:
+        at = (*foot.position_m[:2], 0.0)
+        file = replace(file, masses=(*file.masses, _mass(foot, platform, np.array(at))))
     n, x, y = entry.elements, *foot.position_m[:2]
     height = tower.top_m - tower.base_m
     first = max(j.id for j in file.joints) + 1
@@ -102,15 +105,66 @@ def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacell
     )
     sets = tuple(Row(id=number + k, values=values, line=foot.line)
                  for k, values in enumerate(_sections(entry, tower, n)))
-    inertia = body.inertia_kgm2
-    mass = Row(id=joints[-1].id, line=foot.line, values=(
-        body.mass_kg, inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2],
-        *(float(c) for c in body.centre_m)))
+    mass = _mass(joints[-1], body, np.array(joints[-1].position_m))
     whole = replace(
         file, joints=(*file.joints, *joints), members=(*file.members, *members), masses=(*file.masses, mass),
         sets={**file.sets, "arbitrary": (*file.sets["arbitrary"], *sets)},
     )
     return Mounted(file=whole, members=tuple(m.id for m in members), mass=mass.id)
+
+
+def _mass(joint: Joint, body: RigidBody, origin_m: np.ndarray) -> Row:
+    """A body whose centre counts from `origin_m` (3,) as a concentrated mass of a joint."""
+    inertia, offset = body.inertia_kgm2, origin_m + body.centre_m - np.array(joint.position_m)
+    return Row(id=joint.id, line=joint.line, values=(
+        body.mass_kg, *(float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
+        *(float(c) for c in offset)))
+
+
+def _foot(file: SubDynFile, id: int, tower: Tower, where: str) -> Joint:
+    foot = next((j for j in file.joints if j.id == id), None)
+    if foot is None:
+        raise InputError(f"{where}: tower.joint", f"joint {id} is not in {file.where}", "mend its number")
+    if foot.kind != "cantilever":
+        raise InputError(f"{where}: tower.joint", f"joint {id} is {foot.kind}", "take a rigid joint")
+    if abs(foot.position_m[2] - tower.base_m) > GAP * (tower.top_m - tower.base_m):
+        raise InputError(f"{where}: tower.joint", f"joint {id} is at z = {foot.position_m[2]:g} m and the "
+                         f"tower's base at {tower.base_m:g} m", "name the joint the tower stands on, or none: it then "
+                         "stands on a rigid transition piece")
+    return foot
+
+
+def _transition_piece(file: SubDynFile, tower: Tower, where: str) -> tuple[SubDynFile, Joint]:
+    """A joint at the tower's base, above the file's origin, with massless rigid links to all interface joints: what
+    OpenFAST makes of its platform. The joint itself where it is the only one and stands there."""
+    at = {joint.id: joint for joint in file.joints}
+    ends = [at[row.joint] for row in file.interfaces]
+    if not ends:
+        raise InputError(f"{where}: tower", "has no joint, and the SubDyn file has no interface joints", "name the "
+                         "joint the tower stands on")
+    if len({row.transition_piece for row in file.interfaces}) > 1:
+        raise InputError(f"{where}: tower", "has no joint, and the SubDyn file has several transition pieces",
+                         "name the joint the tower stands on")
+    turning = next((joint for joint in ends if joint.kind != "cantilever"), None)
+    if turning is not None:
+        raise InputError(f"{where}: tower", f"the interface joint {turning.id} is {turning.kind}", "make it rigid "
+                         "(type 1)")
+    place = np.array([0.0, 0.0, tower.base_m])
+    for joint in ends:
+        if np.linalg.norm(np.array(joint.position_m) - place) <= GAP * (tower.top_m - tower.base_m):
+            foot = joint
+            break
+    else:
+        foot = Joint(id=max(at) + 1, position_m=(0.0, 0.0, tower.base_m), kind="cantilever",
+                     direction=(0.0, 0.0, 0.0), stiffness=0.0, line=ends[0].line)
+        file = replace(file, joints=(*file.joints, foot))
+    number = max((row.id for row in file.sets["rigid"]), default=0) + 1
+    member = max(row.id for row in file.members) + 1
+    links = tuple(Member(id=member + k, joints=(foot.id, joint.id), sets=(number, number), kind="rigid", spin_deg=0.0,
+                         cosine=None, line=joint.line)
+                  for k, joint in enumerate(joint for joint in ends if joint.id != foot.id))
+    rigid = (*file.sets["rigid"], Row(id=number, values=(0.0,), line=foot.line))
+    return replace(file, members=(*file.members, *links), sets={**file.sets, "rigid": rigid}), foot
 
 
 def _sections(entry: TowerEntry, tower: Tower, n: int) -> Sequence[tuple[float, ...]]:
