@@ -24,6 +24,7 @@ from probupdate.diagnosis.empirical_reference import (
     stated_patterns,
     untied,
 )
+from probupdate.diagnosis.frequency_noise import FrequencyDirections, frequency_directions
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.search import exceeded, tail
 from probupdate.diagnosis.time_profiles import TimeProfile
@@ -212,8 +213,8 @@ def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return result
 
 
-# what a change of the structure may do to a mode or pair, each as probable before: standard deviations of ln f, of real
-# parts of shapes as shares of their largest component; phases stay
+# what a change of the structure may do to a frequency, or to the shape of a mode or pair, each as probable before: standard
+# deviations of ln f, of real parts of shapes as shares of their largest component; phases stay
 SPREAD_LOG, SPREAD_SHAPE = (0.0, 3e-4, 1e-3, 3e-3, 1e-2), (0.0, 1e-3, 3e-3, 1e-2, 3e-2)
 
 
@@ -233,24 +234,34 @@ def log_change_along(
     """(n_profile,) the same of each time profile: frequencies and real parts of shapes move each by itself, by normal
     amounts over the profile's range."""
     h = np.array([c.value / max(float(np.ptp(c.value)), 1e-300) for c in time_profiles])
+    directions = frequency_directions(rest, noise, sizes)
+    n_log = [1 if k == 1 else 3 for k in sizes]
+    logs = np.hstack([y[:, :n] for y, n in zip(rest, n_log, strict=True)]) @ directions.turn.T
     total = np.zeros(len(h))
-    for y, covariance, weight, k in zip(rest, noise.covariance, noise.weight, sizes, strict=True):
-        root = np.sqrt(weight)
-        scaled = (root * h).T
-        own = scaled - (root[:, None] * nuisance) @ np.linalg.lstsq(root[:, None] * nuisance, scaled, rcond=None)[0]
-        known = np.sum(own**2, axis=0)
-        usable = known > LEFT * np.maximum(np.sum(scaled**2, axis=0), 1e-300)
-        amount = own.T @ (root[:, None] * y) / np.where(usable, known, 1.0)[:, None]
-        n_log = 1 if k == 1 else 3
-        n_real = (y.shape[1] - n_log) // 2
-        for part, spreads in ((slice(0, n_log), SPREAD_LOG), (slice(n_log, n_log + n_real), SPREAD_SHAPE)):
-            value, turn = np.linalg.eigh(covariance[part, part])
-            along = amount[:, part] @ turn
-            variance = np.maximum(value, 1e-300) / np.where(usable, known, 1.0)[:, None]
-            ratio = np.array(spreads)[:, None, None] ** 2 / variance
-            each = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=2)
-            total += np.where(usable, logsumexp(each, axis=0) - np.log(len(spreads)), 0.0)
+    for own, weight in zip(logs.T, directions.weight(noise.weight), strict=True):
+        total += _log_moved(own[:, None], np.ones(1), weight, h, nuisance, SPREAD_LOG)
+    for y, covariance, weight, n in zip(rest, noise.covariance, noise.weight, n_log, strict=True):
+        real = slice(n, n + (y.shape[1] - n) // 2)
+        value, turn = np.linalg.eigh(covariance[real, real])
+        total += _log_moved(y[:, real] @ turn, value, weight, h, nuisance, SPREAD_SHAPE)
     return total
+
+
+def _log_moved(y: np.ndarray, variance: np.ndarray, weight: np.ndarray, h: np.ndarray, nuisance: np.ndarray,
+               spreads: Sequence[float]) -> np.ndarray:
+    """(n_profile,) ln Bayes factor of independent numbers y (n_block, n) that each move along h (n_profile, n_block) by
+    normal amounts of one of the `spreads`; variance (n,) of each in a block of weight one."""
+    root = np.sqrt(weight)
+    scaled = (root * h).T
+    own = scaled - (root[:, None] * nuisance) @ np.linalg.lstsq(root[:, None] * nuisance, scaled, rcond=None)[0]
+    known = np.sum(own**2, axis=0)
+    usable = known > LEFT * np.maximum(np.sum(scaled**2, axis=0), 1e-300)
+    safe = np.where(usable, known, 1.0)[:, None]
+    along = own.T @ (root[:, None] * y) / safe
+    variance = np.maximum(variance, 1e-300) / safe
+    ratio = np.array(spreads)[:, None, None] ** 2 / variance
+    each = 0.5 * np.sum(along**2 / variance * ratio / (1 + ratio) - np.log1p(ratio), axis=2)
+    return np.where(usable, logsumexp(each, axis=0) - np.log(len(spreads)), 0.0)
 
 
 def log_common_change(
@@ -298,8 +309,9 @@ def draw_slow(rng: np.random.Generator, hours: np.ndarray, shape: tuple[int, ...
 FALSE_ALARM = 0.03
 # records drawn, and drawn with their noise estimated anew
 N_BOOTSTRAP, N_AGAIN = 400, 20
-# number of the series in which all groups are taken together; in a pair's four, that of the mean of its two
-ALL, MEAN = -1, 3
+# number of the series in which all groups are taken together, and of those along independent directions of all
+# frequencies; in a pair's four, that of the mean of its two
+ALL, DIRECTION, MEAN = -1, -2, 3
 # numbers drawn at a time
 CHUNK = 3_000_000
 
@@ -307,7 +319,8 @@ CHUNK = 3_000_000
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
     """What is followed along the record: series (n_series, n_block) with their weight; the first `n_frequency` are
-    numbers of the frequencies, the others one of `effects` each. `raw` as series, before outliers were taken out."""
+    numbers of the frequencies, first single ones and then along the independent `directions` of all, the others one of
+    `effects` each."""
 
     blocks: Blocks
     empirical: EmpiricalReference
@@ -316,6 +329,7 @@ class Followed:
     prints: tuple[np.ndarray, ...]
     effects: tuple[Effect, ...]
     names: tuple[tuple[int, int], ...]
+    directions: FrequencyDirections
     series: np.ndarray
     weight: np.ndarray
 
@@ -324,14 +338,22 @@ class Followed:
         return len(self.names)
 
     @property
+    def along_directions(self) -> slice:
+        """Series along the directions."""
+        return slice(self.n_frequency - len(self.directions.turn), self.n_frequency)
+
+    @property
     def classes(self) -> tuple[list[int], list[int]]:
         """Series of frequencies, of sensors."""
         return list(range(self.n_frequency)), list(range(self.n_frequency, len(self.series)))
 
     @property
     def pools(self) -> tuple[list[int], ...]:
-        """Series that share how large slow errors are beside noise: a group's frequencies, all of sensors."""
-        groups = {q: [k for k, (p, _) in enumerate(self.names) if p == q] for q, _ in self.names}
+        """Series that share how large slow errors are beside noise: a group's frequencies, all of sensors. What drifts
+        slowly along one direction of the frequencies need not along another."""
+        groups: dict[tuple[int, int], list[int]] = {}
+        for k, (q, i) in enumerate(self.names):
+            groups.setdefault((q, i if q == DIRECTION else 0), []).append(k)
         return (*groups.values(), *filter(len, self.classes[1:]))
 
 
@@ -346,11 +368,14 @@ def watch(
     rest = residuals(empirical, known)
     noise = own_noise(blocks, empirical, rest, stated)
     prints = signatures(effects, empirical)
-    series, weight = follow(rest, empirical, noise, prints, [len(g) for g in blocks.groups])
+    sizes = [len(g) for g in blocks.groups]
+    directions = frequency_directions(rest, noise, sizes)
+    series, weight = follow(rest, empirical, noise, prints, sizes, directions)
     apart = outliers(series, weight)
     weight = np.where(apart, 0.0, weight)
     names = tuple((q, i) for q, g in enumerate(blocks.groups) for i in range(1 if len(g) == 1 else 4))
     names = (*names, (ALL, 0)) if len(blocks.groups) > 1 else names
+    names = (*names, *((DIRECTION, k) for k in range(len(directions.turn))))
     return Followed(
         blocks=blocks,
         empirical=empirical,
@@ -359,44 +384,75 @@ def watch(
         prints=prints,
         effects=tuple(effects),
         names=names,
+        directions=directions,
         series=frozen_array(np.where(apart, 0.0, series)),
         weight=frozen_array(weight),
     )
 
 
-def follow(differences, empirical: EmpiricalReference, noise: Noise, prints, sizes) -> tuple[np.ndarray, np.ndarray]:
+def follow(
+    differences, empirical: EmpiricalReference, noise: Noise, prints, sizes, directions: FrequencyDirections
+) -> tuple[np.ndarray, np.ndarray]:
     """series (..., n_series, n_block), weight (n_series, n_block) of residuals per group (..., n_block, n_response):
-    numbers of frequencies (of a pair also their mean, and the mean of all), then the size of each effect that fits each
-    block best."""
+    numbers of the frequencies as `_of_frequencies`, then the size of each effect that fits each block best."""
     lead = differences[0].shape[:-2]
     n_block, n_effect = len(empirical.sector_of), prints[0].shape[2]
     score_of, information = np.zeros((*lead, n_effect, n_block)), np.zeros((n_effect, n_block))
-    frequencies, weights = [], []
+    logs = []
     for q, (y, P, w) in enumerate(zip(differences, noise.precision, noise.weight, strict=True)):
         n_log = 1 if sizes[q] == 1 else 3
-        covariance = noise.covariance[q][:n_log, :n_log]
-        own = np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0)
-        if n_log == 3:
-            own = np.concatenate([own, 0.5 * (own[..., :1, :] + own[..., 1:2, :])], axis=-2)
-            mean_var = np.array([0.25 * covariance[:2, :2].sum()])
-        else:
-            mean_var = np.zeros(0)
-        frequencies.append(own)
-        weights.append(w / np.concatenate([np.diag(covariance), mean_var])[:, None])
+        logs.append(np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0))
         for s in range(len(prints[q])):
             rows = np.flatnonzero((empirical.sector_of == s) & (w > 0))
             PF = P @ prints[q][s]
             score_of[..., rows] += np.swapaxes(y[..., rows, :] @ PF, -1, -2) * w[rows]
             information[:, rows] += np.sum(prints[q][s] * PF, axis=0)[:, None] * w[rows]
-    if len(differences) > 1:
+    along = directions.turn @ np.concatenate(logs, axis=-2)
+    single, weights = _of_frequencies(along, noise, directions)
+    sizes_found = np.where(information > 0, score_of / np.where(information > 0, information, 1.0), 0.0)
+    return (np.concatenate([single, along, sizes_found], axis=-2),
+            np.concatenate([weights, directions.weight(noise.weight), information]))
+
+
+def _of_frequencies(along: np.ndarray, noise: Noise, directions: FrequencyDirections) -> tuple[np.ndarray, np.ndarray]:
+    """Series (..., n, n_block) with weight (n, n_block) of single frequencies, of a pair also their mean, and of the
+    mean of all where there are several, from those along the directions (..., n_direction, n_block)."""
+    logs = np.swapaxes(directions.turn, 0, 1) @ along
+    frequencies, weights = [], []
+    for q, (own_covariance, w) in enumerate(zip(noise.covariance, noise.weight, strict=True)):
+        at = np.flatnonzero(directions.group_of == q)
+        own, covariance = np.where(w > 0, logs[..., at, :], 0.0), own_covariance[: len(at), : len(at)]
+        variance = np.diag(covariance)
+        if len(at) == 3:
+            own = np.concatenate([own, 0.5 * (own[..., :1, :] + own[..., 1:2, :])], axis=-2)
+            variance = np.append(variance, 0.25 * covariance[:2, :2].sum())
+        frequencies.append(own)
+        weights.append(w / variance[:, None])
+    if len(frequencies) > 1:
         # the last row of each group is its frequency, or the pair's mean
         share = np.array([w[-1] for w in weights])
         together = np.sum([f[..., -1, :] * w for f, w in zip(frequencies, share, strict=True)], axis=0)
         total = share.sum(axis=0)
         frequencies.append(np.where(total > 0, together / np.where(total > 0, total, 1.0), 0.0)[..., None, :])
         weights.append(total[None])
-    sizes_found = np.where(information > 0, score_of / np.where(information > 0, information, 1.0), 0.0)
-    return np.concatenate([*frequencies, sizes_found], axis=-2), np.concatenate([*weights, information])
+    return np.concatenate(frequencies, axis=-2), np.concatenate(weights)
+
+
+def judged(z: np.ndarray, followed: Followed) -> np.ndarray:
+    """Scores (..., n_series, n_profile) with those along the directions of the frequencies taken together: their sum of
+    squares as the standard normal variable of the same probability (signed root of its rate function), at each of
+    them; zero where it is not known how they scatter together."""
+    at = followed.along_directions
+    if not followed.directions.joint:
+        result = np.array(z)
+        result[..., at, :] = 0.0
+        return result
+    usable = np.maximum(np.count_nonzero(z[..., at, :], axis=-2), 1)
+    square = np.maximum(np.sum(z[..., at, :] ** 2, axis=-2), usable)
+    together = np.sqrt(square - usable - usable * np.log(square / usable))
+    result = np.array(z)
+    result[..., at, :] = together[..., None, :]
+    return result
 
 
 def allowed_profiles(followed: Followed, time_profiles: Sequence[TimeProfile]) -> np.ndarray:
@@ -438,7 +494,7 @@ def search(
     allowed = allowed_profiles(followed, time_profiles)
     pools = followed.pools
     scores = score(contrasts, followed.series, pools)
-    z = np.where(allowed, scores.z, 0.0)
+    z = judged(np.where(allowed, scores.z, 0.0), followed)
     maxima = _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, seed)
     threshold, p = np.full(len(z), np.inf), []
     for rows, drawn in zip(followed.classes, maxima, strict=True):
@@ -455,7 +511,7 @@ def _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, se
     slow, lift = np.zeros(len(z)), np.ones(len(z))
     for pool in followed.pools:
         # as they are once the pool's best candidate is out
-        best = int(np.argmax(np.max(np.abs(z[pool]), axis=0)))
+        best = int(np.argmax(np.max(np.abs(scores.z[pool]), axis=0)))
         slow[pool], lift[pool] = np.sqrt(scores.slow_error[pool, best]), scores.noise[pool, best]
     noise, sizes, pools = followed.noise, [len(g) for g in followed.blocks.groups], followed.pools
     roots = [np.linalg.cholesky(c) for c in noise.covariance]
@@ -464,21 +520,32 @@ def _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, se
     chunk = max(1, CHUNK // (n_block * max(len(z), sum(len(r) for r in roots))))
 
     def draw(n):
-        return [rng.standard_normal((n, n_block, len(r))) @ r.T * s[:, None] for r, s in zip(roots, scale, strict=True)]
+        drawn = [rng.standard_normal((n, n_block, len(r))) @ r.T * s[:, None]
+                 for r, s in zip(roots, scale, strict=True)]
+        # frequencies scatter together
+        logs = followed.directions.draw(rng, (n, n_block))
+        for q, y in enumerate(drawn):
+            at = np.flatnonzero(followed.directions.group_of == q)
+            y[..., : len(at)] = logs[..., at] * scale[q][:, None]
+        return drawn
 
     def largest(used: Contrasts, series):
-        found = np.where(allowed, np.abs(score(used, np.where(followed.weight > 0, series, 0.0), pools).z), 0.0)
+        z = score(used, np.where(followed.weight > 0, series, 0.0), pools).z
+        found = np.abs(judged(np.where(allowed, z, 0.0), followed))
         return [found[..., c, :].max(axis=(-2, -1)) if len(c) else np.zeros(found.shape[:-2]) for c in followed.classes]
 
     maxima, typical = [], None
     for start in range(0, N_BOOTSTRAP, chunk):
         n = min(chunk, N_BOOTSTRAP - start)
-        series, _ = follow(draw(n), followed.empirical, noise, followed.prints, sizes)
+        series, _ = follow(draw(n), followed.empirical, noise, followed.prints, sizes, followed.directions)
         # noise as large as this record's differences say
         if typical is None:
             typical = np.median(score(contrasts, series, pools).noise[..., 0], axis=0)
         series = series * np.sqrt(lift / typical)[:, None]
-        maxima.append(largest(contrasts, series + slow[:, None] * draw_slow(rng, followed.blocks.hours, (n, len(z)))))
+        series = series + slow[:, None] * draw_slow(rng, followed.blocks.hours, (n, len(z)))
+        at = followed.along_directions
+        series[..., : at.start, :] = _of_frequencies(series[..., at, :], noise, followed.directions)[0]
+        maxima.append(largest(contrasts, series))
     together = [np.concatenate(m) for m in zip(*maxima, strict=True)]
     # noise is estimated from the record it is used for: the whole once more, a few times
     again = []
@@ -487,7 +554,8 @@ def _maxima(followed, contrasts, allowed, scores, z, time_profiles, nuisance, se
         own = untied(estimate_noise(tuple(y), followed.empirical.used, tuple(sizes), followed.blocks.relative_std,
                                     followed.blocks.states(), followed.stated,
                                     std_alone=followed.blocks.std_alone), sizes)
-        series, weight = follow(y, followed.empirical, own, followed.prints, sizes)
+        series, weight = follow(y, followed.empirical, own, followed.prints, sizes,
+                                frequency_directions(y, own, sizes))
         renewed = make_contrasts(np.where(followed.weight > 0, weight, 0.0), nuisance, time_profiles,
                                  followed.blocks.hours)
         again.append(largest(renewed, series))

@@ -96,6 +96,16 @@ def log_weight_of_size(effect: Effect, size: float, size_std: float) -> float:
     return float(np.log(np.sqrt(2 * np.pi) * size_std * density))
 
 
+def _range_looked_through(effect: Effect) -> tuple[float, float]:
+    return 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)
+
+
+def size_at_bound(effect: Effect, size: float) -> bool:
+    """Whether a size that `size_by_secant` found is where its range ends: what was measured asks for something else."""
+    lower, upper = _range_looked_through(effect)
+    return not effect.discrete and not lower < size < upper
+
+
 def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]]) -> tuple[float, float]:
     """Size and standard deviation of an effect to be taken out of what was measured. left(size): what of it is left, in
     its own unit, with its standard deviation, where so much is taken out.
@@ -103,7 +113,7 @@ def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]])
     Of a gain of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out: its slope is as far from -1 as g is
     large, and sizes that are added up swing about -1/2 and beyond.
     """
-    lower, upper = 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)
+    lower, upper = _range_looked_through(effect)
     size, slope = 0.0, -1.0
     more, std = left(size)
     for _ in range(MOST_STEPS):

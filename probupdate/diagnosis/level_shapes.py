@@ -7,15 +7,16 @@ unknown, how far each level moves is free. A sensor whose change mends what is b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.diagnose import POWER
-from probupdate.diagnosis.evidence import log_weight_of_size, size_by_secant
+from probupdate.diagnosis.evidence import log_weight_of_size, size_at_bound, size_by_secant
+from probupdate.diagnosis.level_responses import own_responses
 from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DISCREPANCY_SHAPE
 from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
@@ -336,18 +337,33 @@ def _competing(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[
     near = {effects[k].location for k in np.argsort(-np.abs(z))[:8]}
     tried = []
     total = 2 * sum(e.prior_odds("constant") for e in (*effects, *whole))
-    for effect in [*(effects[k] for k in order), *(e for e in whole if set(e.location.split(" and ")) <= near)]:
+    # a response of its own is as probable before as one row, and its factors pay for what they may be
+    own = {r.effect: r for r in own_responses(now.sensors, now.frequency_hz, _scored(now, tolerated))}
+    for effect in [*(effects[k] for k in order), *(e for e in whole if set(e.location.split(" and ")) <= near), *own]:
         then, size, std, chi2 = _best_size(now, tolerated, effect)
-        if not np.isfinite(chi2) or _backward(then):
+        if not np.isfinite(chi2) or size_at_bound(effect, size) or _backward(then):
             continue
         left = _test(then, tolerated, effects)
         remaining = np.where(_usable(left), np.abs(left.u) / np.sqrt(np.maximum(left.v, 1e-300)), 0.0)
         gain = 0.5 * (t.chi2 - chi2)
         posterior = gain + np.log(effect.prior_odds("constant") / total) + log_weight_of_size(effect, size, std)
+        if effect in own:
+            size, std = own[effect].largest
+            posterior += sum(log_weight_of_size(replace(effect, discrete=()), float(a), float(b))
+                             for a, b in zip(own[effect].phase, own[effect].phase_std, strict=True))
         tried.append((Mended(effect=effect, size=size, size_std=std, z=float(np.sqrt(max(2 * gain, 0.0))), gain=gain,
                              left=float(remaining.max()) / threshold, log_posterior=float(posterior)), then))
     tried.sort(key=lambda r: -r[0].log_posterior)
     return [r for r, _ in tried], tried[0][1] if tried else now
+
+
+def _scored(s: Shapes, tolerated) -> Callable[[Effect, list[Effect]], tuple[np.ndarray, np.ndarray]]:
+    """Scores and information of effects beside what is taken out."""
+    def scored(taken_out: Effect, parts: list[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        t = _test(_without(s, taken_out, 1.0), tolerated, parts)
+        size = np.sqrt(np.maximum(t.v, 0.0))
+        return t.u, t.score_correlation * np.outer(size, size)
+    return scored
 
 
 def _backward(s: Shapes) -> bool:

@@ -27,7 +27,7 @@ from probupdate.diagnosis.empirical_search import (
     score,
     watch,
 )
-from probupdate.diagnosis.evidence import log_weight_of_size, size_by_secant
+from probupdate.diagnosis.evidence import log_weight_of_size, size_at_bound, size_by_secant
 from probupdate.diagnosis.results import Alternative, Finding
 from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, between_steps, step_profile
 from probupdate.effects.catalogue import Effect
@@ -336,9 +336,10 @@ def _mended_one_by_one(
         then, size, std = mend(now, seen, known, sensors, row, time_profile)
         of_frequencies, left = left_at(then, followed, known, sensors, time_profile, found)
         # what is left of frequencies no sensor does, and what ends at a bound is something else
-        if of_frequencies <= 1 and np.isfinite(std):
+        effect = seen.effects[row - seen.n_frequency]
+        if of_frequencies <= 1 and np.isfinite(std) and not size_at_bound(effect, size):
             tried.append((row,
-                          _Mended(effect=seen.effects[row - seen.n_frequency], time_profile=time_profile, size=size,
+                          _Mended(effect=effect, time_profile=time_profile, size=size,
                                        size_std=std, left=left, blocks=then)))
             tried.sort(key=lambda t: t[1].left)
     return tried

@@ -46,12 +46,14 @@ _UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "
           "power_kw": "kW", "wave_height_m": "m", "thrust_share": "of full thrust", "frost_degc": "degC of frost"}
 
 
-def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimeProfile, ...]:
-    """constant, steps, ramp, and the named columns that the blocks show and that vary."""
+def make_time_profiles(
+    blocks: Blocks, columns: tuple[str, ...], n_step: int = N_STEP
+) -> tuple[TimeProfile, ...]:
+    """constant, steps at `n_step` times at most, ramp, and the named columns that the blocks show and that vary."""
     n, margin = len(blocks), 1 if blocks.few else EDGE
     time_profiles = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
     if n >= 2 * margin:
-        for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
+        for at in np.unique(np.linspace(margin, n - margin, min(n_step, n - 2 * margin + 1)).astype(int)):
             time_profiles.append(step_profile(n, int(at)))
     if n >= 2 * EDGE + 1:
         span = blocks.hours[-1] - blocks.hours[0]

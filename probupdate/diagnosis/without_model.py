@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,8 +19,8 @@ from probupdate.diagnosis.diagnose import CHANCE, POWER, SURE, verdict_of
 from probupdate.diagnosis.empirical_reference import look, residuals
 from probupdate.diagnosis.empirical_search import (
     ALL,
+    DIRECTION,
     FALSE_ALARM,
-    MEAN,
     Followed,
     Found,
     Scores,
@@ -31,6 +32,7 @@ from probupdate.diagnosis.empirical_search import (
     search,
     watch,
 )
+from probupdate.diagnosis.level_responses import OWN_RESPONSE
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
@@ -51,6 +53,8 @@ from probupdate.runtime.progress import Progress, silent
 
 # false alarms of a search that follows a change, over the first one's, as with a model
 NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
+# times of a step that are tried: between two of them a step of thirty standard deviations would look like slow scatter
+STEPS = 48
 # changes taken out one after the other
 MOST_CHANGES = 6
 # what competes with constant effects of sensors
@@ -72,13 +76,39 @@ NOT_CONDITIONS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", 
 
 
 def moved_frequencies(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
-    """Per number of the frequencies: its change for the time profile's unit, with standard deviation and z."""
+    """Per number of the frequencies, and for the two of which one moves most clearly against the other: its change for
+    the time profile's unit, with standard deviation and z."""
     blocks = followed.blocks
     rows = []
-    for k, (q, i) in enumerate(followed.names):
-        rows.append({"mode": series_name(blocks, q, i), "change_percent": 100 * float(scores.size[k, column]),
-                     "std_percent": 100 * float(scores.size_std[k, column]), "z": float(scores.z[k, column])})
-    return tuple(r for r in rows if np.isfinite(r["std_percent"]))
+    for k, (q, i) in enumerate(followed.names[: followed.along_directions.start]):
+        rows.append(_moved(series_name(blocks, q, i), scores.size[k, column], scores.size_std[k, column]))
+    return (*(r for r in rows if np.isfinite(r["std_percent"])), *_moved_against(followed, scores, column))
+
+
+def _moved(mode: str, change: float, std: float) -> dict:
+    return {"mode": mode, "change_percent": 100 * float(change), "std_percent": 100 * float(std),
+            "z": float(change / std) if 0 < std < np.inf else 0.0}
+
+
+def _moved_against(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
+    """The ratio of two single modes' frequencies that changes most clearly, where all directions show it: what both do
+    alike is not in it."""
+    if not followed.directions.joint:
+        return ()
+    at, turn = followed.along_directions, followed.directions.turn
+    std = scores.size_std[at, column]
+    single = [k for k, q in enumerate(followed.directions.group_of) if len(followed.blocks.groups[q]) == 1]
+    # of each pair the contributions (n_pair, n_direction) of the directions to the logarithm of the ratio
+    pairs = list(combinations(single, 2))
+    against = np.array([turn[:, b] - turn[:, a] for a, b in pairs]).reshape(len(pairs), len(turn))
+    pairs = [p for p, row in zip(pairs, against, strict=True) if np.all(np.isfinite(std[np.abs(row) > 0]))]
+    if not pairs:
+        return ()
+    against = np.array([turn[:, b] - turn[:, a] for a, b in pairs])
+    change, spread = against @ scores.size[at, column], np.sqrt(against**2 @ np.where(np.isfinite(std), std, 0.0) ** 2)
+    best = int(np.argmax(np.abs(change) / np.maximum(spread, 1e-300)))
+    a, b = (followed.blocks.group_name(int(followed.directions.group_of[k])) for k in pairs[best])
+    return (_moved(f"{b} over {a}", change[best], spread[best]),)
 
 
 def series_name(blocks: Blocks, q: int, i: int) -> str:
@@ -92,7 +122,7 @@ def profile_probability(followed: Followed, found: Found, time_profiles: Sequenc
                         best: int) -> np.ndarray:
     """(n_profile,) how probable it is that the frequencies go with each time profile, all at the best one's scatter;
     the times of a step share one prior."""
-    rows = [k for k, (q, i) in enumerate(followed.names) if q != ALL and i != MEAN]
+    rows = list(range(followed.n_frequency))[followed.along_directions]
     noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
     c = found.contrasts
     variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
@@ -202,7 +232,8 @@ def diagnose_without_model(
     # what moves as one body is a matter of places, whatever these are called
     placed = levelled(placed)
     columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
-    time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
+    time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns)), STEPS)
+                     if c.kind != "constant"]
     if not time_profiles:
         raise _too_few(blocks)
     # frequencies, sensors along the record, and constant shapes share the false alarms
@@ -289,12 +320,13 @@ def _taken_out(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Steady:
     """What constant shapes show: findings, minimum detectable sizes, p of the largest score, what is left over its
-    threshold."""
+    threshold, notes."""
 
     findings: tuple[Finding, ...]
     detectable_sizes: tuple[DetectableSize, ...]
     p_value: float
     unexplained: float
+    notes: tuple[str, ...]
 
 
 def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: float, seed: int) -> Steady:
@@ -326,7 +358,9 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
                             size=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
                             z=z))
     return Steady(findings=tuple(findings), detectable_sizes=tuple(detectable_sizes), p_value=answer.p_value,
-                  unexplained=answer.unexplained)
+                  unexplained=answer.unexplained,
+                  notes=tuple(f"{r.effect.location} shows the modes with {r.effect.observe.words()}" for (r, *_), f in
+                              zip(answer.found, findings, strict=True) if f.cause == OWN_RESPONSE))
 
 
 def _change_table(blocks: Blocks, change: Change) -> dict:
@@ -348,6 +382,8 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         notes.append(f"unexplained {change.time_profile.name}{when}: {what or 'shapes change, frequencies do not'}; no "
                      "environmental or operational condition goes with it, and a model would be needed to name "
                      "it")
+    if steady is not None:
+        notes += steady.notes
     if steady is not None and steady.unexplained:
         notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor "
                      "explains it: a model is needed to say what does")
@@ -368,6 +404,8 @@ def _detectable_sizes(followed: Followed, found: Found, time_profiles: Sequence[
     for (k, name), c in best.items():
         size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
         if k < followed.n_frequency:
+            if followed.names[k][0] == DIRECTION:
+                continue
             q, i = followed.names[k]
             kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
                 "environmental", _cause(name)[0])
