@@ -213,8 +213,8 @@ def outliers(series: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return result
 
 
-# what a change of the structure may do to a frequency, or to the shape of a mode or pair, each as probable before: standard
-# deviations of ln f, of real parts of shapes as shares of their largest component; phases stay
+# what a change of the structure may do to a frequency, or to the shape of a mode or pair, each as probable before:
+# standard deviations of ln f, of real parts of shapes as shares of their largest component; phases stay
 SPREAD_LOG, SPREAD_SHAPE = (0.0, 3e-4, 1e-3, 3e-3, 1e-2), (0.0, 1e-3, 3e-3, 1e-2, 3e-2)
 
 

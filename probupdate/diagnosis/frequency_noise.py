@@ -15,8 +15,8 @@ import numpy as np
 from probupdate.diagnosis.noise import SMALLEST_LOG, Noise, usual
 from probupdate.runtime.arrays import frozen_array
 
-# groups of modes that are found in fewer of the blocks stay by themselves: blocks that lack one say nothing of the joint
-# directions
+# groups of modes that are found in fewer of the blocks stay by themselves: blocks that lack one say nothing of the
+# joint directions
 COMMON = 0.7
 # differences of successive blocks asked for, for each frequency of a joint covariance: with fewer its least eigenvalue
 # is below half of what it estimates (Marchenko & Pastur 1967: (1 - sqrt(1 / 12))^2 = 0.51)
