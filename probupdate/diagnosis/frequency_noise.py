@@ -19,7 +19,7 @@ from probupdate.runtime.arrays import frozen_array
 # joint directions
 COMMON = 0.7
 # differences of successive blocks asked for, for each frequency of a joint covariance: with fewer its least eigenvalue
-# is below half of what it estimates (Marchenko & Pastur 1967: (1 - sqrt(1 / 12))^2 = 0.51)
+# may be a third of what it estimates (Marchenko & Pastur 1967: (1 - sqrt(1 / 6))^2 = 0.35)
 DIFFERENCES_A_FREQUENCY = 6
 
 

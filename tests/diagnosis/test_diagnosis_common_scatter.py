@@ -1,5 +1,5 @@
-"""Without a model: frequencies that wander together, and sensors with a frequency response of their own; records drawn here
-from plain numbers and closed forms of filters."""
+"""Without a model: frequencies that wander together, and sensors with a frequency response of their own; records drawn
+here from plain numbers and closed forms of filters."""
 
 import datetime
 
