@@ -1,5 +1,5 @@
 """Sensors with a frequency response of their own, by the mean shapes alone: what stands at one place shows each mode
-with another phase (a filter, a loose mount, a geophone below its corner), where a clock's would grow with the frequency.
+with another phase (a filter, a loose mount, a geophone below its corner), where a clock's would grow with frequency.
 
 How far a level moves is not known without a model, and so not by how much its sensors show it too large or small.
 """
