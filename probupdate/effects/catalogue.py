@@ -13,11 +13,13 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from os.path import commonprefix
 
 import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
+from probupdate.modal.sensor_places import at_one_place
 from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
@@ -389,22 +391,24 @@ def _swappable(channels, placed: Sequence[Sensor]) -> list[tuple[str, str]]:
 def positions(
     placed: Sequence[Sensor], row: Mapping[str, int]
 ) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
-    """Of sensors at one place what their channels' names share, their rows, and themselves."""
-    found: dict[tuple, list[Sensor]] = {}
-    for s in placed:
-        found.setdefault(tuple(np.round(s.position_m, 2)), []).append(s)
-    return [(_common(tuple(s.channel for s in there)), tuple(row[s.channel] for s in there), there)
-            for there in found.values()]
+    """Of sensors at one place what their channels' names share (all of them, where those of another place share as
+    much), their rows, and themselves."""
+    found = [[placed[k] for k in there] for there in at_one_place(placed)]
+    channels = [tuple(s.channel for s in there) for there in found]
+    short = [_common(names) for names in channels]
+    return [(one if short.count(one) == 1 else _listed(names), tuple(row[name] for name in names), there)
+            for one, names, there in zip(short, channels, found, strict=True)]
 
 
 def _common(names: tuple[str, ...]) -> str:
     """What the channels' names share at their beginning, or all of them."""
     if len(names) == 1:
         return names[0]
-    short = names[0]
-    while short and not all(n.startswith(short) for n in names):
-        short = short[:-1]
-    return short.rstrip("-_ .") or f"{', '.join(names[:-1])} and {names[-1]}"
+    return commonprefix(names).rstrip("-_ .") or _listed(names)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
 def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ...]]:

@@ -9,6 +9,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.modal.labels import across, along_x
 from probupdate.modal.modes import Sensor
+from probupdate.modal.sensor_places import at_one_height
 from probupdate.runtime.arrays import frozen_array
 
 
@@ -143,11 +144,9 @@ def heading_of_motion(shape: np.ndarray, axes: np.ndarray, sensors: tuple[Sensor
 
 def horizontal(shape: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:
     """(n_level, 2) mean horizontal motion of each level with both directions; shape (n_channel,)."""
-    height = np.array([round(float(s.position_m[2]), 1) for s in sensors])
     direction = np.array([s.direction[:2] for s in sensors])
     found = []
-    for z in np.unique(height):
-        rows = np.flatnonzero(height == z)
+    for rows in at_one_height(sensors):
         if np.linalg.matrix_rank(direction[rows], tol=0.1) == 2:
             found.append(np.linalg.lstsq(direction[rows], shape[rows], rcond=None)[0])
     return np.array(found).reshape(-1, 2)

@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from probupdate.modal.sensor_places import at_one_height, at_one_place
 from probupdate.modal.sets import Sensor
 from probupdate.modal.shape_criteria import mac
 from probupdate.runtime.arrays import frozen_array
@@ -62,21 +63,20 @@ def mode_character(
     """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
     along x, along y and torsion.
 
-    Channels of one level (equal z within 0.1 m) are fitted by a rigid plane's motion about the vertical axis
-    through the origin. A level with a single sensor position shows translation only. Modes with `local` above
+    Channels of one level (see `at_one_height`) are fitted by a rigid plane's motion about the vertical axis through the
+    origin. A level with a single sensor position shows translation only. Modes with `local` above
     `local_limit` get labels L1, L2, ...: they belong to single members, not to the structure.
     """
     shape = np.asarray(shape, float)
-    level = np.array([round(float(s.position_m[2]), 1) for s in sensors])
     direction = np.array([s.direction for s in sensors])
     position = np.array([s.position_m for s in sensors])
+    place = {k: number for number, there in enumerate(at_one_place(sensors)) for k in there}
     n_mode = shape.shape[1]
     part = np.zeros((n_mode, 3))
     total = np.sum(shape**2, axis=0)
-    for z in np.unique(level):
-        rows = np.flatnonzero(level == z)
+    for rows in at_one_height(sensors):
         d, (x, y, _) = direction[rows], position[rows].T
-        several = len({(round(a, 2), round(b, 2)) for a, b in zip(x, y, strict=True)}) > 1
+        several = len({place[k] for k in rows}) > 1
         # u = (u_x + ... , u_y + ..., r_x y - r_y x) of a rigid plane; pitch goes with FA, roll with SS
         motions = [(0, d[:, 0]), (1, d[:, 1])]
         if several:

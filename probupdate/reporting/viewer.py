@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.modal.modes import Sensor, rotate_to_real
+from probupdate.modal.sensor_places import at_one_place
 from probupdate.model.interface import Wireframe
 
 STATE_NAMES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
@@ -40,10 +41,8 @@ def align(measured: np.ndarray, computed: np.ndarray, groups: Sequence[tuple[int
 
 def sensor_points(sensors: Sequence[Sensor]) -> tuple[np.ndarray, list[list[int]]]:
     """Positions (n_point, 3) where there are sensors and the channels at each."""
-    places: dict[tuple, list[int]] = {}
-    for k, s in enumerate(sensors):
-        places.setdefault(tuple(np.round(s.position_m, 2)), []).append(k)
-    return np.array(list(places)).reshape(-1, 3), list(places.values())
+    places = at_one_place(sensors)
+    return np.array([sensors[there[0]].position_m for there in places]).reshape(-1, 3), places
 
 
 def viewer_data(
