@@ -17,7 +17,8 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            extend=not a.no_extend, sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
+            shapes=a.shapes != "none", frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
+            sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
             progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
@@ -61,6 +62,11 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
     p.add_argument("--without", nargs="+", metavar="CHANNEL",
                    help="channels that are not looked at, as they are known to be wrong")
+    p.add_argument("--shapes", choices=("all", "none"), default="all", help="none: frequencies alone (all)")
+    for kind, of in (("frequency", "each frequency"), ("shape", "a shape's largest component")):
+        p.add_argument(f"--{kind}-std", type=positive(float, "share"), metavar="SHARE",
+                       help=f"standard deviation where modes.json states none, as a share of {of}; from eight sets on "
+                       "their own scatter says it")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--discrepancy", type=positive(float, "share"), metavar="SHARE",
                    help="what the model may miss of every frequency, shapes in proportion (0.003); larger where "

@@ -269,7 +269,8 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
             + (f"; set {without[0]} has a frequency or shape with no standard deviation above zero" if without else ""),
             f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a "
             "longer record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's "
-            "frequencies and shapes are known to (frequency_std_hz, shape_std)",
+            "frequencies and shapes are known to (frequency_std_hz, shape_std in modes.json, or --frequency-std and "
+            "--shape-std for all), or leave shapes out (--shapes none)",
         )
     zero = [s.id for s in sets if _states_zero(s)]
     if zero:

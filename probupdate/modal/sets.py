@@ -233,6 +233,18 @@ class ModalSet:
         return replace(self, shape=self.shape[rows], shape_std=self.shape_std[rows],
                        covariance_factors=None if factors is None else factors.of_channels(rows))
 
+    def with_std(self, frequency: float | None, shape: float | None) -> ModalSet:
+        """The same set with standard deviations where none above zero is stated: shares of the frequencies, of the
+        largest component of each shape."""
+        frequency_std, shape_std = np.array(self.frequency_std_hz), np.array(self.shape_std)
+        if frequency is not None:
+            frequency_std = np.where(frequency_std > 0, frequency_std, frequency * self.frequency_hz)
+        if shape is not None and shape_std.size:
+            largest = np.nanmax(np.abs(self.shape), axis=0, initial=0.0)
+            stated = np.any(shape_std > 0, axis=0)
+            shape_std = np.where(stated | ~np.isfinite(self.shape), shape_std, shape * largest)
+        return replace(self, frequency_std_hz=frequency_std, shape_std=shape_std)
+
     @property
     def measured(self) -> np.ndarray:
         """(n_mode,) bool: modes with a frequency."""
@@ -383,6 +395,15 @@ class ModalData:
             raise InputError("channels", "all of them are to be left out", "keep those that can be trusted")
         return replace(self, channels=tuple(self.channels[k] for k in rows),
                        sets=tuple(s.of_channels(rows) for s in self.sets))
+
+    def frequencies_alone(self) -> ModalData:
+        """The same sets without their shapes."""
+        return replace(self, channels=(), sets=tuple(s.of_channels([]) for s in self.sets))
+
+    def with_std(self, frequency: float | None = None, shape: float | None = None) -> ModalData:
+        """The same sets where every frequency without a standard deviation above zero has `frequency` times itself, and
+        every component of a shape `shape` times the shape's largest."""
+        return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
 
     def compared(self, every: bool = False) -> ModalData:
         """The modes that are compared with a model: those of interest, by their names; with `every` also those that

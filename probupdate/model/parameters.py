@@ -122,10 +122,12 @@ class Parameters:
     Every method takes theta of shape (..., n). With a correlation the prior is the joint Gaussian (in theta, or
     in ln theta for the lognormal ones) cut at the bounds; its normalising constant is then left out and
     `log_density` says so through `normalised`. A model may have none: then it has modes and nothing to update.
+    `held`: names and values of those that its file lists with `update = false`.
     """
 
     items: tuple[Parameter, ...]
     correlation: np.ndarray | None = None
+    held: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self):
         names = [p.name for p in self.items]

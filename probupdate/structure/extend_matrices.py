@@ -79,6 +79,7 @@ def write_grouped(
     if channel_rows is not None:
         content = {key: array for key, array in content.items() if key not in CHANNEL_ARRAYS}
         content |= _csr_parts("channel_row", channel_rows)
+    content = _with_held(source, content, parameters.held)
     tables = [_table(p) for p in parameters]
     for group in groups:
         called = group_parameter(group.name, [t["name"] for t in tables])
@@ -93,6 +94,22 @@ def write_grouped(
     write_arrays(target, content)
     text = f"name = {json.dumps(name)}\n\n[matrices]\nfile = {json.dumps(target.name)}\n\n"
     return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
+
+
+def _with_held(source: Path, content: Mapping, held: Sequence[tuple[str, float]]) -> dict[str, np.ndarray]:
+    """The arrays with the matrices of parameters that are held at a value added to K0 and M0, in CSR parts."""
+    result = dict(content)
+    for kind in ("K", "M"):
+        total = matrix_of(source, content, f"{kind}0")
+        own = [(f"{kind}_{name}", value) for name, value in held
+               if f"{kind}_{name}" in content or f"{kind}_{name}_data" in content]
+        for key, value in own:
+            total = total + value * matrix_of(source, content, key)
+        if own:
+            taken = [key + part for key in (f"{kind}0", *(k for k, _ in own)) for part in ("", *SPARSE_PARTS)]
+            result = {key: array for key, array in result.items() if key not in taken}
+            result |= _csr_parts(f"{kind}0", sparse.csr_array(total))
+    return result
 
 
 def _summed(source: Path, content: Mapping, group: Group, called: str) -> dict[str, np.ndarray]:

@@ -58,9 +58,16 @@ def load_matrices(
 def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) -> AffineModel:
     content = read_archive(path)
     stiffness, mass, stiffness_order, mass_order = [], [], [], []
+    # those of parameters that are held at their value are part of K0 and M0
+    used: set[str] = set()
     own: dict[str, dict[str, sparse.csc_array]] = {}
     for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):
         matrices.append(matrix_of(path, content, f"{kind}0", None if kind == "K" else stiffness[0].shape[0]))
+        for held, value in parameters.held:
+            key = f"{kind}_{held}"
+            if key in content or f"{key}_data" in content:
+                matrices[0] = matrices[0] + value * matrix_of(path, content, key, matrices[0].shape[0])
+                used.add(held)
         for k, parameter in enumerate(parameters.names):
             key = f"{kind}_{parameter}"
             if key in content or f"{key}_data" in content:
@@ -71,13 +78,13 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
                  _diagonal(mass, parameters.initial[mass_order]))
     _refuse_negative_mass(path, diagonals[1])
     _refuse_exchanged(path, *diagonals)
-    for parameter in parameters.names:
-        if parameter not in own:
+    for parameter in (*parameters.names, *(name for name, _ in parameters.held)):
+        if parameter not in own and parameter not in used:
             raise InputError(
                 f"{path}, K_{parameter}", f"there is neither this matrix nor its M_ for '{parameter}' of {table}",
                 "mend the parameter's name",
             )
-    _refuse_unused(path, content, set(own), table)
+    _refuse_unused(path, content, set(own) | used, table)
     _refuse_idle(path, own, table)
     n = stiffness[0].shape[0]
     channels, channel_matrix = _channels(path, content, n)
@@ -216,7 +223,8 @@ def _refuse_unused(path: Path, content: Mapping, used: set[str], table: str) -> 
             if name not in used and key not in used:
                 raise InputError(
                     f"{path}, {key}", f"no parameter is named '{name}'",
-                    f"list it in {table}, or leave the matrix out of the file",
+                    f"list it in {table} (update = false holds it at its initial value), or leave the matrix out of "
+                    "the file",
                 )
 
 

@@ -67,13 +67,14 @@ def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mappi
     """The tables with `update` not false, in order. `correlation` maps name -> {name: value}, the rest zero."""
     if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
         raise InputError(f"{where}, parameter", "is not a list of tables", "write [[parameter]] before each")
-    items = tuple(
-        parameter_from_table(t, f"{where}, parameter") for t in tables if t.get("update", True) is not False
-    )
+    rows = [parameter_from_table(t, f"{where}, parameter") for t in tables]
+    updated = [t.get("update", True) is not False for t in tables]
+    items = tuple(p for p, own in zip(rows, updated, strict=True) if own)
+    held = tuple((p.name, p.initial) for p, own in zip(rows, updated, strict=True) if not own)
     if not items:
         raise InputError(f"{where}, parameter", "there are none to update", "list at least one [[parameter]] with "
                          "update = true")
-    return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None)
+    return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None, held)
 
 
 def every_parameter(path: str | Path) -> Parameters:

@@ -423,3 +423,23 @@ def test_parameters_of_a_later_format_are_refused(tmp_path):
     path.write_text('format = 99\n[[parameter]]\nname = "a"\nunit = "-"\ninitial = 1.0\nstd = 0.1\n')
     with pytest.raises(InputError, match=r"parameters\.toml, format: is 99; this version reads 1"):
         read_parameters(path)
+
+
+HELD = TABLE.replace('std = 0.2\n', 'std = 0.2\nupdate = false\n', 1)
+
+
+def test_a_parameter_that_is_held_stays_at_its_value(folder):
+    """K_k and M_m by hand: the held one is part of K0."""
+    free = load_model(save(folder))
+    (folder / "parameters.toml").write_text(HELD)
+    held = load_model(save(folder))
+    assert held.parameters.names == ("m",)
+    for m in (0.0, 0.3):
+        expected, found = free.solve(np.array([0.1, m]), 3), held.solve(np.array([m]), 3)
+        np.testing.assert_allclose(found.frequency_hz, expected.frequency_hz, rtol=1e-12)
+
+
+def test_a_matrix_without_parameter_says_how_to_hold_it(folder):
+    (folder / "parameters.toml").write_text(TABLE.replace('name = "k"', 'name = "m2"'))
+    with pytest.raises(InputError, match="update = false holds it"):
+        load_model(save(folder, M_m2=chain()["M_m"] + np.diag([1.0, 0, 0, 0, 0, 0])))
