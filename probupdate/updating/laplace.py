@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, special
 
 from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.runtime.arrays import frozen_array
@@ -29,8 +29,9 @@ NEGLIGIBLE = CONSTANTS.negligible
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Laplace:
-    """theta (n_param,) the maximum of p(theta | data) inside the bounds; covariance (n_param, n_param) of the
-    Gauss-Newton Gaussian with its free directions; gradient (n_param,) of ln p there, not zero where at_bound.
+    """theta (n_param,) the maximum of p(theta | data) inside the bounds; precision (n_param, n_param) of the
+    Gauss-Newton Gaussian there and covariance its inverse, averaged over the discrepancy's scales where these are
+    learnt; gradient (n_param,) of ln p there, not zero where at_bound.
 
     projected_gradient: its largest component that the bounds leave, per posterior standard deviation: how far, in ln p,
     the point is from the exact maximum. resolution (n_param,) is the diagonal of P S^T W_Lambda S: 1 where the data
@@ -143,8 +144,8 @@ def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> 
     residual, slope, data_slope = _system(problem, theta)
     precision = slope.T @ slope
     at_bound = pinned(theta, problem.parameters)
-    covariance = np.linalg.inv(precision)
-    resolution = np.diag(covariance @ data_slope.T @ data_slope)
+    covariance = np.linalg.inv(precision) if len(problem.nodes) == 1 else _averaged_covariance(problem, theta)
+    resolution = np.diag(np.linalg.solve(precision, data_slope.T @ data_slope))
     value, _ = problem.log_posterior(theta)
     gradient = -slope.T @ residual
     # at a bound only what points inside could be followed
@@ -159,6 +160,34 @@ def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> 
         resolution=frozen_array(resolution), log_posterior=float(value[0]),
         misfit=float(problem.misfit(problem.predict(theta))), others=others,
     )
+
+
+def gaussian_at(
+    problem: Problem, residual: np.ndarray, slope: np.ndarray, prior_precision: np.ndarray, prior_pull: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Of responses linear about a point, with residual (n_response,), slope (n_response, n_param) there and the prior's
+    precision and slope of ln p (n_param,): ln of the integral over the parameters + const, the step from the point to
+    the maximum, and the inverse precision."""
+    white, X = problem.weighted(residual), problem.weighted(slope.T).T
+    precision = X.T @ X + prior_precision
+    pull = X.T @ white + prior_pull
+    covariance = np.linalg.inv(precision)
+    step = covariance @ pull
+    value = problem.log_constant - 0.5 * white @ white + 0.5 * pull @ step
+    return float(value - 0.5 * np.linalg.slogdet(precision)[1]), step, covariance
+
+
+def _averaged_covariance(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """Over the discrepancy's scales: mean of each one's covariance and covariance of their maxima (total variance)."""
+    response, slope = problem.sensitivity(theta)
+    prior, prior_slope = prior_residual(problem.parameters, theta)
+    of_prior = prior_slope.T @ prior_slope, -prior_slope.T @ prior
+    found = [gaussian_at(node, problem.measured - response, slope, *of_prior) for _, node in problem.nodes]
+    value = np.array([weight for weight, _ in problem.nodes]) + np.array([f[0] for f in found])
+    share = np.exp(value - special.logsumexp(value))
+    steps = np.array([f[1] for f in found])
+    apart = steps - share @ steps
+    return np.einsum("k,kij->ij", share, np.array([f[2] for f in found])) + (share[:, None] * apart).T @ apart
 
 
 def _system(problem: Problem, theta: np.ndarray):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import special
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
@@ -29,6 +30,8 @@ __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 SEARCH = CONSTANTS.search
 # frequencies this near, as a share, are equal: derivatives of their shapes are rounding's
 EQUAL = 1e-7
+# of a response's stated standard deviation: the least that is left where its discrepancy counts elsewhere
+LEAST_NOISE = 1e-3
 # step of central differences, in standard deviations of the prior
 STEP = 1e-4
 
@@ -61,6 +64,10 @@ class Problem:
     groups: tuple[ResponseGroup, ...]
     weights: Weights
     error: ResponseError | None = None
+    # what the model misses of frequencies and shapes instead of the weights' numbers, and whether what it misses by its
+    # form (`Weights.least_frequency_cov`, `least_shape_std`) counts
+    scales: tuple[float, float] | None = None
+    form: bool = True
 
     @property
     def parameters(self):
@@ -78,6 +85,10 @@ class Problem:
         holds it."""
         parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
         std = np.concatenate(parts)
+        if self.scales is not None or not self.form:
+            stated = std**2
+            changed = stated - self._stated_discrepancy**2 + self.discrepancy_std**2
+            std = np.sqrt(np.maximum(changed, LEAST_NOISE**2 * stated))
         if self.error is not None:
             for rows in self._mac_rows:
                 std[rows] = np.sqrt(std[rows] ** 2 + np.sum(self.error.factor[rows] ** 2))
@@ -94,16 +105,50 @@ class Problem:
         return tuple(found)
 
     @cached_property
+    def _stated_discrepancy(self) -> np.ndarray:
+        parts = [g.discrepancy_std for g in self.groups]
+        return np.concatenate([p[0] for p in parts] + [p[1] for p in parts])
+
+    @cached_property
+    def unit_discrepancy(self) -> np.ndarray:
+        """What a discrepancy of one, of a frequency or of the largest component, does to each response (n_response,).
+        """
+        parts = [g.unit_discrepancy for g in self.groups]
+        return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
+
+    def by_kind(self, scales: tuple[float, float]) -> np.ndarray:
+        """Of frequencies and of shapes -> (n_response,)."""
+        n = self.n_frequency
+        return np.repeat(np.asarray(scales, float), [n, self.measured.size - n])
+
+    @cached_property
+    def form_std(self) -> np.ndarray:
+        """Of each response (n_response,) what the model misses by its form, beside `discrepancies`."""
+        learnt = (self.by_kind(self.weights.discrepancies) * self.unit_discrepancy) ** 2
+        return frozen_array(np.sqrt(np.maximum(self._stated_discrepancy**2 - learnt, 0.0)))
+
+    @cached_property
     def discrepancy_std(self) -> np.ndarray:
         """The part of each response's standard deviation (n_response,) that is the model's discrepancy."""
-        parts = [g.discrepancy_std for g in self.groups]
-        return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
+        if self.scales is None and self.form:
+            return frozen_array(self._stated_discrepancy)
+        scales = self.weights.discrepancies if self.scales is None else self.scales
+        form = self.form_std if self.form else 0.0
+        return frozen_array(np.hypot(self.by_kind(scales) * self.unit_discrepancy, form))
 
     @cached_property
     def noise_root(self) -> np.ndarray:
         """R (n_effective or n_response, n_response) with R^T R the inverse covariance of identification and model
         discrepancy alone."""
-        return frozen_array(joint_root(self.groups, self.weights) if self.weights.covariance else np.diag(1 / self.std))
+        if not self.weights.covariance:
+            return frozen_array(np.diag(1 / self.std))
+        least, weights = self.weights.least_std, self.weights
+        if self.scales is not None or not self.form:
+            form = (weights.least_frequency_cov, weights.least_shape_std) if self.form else (0.0, 0.0)
+            scales = weights.discrepancies if self.scales is None else self.scales
+            wanted = np.hypot(form, scales)
+            least = tuple(float(x) for x in np.maximum(wanted, LEAST_NOISE * np.array(least)))
+        return frozen_array(joint_root(self.groups, least))
 
     @cached_property
     def factor(self) -> np.ndarray:
@@ -293,33 +338,77 @@ class Problem:
         _, slope = self._response_slope(solution, clusters)
         return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
 
-    def noise_alone(self) -> Problem:
-        """The same problem with the covariance of identification and discrepancy alone, its mean kept: where sources
-        of error are common to several sets, they are marginalised over all of them together."""
-        if self.error is None:
-            return self
-        return replace(self, error=replace(self.error, factor=np.zeros_like(self.error.factor)))
+    def noise_alone(self, new: tuple[float, float] | None = None) -> Problem:
+        """The same problem with the covariance of what is new in each set, its mean kept: identification, and `new` of
+        the discrepancies of frequencies and of shapes (None: what the weights state as new). What sets have in common
+        is marginalised over all of them together."""
+        if new is None:
+            own = np.sqrt(1 - self.weights.shared)
+            new = tuple(float(own * x) for x in self.weights.discrepancies)
+        if self.weights.shapes == "mac":
+            # one datum, no Gaussian residual that sets could share
+            new = (new[0], self.weights.discrepancies[1])
+        error = None if self.error is None else replace(self.error, factor=np.zeros_like(self.error.factor))
+        return replace(self, error=error, scales=new, form=not self.form_is_shared)
+
+    @property
+    def form_is_shared(self) -> bool:
+        """Whether `form_std` is an error of the model, the same in all sets, not of what was stated of a measurement.
+        """
+        return self.weights.tolerances or self.weights.covariance
 
     def misfit(self, response: np.ndarray) -> np.ndarray:
         """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
         return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)
 
     @cached_property
-    def _log_constant(self) -> float:
-        """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
+    def log_constant(self) -> float:
+        """ln of the Gaussian density of the responses where the misfit is zero. Aligning shapes takes part of their
+        residuals, so that their standard deviations count by what is left; a MAC is one datum."""
         added = 0.0 if self.error is None else -0.5 * self._marginal[1]
         if self.weights.covariance:
             root = self.noise_root
             return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
-        counted = np.ones(self.std.size, bool)
-        for rows in self._mac_rows:
-            counted[rows.start + 1 : rows.stop] = False
-        std = self.std[counted]
-        return float(-np.sum(np.log(std)) - 0.5 * std.size * np.log(2 * np.pi)) + added
+        each, start = np.log(self.std) + 0.5 * np.log(2 * np.pi), self.n_frequency
+        found = -float(np.sum(each[:start]))
+        for g in self.groups:
+            size = g.shape_response.size
+            if size:
+                found -= (g.n_effective - g.size) / size * float(np.sum(each[start : start + size]))
+            start += size
+        return found + added
+
+    @cached_property
+    def nodes(self) -> tuple[tuple[float, Problem], ...]:
+        """The problem at each of the discrepancy's scales with ln of its weight; itself where none is learnt."""
+        if self.scales is not None or not self.weights.scales:
+            return ((0.0, self),)
+        return tuple((log_weight, replace(self, scales=(frequency, shape)))
+                     for frequency, shape, log_weight in self.weights.scales)
+
+    @cached_property
+    def _roots(self) -> tuple[np.ndarray, np.ndarray]:
+        """ln of weight and constant (n_node,), and 1 / variance (n_node, n_response) or W^(1/2) of each node, stacked.
+        """
+        constant = np.array([weight + node.log_constant for weight, node in self.nodes])
+        if self.root is None:
+            return constant, np.array([1 / node.std**2 for _, node in self.nodes])
+        return constant, np.concatenate([node.root for _, node in self.nodes])
+
+    def log_density(self, response: np.ndarray) -> np.ndarray:
+        """ln p(Lambda_S) (n,) where the model answers `response` (n, n_response): Gaussian, averaged over the
+        discrepancy's scales where these are learnt."""
+        constant, roots = self._roots
+        residual = self.measured - response
+        if self.root is None:
+            misfit = residual**2 @ roots.T
+        else:
+            misfit = np.sum((residual @ roots.T).reshape(len(residual), len(constant), -1) ** 2, axis=2)
+        return special.logsumexp(constant - 0.5 * misfit, axis=1)
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
-        """ln p(Lambda_S | theta) (n,), Gaussian with W_Lambda as inverse covariance, constants kept."""
-        return self._log_constant - 0.5 * self.misfit(self.predict_many(theta).response)
+        """ln p(Lambda_S | theta) (n,), see `log_density`."""
+        return self.log_density(self.predict_many(theta).response)
 
     def log_posterior(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds, and
@@ -337,7 +426,7 @@ class Problem:
                 return np.array([-np.inf]), fallback
             rows = [self.log_posterior(row) for row in theta]
             return np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
-        value[inside] += self._log_constant - 0.5 * self.misfit(predicted.response)
+        value[inside] += self.log_density(predicted.response)
         fallback[inside] = predicted.fallback
         return value, fallback
 
@@ -353,7 +442,7 @@ class Problem:
             "prior": _hash(repr((tuple(self.parameters), None if self.parameters.correlation is None
                                  else self.parameters.correlation.tolist()))),
             "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
-            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes),
+            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes, repr(self.weights.scales)),
             "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode,
                                    *(g.measured for g in self.matching.groups if g.mates)))),
         }

@@ -34,6 +34,7 @@ SHAPE_FACTOR = CONSTANTS.shape_factor
 LEAST_SHAPE_STD = CONSTANTS.least_shape_std
 LEAST_FREQUENCY_COV = CONSTANTS.least_frequency_cov
 FORM_FREQUENCY_COV, FORM_SHAPE_STD = CONSTANTS.form_frequency_cov, CONSTANTS.form_shape_std
+SHARED = CONSTANTS.shared_discrepancy
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,9 +48,12 @@ class Weights:
     set's own standard deviations (ModalSet.standard deviation), joint over frequencies and shapes of all modes, plus
     independent least standard deviations.
 
-    discrepancy: what the model itself may miss at its best parameters, a share of every frequency, shape_factor times
-    that of the largest component of shapes; independent, added in squares to whatever the above give. `discrepancy_by`
-    says where it comes from (`updating.discrepancy`).
+    discrepancy: what the model itself may miss at its best parameters, a share of every frequency; shape_discrepancy:
+    of the largest component of shapes (None: shape_factor times `discrepancy`); independent, added in squares to
+    whatever the above give. `discrepancy_by` says where they come from (`updating.discrepancy`). `scales`: where they
+    are learnt, rows of both and ln of the hyper-prior's weight, over which likelihoods are averaged; the two numbers
+    then stand for them where one covariance is wanted (Eq. 6-7). `shared`: the share of a stated discrepancy's variance
+    that is the same in all sets of a structure; of a learnt one the sets decide.
 
     tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
     at the parameters `at`, or at the initial ones.
@@ -64,7 +68,10 @@ class Weights:
     frequencies: str = "hz"
     shapes: str = "plane"
     discrepancy: float = 0.0
+    shape_discrepancy: float | None = None
     discrepancy_by: str = "as stated"
+    scales: tuple[tuple[float, float, float], ...] = ()
+    shared: float = SHARED
     tolerances: bool = False
     at: tuple[float, ...] | None = None
 
@@ -76,9 +83,10 @@ class Weights:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
-        if not (np.isfinite(self.discrepancy) and self.discrepancy >= 0):
-            raise InputError("discrepancy", f"{self.discrepancy} is no share from 0 on",
-                             "give what the model may miss of a frequency, such as 0.005")
+        for value in self.discrepancies:
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError("discrepancy", f"{value} is no share from 0 on",
+                                 "give what the model may miss of a frequency, such as 0.005")
         if self.covariance and self.frequency_cov is not None:
             raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
         if self.covariance and self.shapes == "mac":
@@ -100,22 +108,28 @@ class Weights:
             )
         else:
             text = f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
-        if self.discrepancy:
+        of_frequencies, of_shapes = self.discrepancies
+        if of_frequencies or of_shapes:
             text += (
-                f"; model discrepancy of {100 * self.discrepancy:.3g} % of each frequency and "
-                f"{100 * self.shape_factor * self.discrepancy:.3g} % of the largest component added in squares "
-                f"({self.discrepancy_by})"
+                f"; model discrepancy of {100 * of_frequencies:.3g} % of each frequency and "
+                f"{100 * of_shapes:.3g} % of the largest component added in squares ({self.discrepancy_by})"
             )
         if self.tolerances:
             text += "; stated tolerances of the model and of its sensors marginalised"
         return f"{text}; {self.compared}"
 
     @property
+    def discrepancies(self) -> tuple[float, float]:
+        """Of every frequency and of the largest component of shapes, both shares."""
+        own = self.shape_discrepancy
+        return self.discrepancy, self.shape_factor * self.discrepancy if own is None else own
+
+    @property
     def least_std(self) -> tuple[float, float]:
         """Independent standard deviations beside a covariance: of frequencies (relative) and of shapes (of the
         largest)."""
-        return (float(np.hypot(self.least_frequency_cov, self.discrepancy)),
-                float(np.hypot(self.least_shape_std, self.shape_factor * self.discrepancy)))
+        missed, shape_missed = self.discrepancies
+        return float(np.hypot(self.least_frequency_cov, missed)), float(np.hypot(self.least_shape_std, shape_missed))
 
     @property
     def compared(self) -> str:
@@ -143,7 +157,8 @@ class ResponseGroup:
 
     `changes` (k + n k, n_column): the set's own covariance factors of the k frequencies (as responses) and of the
     basis, mode by mode; None where the standard deviations are independent. frequency_discrepancy_hz (k,),
-    shape_discrepancy (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
+    shape_discrepancy (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's;
+    shape_unit (n,): what a discrepancy of one of the largest component does to it.
     n_mates: 1 of a mode that was measured alone of a close pair and is compared with a combination of two computed
     ones.
     """
@@ -155,6 +170,7 @@ class ResponseGroup:
     shape_std: np.ndarray
     frequency_discrepancy_hz: np.ndarray
     shape_discrepancy: np.ndarray
+    shape_unit: np.ndarray
     frequencies: str = "hz"
     shapes: str = "plane"
     changes: np.ndarray | None = None
@@ -201,6 +217,12 @@ class ResponseGroup:
         scale = self.frequency_hz if self.frequencies == "log" else 1.0
         shape = np.zeros(0) if self.shapes == "none" else np.tile(self.shape_discrepancy, self.size)
         return self.frequency_discrepancy_hz / scale, shape
+
+    @cached_property
+    def unit_discrepancy(self) -> tuple[np.ndarray, np.ndarray]:
+        """What a discrepancy of one does to the responses: of frequencies (k,), of shapes (k n,)."""
+        frequency = np.ones(self.size) if self.frequencies == "log" else self.frequency_hz
+        return frequency, np.zeros(0) if self.shapes == "none" else np.tile(self.shape_unit, self.size)
 
     @cached_property
     def scaled_basis(self) -> np.ndarray:
@@ -292,7 +314,7 @@ def align_derivative(shape, change, turn, inverse, residual) -> np.ndarray:
     return moved - projected + turned
 
 
-def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarray:
+def joint_root(groups: tuple[ResponseGroup, ...], least_std: tuple[float, float]) -> np.ndarray:
     """R (n_effective, n_response) with W_Lambda = R^T R, the inverse covariance of all responses together.
 
     Shapes count by their part across the measured planes; the least standard deviations are independent of everything.
@@ -301,13 +323,13 @@ def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarra
     pick, changes, least = [], [], []
     for g in groups:
         changes.append(g.own_changes[: g.size])
-        least.append(weights.least_std[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
+        least.append(least_std[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
     for g in groups:
         if g.shapes != "none":
             across = np.kron(np.eye(g.size), g.complement.T)
             pick.append(across)
             changes.append(across @ g.own_changes[g.size :])
-            least.append(np.full(len(across), weights.least_std[1]))
+            least.append(np.full(len(across), least_std[1]))
     changes, least = np.vstack(changes), np.concatenate(least)
     factor = linalg.cholesky(changes @ changes.T + np.diag(least**2), lower=True)
     return linalg.solve_triangular(factor, linalg.block_diag(np.eye(n_frequency), *pick), lower=True)
@@ -325,7 +347,8 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     return ResponseGroup(
         frequency_hz=frozen_array(frequency), rows=rows, frequencies=weights.frequencies, shapes="none",
         frequency_std_hz=frozen_array(std), basis=frozen_array(nothing), shape_std=frozen_array(np.zeros(0)),
-        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(np.zeros(0)))
+        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(np.zeros(0)),
+        shape_unit=frozen_array(np.zeros(0)))
 
 
 def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels,
@@ -361,21 +384,24 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         return ResponseGroup(
             frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
             changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.least_std[0] * frequency),
-            shape_discrepancy=frozen_array(np.full(len(basis), weights.least_std[1])), **common,
+            shape_discrepancy=frozen_array(np.full(len(basis), weights.least_std[1])),
+            shape_unit=frozen_array(np.ones(len(basis))), **common,
         )
     std = _frequency_std(modal_set, members, weights, labels)
     sigma, below = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
     # what no tolerance holds: of shapes it is within their least standard deviation
     least = weights.least_frequency_cov if weights.tolerances else 0.0
-    added = weights.shape_factor * weights.discrepancy
-    missed, shape_missed = np.hypot(weights.discrepancy, least) * frequency, np.hypot(below, added)
+    share, added = weights.discrepancies
+    missed, shape_missed = np.hypot(share, least) * frequency, np.hypot(below, added)
     std, sigma = np.hypot(std, missed), np.hypot(sigma, added)
+    unit = np.ones(len(basis))
     if weights.shapes == "mac":
-        sigma, shape_missed = (_std_of_mac(basis, s, len(members)) for s in (sigma, shape_missed))
+        sigma, shape_missed, unit = (_std_of_mac(basis, s, len(members)) for s in (sigma, shape_missed, unit))
         basis = basis / np.linalg.norm(basis[:, 0])
     return ResponseGroup(
         frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
-        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(shape_missed), **common,
+        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(shape_missed),
+        shape_unit=frozen_array(unit), **common,
     )
 
 

@@ -120,7 +120,15 @@ def deterministic_update(
         alpha_path=_alpha_record(path),
         components=_components(problem, laplace),
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
+        identified_std_hz=_in_data_order(problem, _identified_std_hz(problem), data.n_mode),
     )
+
+
+def _identified_std_hz(problem: Problem) -> np.ndarray:
+    """Of the frequencies used, without the model's discrepancy."""
+    total = np.concatenate([g.frequency_std_hz for g in problem.groups])
+    missed = np.concatenate([g.frequency_discrepancy_hz for g in problem.groups])
+    return np.sqrt(np.maximum(total**2 - missed**2, 0.0))
 
 
 def _scatter(

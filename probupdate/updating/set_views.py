@@ -25,6 +25,7 @@ from probupdate.updating.hierarchical import (
     linearise,
     sample_population,
 )
+from probupdate.updating.importance import GOOD_K, Mixture
 from probupdate.updating.laplace import Laplace, prior_residual
 from probupdate.updating.predictive import (
     LeftOut,
@@ -46,11 +47,23 @@ from probupdate.updating.set_views_file import (
 )
 from probupdate.updating.set_wise_updates import each_set
 from probupdate.updating.settings import CONSTANTS
-from probupdate.updating.shared_error import SharedError, shared_error
+from probupdate.updating.shared_error import (
+    Averaged,
+    GaussianPrior,
+    Inner,
+    LearntScales,
+    SharedError,
+    joined,
+    learn_scales,
+    shared_error,
+    total,
+)
 from probupdate.updating.surrogate import GaussianApproximation, Proposal, TruncatedGaussian
 
-# draws of posteriors of linearised sets, and how often their proposal is fitted to them again
-N_DRAW, ROUNDS = 8000, 4
+# draws of the posterior of all linearised sets and of some, how often their proposal is fitted to them again, and the
+# nodes whose Gaussians propose, by their share of the posterior from the widest on
+N_DRAW, N_ALONE, ROUNDS = 8000, 4000, 4
+PROPOSED = (0.02, 0.2, 0.5, 0.85)
 TRUSTED_K = CONSTANTS.trusted_k
 # draws of the prior whose covariance stands for it where the shared error shifts the mean
 N_PRIOR = 20_000
@@ -83,32 +96,40 @@ class _Weighted:
 
 
 def joint_posterior(
-    likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, rng: np.random.Generator
+    likelihoods: Averaged, parameters: Parameters, coordinates: Coordinates, prior: GaussianPrior,
+    rng: np.random.Generator, n_draw: int = N_DRAW,
 ) -> _Weighted:
-    """One posterior of all these sets by importance sampling, the proposal fitted again to its own draws."""
-    gaussian = _gaussian(likelihoods, parameters, coordinates)
+    """One posterior of all these sets by importance sampling: Gaussians of a few nodes propose, narrow and wide ones,
+    then one fitted to the draws."""
     powers = tuple(0 if x else 1 for x in coordinates.logarithmic)
+    share = likelihoods.shares(prior)
+    order = np.argsort(np.linalg.slogdet(likelihoods.precision + prior[1])[1])
+    below = np.cumsum(share[order])
+    picked = sorted({int(order[np.searchsorted(below, q * below[-1])]) for q in PROPOSED})
+    proposals = [_gaussian(likelihoods.node(k), parameters, coordinates) for k in picked]
     tried: list[_Weighted] = []
     for _ in range(ROUNDS):
-        approximation = GaussianApproximation(gaussian=gaussian, powers=powers, lower=parameters.lower,
-                                              upper=parameters.upper,
-                                              origin=np.zeros(len(parameters)))
-        proposal = Proposal(approximation=approximation)
-        theta = proposal.draw(N_DRAW, rng)
+        each = [Proposal(approximation=GaussianApproximation(
+            gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
+            origin=np.zeros(len(parameters)))) for gaussian in proposals]
+        proposal = Mixture(parameters=parameters, components=tuple(each),
+                           weight=frozen_array(np.full(len(each), 1 / len(each))))
+        theta = proposal.draw(n_draw, rng)
         u = coordinates.to(theta)
-        log_weight = parameters.log_density(theta) + likelihoods.at(u).sum(axis=1) - proposal.log_density(theta)
+        log_weight = parameters.log_density(theta) + likelihoods.at(u) - proposal.log_density(theta)
         smooth, k = smoothed_weights(log_weight)
         peak = log_weight.max()
         evidence = float(peak + np.log(np.mean(np.exp(log_weight - peak))))
         found = _Weighted(theta, np.exp(smooth), evidence, k)
         tried.append(found)
-        if k < 0.3:
+        if k < GOOD_K:
             break
         middle = found.weight @ u
         covariance = (u - middle).T @ (found.weight[:, None] * (u - middle))
-        gaussian = TruncatedGaussian(
-            centre=middle, gradient=np.zeros(len(parameters)), lower=gaussian.lower, upper=gaussian.upper,
+        fitted = TruncatedGaussian(
+            centre=middle, gradient=np.zeros(len(parameters)), lower=proposals[0].lower, upper=proposals[0].upper,
             precision=np.linalg.inv(covariance * 1.2 + 1e-12 * np.diag(coordinates.scale**2)))
+        proposals = [*proposals[: len(picked)], fitted]
     return min(tried, key=lambda one: one.pareto_k)
 
 
@@ -170,24 +191,29 @@ def view_sets(
     parameters, rng = model.parameters, np.random.default_rng([seed, 31])
     coordinates = coordinates_of(parameters)
     options = {"seed": seed, "correlated": correlated, "spread": spread, "progress": progress}
+    prior = gaussian_prior(parameters, coordinates)
     centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
-    noise = [p.noise_alone() for p in problems]
-    likelihoods = linearise(noise, centres, coordinates)
-    first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, r_hat_limit=FIRST_R_HAT,
-                              **options)
+    tau = spread * coordinates.scale
+    shared = shared_error(problems, centres, coordinates)
+    scales = learn_scales(shared, prior, tau)
+    noise = shared.without(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
+    first = sample_population(linearise(noise, centres, coordinates), parameters, coordinates, target_ess=FIRST_ESS,
+                              r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
-    own = likelihoods.draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
+    own = linearise(noise, centres, coordinates).draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
     centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
-    likelihoods, shared = linearise(noise, centres, coordinates), shared_error(problems, centres, coordinates)
+    shared = shared_error(problems, centres, coordinates)
+    expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
+    noise = shared.without(expected, scales.new)
+    likelihoods = linearise(noise, centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
-    every = range(len(problems))
-    alone = [joint_posterior(_common([j], likelihoods, shared), parameters, coordinates, rng) for j in every]
-    joint = joint_posterior(_common(every, likelihoods, shared), parameters, coordinates, rng)
-    scores = _left_out(likelihoods, shared, population, alone, joint, parameters, coordinates, rng, options)
+    common = Common.of(shared, prior)
+    sampled = (parameters, coordinates, prior, rng)
+    alone = [joint_posterior(common.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
+    joint = joint_posterior(common.of_all(), *sampled)
+    scores = _left_out(likelihoods, common, population, alone, sampled, options)
     share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
-    if shared is not None:
-        drawn = coordinates.to(parameters.draw(rng, N_PRIOR))
-        population = shared.widened(population, np.linalg.inv(np.atleast_2d(np.cov(drawn.T))), rng)
+    population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
@@ -223,25 +249,47 @@ def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarr
     return np.clip(theta, low, parameters.upper)
 
 
-def _common(keep, likelihoods: SetLikelihoods, shared: SharedError | None) -> SetLikelihoods:
-    """The likelihoods of these sets at one common theta, with the term of the sources of error that they share."""
-    pick = list(keep)
-    parts = [likelihoods.chosen(pick), *([] if shared is None else [shared.joint_term(pick)])]
-    joined = {name: frozen_array(np.concatenate([getattr(x, name) for x in parts]))
-              for name in ("centre", "value", "gradient", "precision")}
-    return SetLikelihoods(ids=tuple(name for x in parts for name in x.ids), **joined)
+@dataclass(frozen=True, eq=False)
+class Common:
+    """Likelihoods of some or all sets at one common u: `scales` of all of them, `each` set's inner products at what
+    stands for the new part."""
+
+    error: SharedError
+    scales: LearntScales
+    each: list[Inner]
+
+    @classmethod
+    def of(cls, error: SharedError, prior: GaussianPrior) -> Common:
+        scales = learn_scales(error, prior)
+        return cls(error, scales, error.each(scales.new))
+
+    def of_sets(self, keep: Sequence[int]) -> Averaged:
+        """At one scale of what is new, that all sets together have shown."""
+        return self.error.likelihoods(total([self.each[k] for k in keep]), self.scales.shared)
+
+    def of_all(self) -> Averaged:
+        """Averaged over the scales of what is new too."""
+        by_new: dict[tuple[float, float], list] = {}
+        for scales in self.scales.nodes:
+            by_new.setdefault(scales.new, []).append(scales)
+        return joined([self.error.likelihoods(total(self.error.each(new)), rows) for new, rows in by_new.items()])
 
 
-def _left_out(
-    likelihoods, shared, population: Population, alone, joint, parameters, coordinates, rng, options
-) -> LeftOut:
-    n = len(likelihoods.ids)
+def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> GaussianPrior:
+    """Mean and precision in u of the prior within its bounds."""
+    drawn = coordinates.to(parameters.draw(np.random.default_rng(0), N_PRIOR))
+    return drawn.mean(axis=0), np.linalg.inv(np.atleast_2d(np.cov(drawn.T)))
+
+
+def _left_out(likelihoods, common: Common, population: Population, alone, sampled, options) -> LeftOut:
+    n, (parameters, coordinates, _, _) = len(likelihoods.ids), sampled
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)
+    whole = joint_posterior(common.of_sets(range(n)), *sampled).log_evidence
     for j in range(n):
         rest = likelihoods.without(j)
-        others = _common([k for k in range(n) if k != j], likelihoods, shared)
-        one[j] = joint.log_evidence - joint_posterior(others, parameters, coordinates, rng).log_evidence
+        others = common.of_sets([k for k in range(n) if k != j])
+        one[j] = whole - joint_posterior(others, *sampled, n_draw=N_ALONE).log_evidence
         many[j], k[j] = population_left_out(population, j)
         if k[j] > TRUSTED_K and n > 2:
             again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)

@@ -106,8 +106,13 @@ def tau_interval(row: SetsRow) -> str:
     """5 to 95 % of tau; an upper limit alone where the sets identify none, or where none at all is as probable."""
     if not np.isfinite(row.tau):
         return ""
-    limit = row.tau_bits < IDENTIFIED_BITS or row.tau_low < 0.2 * row.tau
-    return f"< {row.tau_high:.3f}" if limit else f"{row.tau_low:.3f}-{row.tau_high:.3f}"
+    shown = varies(row.tau_bits, row.tau_low, row.tau)
+    return f"{row.tau_low:.3f}-{row.tau_high:.3f}" if shown else f"< {row.tau_high:.3f}"
+
+
+def varies(bits: float, low: float, middle: float) -> bool:
+    """Whether the sets show a parameter's variation: tau with its 5 % quantile, and what the data say of it."""
+    return bits >= IDENTIFIED_BITS and low >= 0.2 * middle
 
 
 def parameter_sentence(row: dict) -> str:
@@ -122,7 +127,7 @@ def parameter_sentence(row: dict) -> str:
         if row["resolution"] < 0.1:
             text += ", nor what it is"
         return text
-    if row["tau_low"] < 0.2 * row["tau"]:
+    if not varies(row["tau_bits"], row["tau_low"], row["tau"]):
         return f"{name} varies between sets by a {of} of at most {high} (95 %), perhaps not at all"
     return f"{name} varies between sets by a {of} of {mid} ({low} to {high})"
 
@@ -131,15 +136,17 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     """Which view for what, with what the scores say of it; (d) is not recommended where its linearised sets do not
     stand for the full model."""
     gain, error = scores.difference(MANY, ONE)
-    if gain > 2 * error and gain > 1:
-        which = (f"A population predicts sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
-                 "the structure, or what the model lacks, differs from set to set.")
-    elif gain < -2 * error and gain < -1:
-        which = (f"One value predicts sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
-                 "no variation between sets shows beyond the stated noise.")
+    varying = [r.name for r in rows if varies(r.tau_bits, r.tau_low, r.tau)]
+    better = gain > 2 * error and gain > 1
+    by = f"sets left out, ln p of a population over one value {gain:+.1f} +- {error:.1f}"
+    if varying:
+        which = (f"{', '.join(varying)} {'vary' if len(varying) > 1 else 'varies'} between sets"
+                 f"{'' if better else ', more than sets left out could confirm'} ({by}): the structure, or what the "
+                 "model lacks, differs from set to set.")
+    elif better:
+        which = f"Sets differ more than one value explains ({by}), no single parameter clearly so."
     else:
-        which = (f"Sets left out do not distinguish one value from a population (ln p {gain:+.1f} +- {error:.1f}): "
-                 "variation between sets is no larger than the stated noise can hide.")
+        which = f"No variation between sets shows beyond what is new in each of them ({by})."
     silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < IDENTIFIED_BITS]
     worst = float(np.min(linear_share))
     if worst < RECOMMENDED_SHARE:
@@ -151,8 +158,9 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
                     "value; it has the middle's uncertainty, so that nothing is added to it.")
     text = (
         f"{which} {for_life} (c) is the uncertainty of a parameter that cannot "
-        "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
-        "noise of each set twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
+        "differ between sets, such as a mass; it is too narrow where the structure differs from set to set. An error "
+        "of the model that all sets repeat is in (c) and (d), however many the sets are. (b) counts the noise of each set "
+        "twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
         "not how well a parameter is known: with resolution near 0 it is near 0."
     )
     if silent_names:

@@ -56,11 +56,15 @@ class UpdatingConstants:
     high_correlation: float = stated(0.95, "-", "from this correlation on a parameter is absorbed by its partner")
     ridge: float = stated(0.7, "-", "correlation from which a ridge is offered as the reason for a difference")
     place: float = stated(0.01, "prior std", "grid of the place at which the sources of error are linearised")
-    least_discrepancy: float = stated(
-        1e-5, "-", "smallest model discrepancy that is estimated, a share of every frequency")
     most_discrepancy: float = stated(0.2, "-", "a misfit that this share does not explain is refused")
-    discrepancy_accuracy: float = stated(
-        0.01, "ln", "accuracy of the estimated share", "one set knows it to about 1 / sqrt(2 n)")
+    frequency_discrepancy: float = stated(
+        7e-3, "-", "scale of the half-Student hyper-prior of what the model misses of frequencies, a share of each; "
+        "beside stated tolerances form_frequency_cov", "Gelman 2006; models of measured frames miss 0.3 to 1 %")
+    shape_discrepancy: float = stated(
+        1e-2, "-", "the same of shapes, a share of the largest component (form_shape_std)",
+        "two independent programs: 0.1 to 0.6 %")
+    shared_discrepancy: float = stated(
+        0.5, "-", "share of a stated discrepancy's variance that is the same in all sets", "half, as neither is known")
     r_hat_limit: float = stated(
         1.01, "-", "nested R-hat over ensembles below which a chain has converged", "Margossian et al. 2024")
     autocorrelation_times: int = stated(
@@ -141,6 +145,7 @@ class UpdatingConstants:
     common_factor: float = stated(
         0.03, "-", "scatter of ln f at the maximum over measured below which all are off by one factor")
     accused: float = stated(3.0, "std", "excess of chi-square beyond which a misfit is not chance")
+    far: float = stated(0.05, "-", "a frequency that the model misses by this share is named whatever is stated")
 
 
 CONSTANTS = UpdatingConstants()

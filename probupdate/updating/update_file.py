@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 BLIND_RESOLUTION = CONSTANTS.blind_resolution
 SHARP, BLUNT, COMMON_FACTOR = CONSTANTS.sharp, CONSTANTS.blunt, CONSTANTS.common_factor
-ACCUSED = CONSTANTS.accused
+ACCUSED, FAR = CONSTANTS.accused, CONSTANTS.far
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
@@ -117,7 +117,8 @@ class UpdateRecord:
     computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
     fitted scales, the chi-square a true model would have. suspected: channels whose exchange or sign would explain why
     the shapes are not the model's, empty where none would. derived: quantity -> {"initial", "step", "prior", "map"}.
-    map_gradient: the largest that the bounds leave at the maximum, per posterior standard deviation.
+    map_gradient: the largest that the bounds leave at the maximum, per posterior standard deviation. identified_std_hz:
+    measured_std_hz without what the model itself may miss.
     """
 
     model: str
@@ -151,6 +152,7 @@ class UpdateRecord:
     alpha_path: AlphaRecord | None = None
     components: ComponentsRecord | None = None
     suspected: str = ""
+    identified_std_hz: np.ndarray | None = None
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
@@ -317,6 +319,10 @@ def fit_sentence(record: UpdateRecord) -> str:
     if record.suspected:
         # a mistaken channel that parameters took in leaves no misfit
         return f"{text}: within the stated standard deviations, which is no proof while the shapes are suspect"
+    apart = standing_out(record)
+    if apart:
+        return (f"{text}: no more than chance with what is stated and learnt of the model's own error"
+                f"{f' ({stated})' if stated else ''}, without which {apart}; posterior widths hold that error")
     text = (f"{text}: the model fits the data within the stated standard deviations, {100 * cov:.2g} % of the "
             "frequencies (median)")
     if stated:
@@ -325,6 +331,22 @@ def fit_sentence(record: UpdateRecord) -> str:
         return text
     return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior "
             "widths leave it out unless it is stated (--discrepancy and a share)")
+
+
+def standing_out(record: UpdateRecord) -> str:
+    """The frequencies that the model misses by more than their measurement's own standard deviations or a share of
+    themselves allow, and shapes and frequencies whose chi-square stands out; empty where none does."""
+    found = []
+    gap = np.abs(record.map_hz - record.measured_hz)
+    own = record.measured_std_hz if record.identified_std_hz is None else record.identified_std_hz
+    for label, g, f, std in zip(record.labels, gap, record.measured_hz, own, strict=True):
+        if np.isfinite(g) and (g > ACCUSED * std or g > FAR * f):
+            by = f", {g / std:.1f} of its measurement's standard deviations" if std > 0 else ""
+            found.append((g / f, f"{label} is {100 * g / f:.2g} % off{by}"))
+    listed = [text for _, text in sorted(found, reverse=True)[:3]]
+    accused = () if record.components is None else record.components.accused()
+    return "; ".join([*listed, *(f"the {name} misses what is stated of it" for name in accused[:2]
+                                 if not any(name.endswith(f" {text.split(' is ')[0]}") for text in listed))])
 
 
 def _components(record: UpdateRecord) -> list[str]:
@@ -460,7 +482,7 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")}
         words = {k: tuple(str(x) for x in parts[k]) for k in ("names", "source_names", "measures", "responses")}
         parts = ComponentsRecord(**(parts | shaped | words))
-    gradient = content.get("map_gradient")
+    gradient, own = content.get("map_gradient"), content["identified_std_hz"]
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
               "map_covariance", "map_resolution", "map_hz", "map_mac")
     values: dict[str, Any] = content | {k: _array(content[k]) for k in arrays} | {
@@ -470,7 +492,8 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
                     for k, states in content["derived"].items()},
-        "map_at_bound": _array(content["map_at_bound"], bool)}
+        "map_at_bound": _array(content["map_at_bound"], bool),
+        "identified_std_hz": None if own is None else _array(own)}
     return UpdateRecord(**values)
 
 

@@ -118,7 +118,8 @@ def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
     for cov, tested in ((0.04, True), (0.14, False)):
         wide = replace(fine, measured_std_hz=cov * LINEAR_HZ, map_hz=np.sqrt(2) * LINEAR_HZ)
         sentence = fit_sentence(wide)
-        assert ("fits the data" in sentence) == tested and f"{100 * cov:.2g} % of the frequencies" in sentence
+        assert ("41 % off" in sentence) == tested and "fits the data" not in sentence
+        assert (f"{100 * cov:.2g} % of the frequencies" in sentence) == (not tested)
         assert ("NOT TESTED" in wide.summary) == (not tested)
         assert ("1.41 times the measured ones" in sentence) == (not tested)
         assert unproven(wide) == (not tested)
@@ -127,6 +128,18 @@ def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
     # what misses the data by one factor says so too
     far = replace(fine, map_misfit=4000.0, map_hz=1.2 * fine.measured_hz)
     assert "1.2 times the measured ones" in fit_sentence(far)
+
+
+@pytest.mark.parametrize(("off", "std", "words"), [
+    (1.009, 0.003, "3.0 of its measurement's"), (1.136, 0.07, "14 % off"), (1.002, 0.003, ""), (0.986, 0.003, "4.7 of"),
+])
+def test_the_model_is_not_said_to_fit_beside_a_frequency_far_off(update, off, std, words):
+    """A discrepancy learnt from the misfit makes any chi-square what is expected."""
+    hz = np.array(update.measured_hz) * [1.0, off + 1e-6 * (off > 1), 1.0, 1.0, 1.0]
+    record = replace(update, map_misfit=40.0, n_effective=40, map_hz=hz, measured_std_hz=0.01 * LINEAR_HZ,
+                     identified_std_hz=std * LINEAR_HZ)
+    sentence = fit_sentence(record)
+    assert ("fits the data" in sentence) == (not words) and words in sentence
 
 
 def test_what_fits_with_suspect_shapes_is_not_said_to_fit(update):
