@@ -673,7 +673,7 @@ def penalty(
     lowers that one too (Hunter & Lange 2004)."""
     total = sum((n.size / at.prior_std) ** 2 for n, at in zip(included, about, strict=True) if not n.effect.discrete)
     for p, k in zip(problem.prior, problem.updated, strict=True):
-        normal = p.prior == "normal"
+        normal = p.prior != "lognormal"
         total += ((theta[k] - p.initial) / p.std if normal else np.log(theta[k] / p.initial) / p.log_std) ** 2
     return float(total)
 

@@ -323,12 +323,12 @@ def _discrepancy_std(k: int, n_channel: int) -> np.ndarray:
 def local_std(prior: Parameters, number: int, value: float) -> float:
     """The prior's standard deviation at `value`: of a lognormal in proportion to it."""
     p = prior.items[number]
-    return p.std if p.prior == "normal" else p.log_std * value
+    return p.log_std * value if p.prior == "lognormal" else p.std
 
 
 def prior_shift(problem: DiagnosisProblem, theta: np.ndarray) -> np.ndarray:
     """How far the prior's centre lies from theta, to first order there (n_updated,)."""
     shift = []
     for p, k in zip(problem.prior, problem.updated, strict=True):
-        shift.append(p.initial - theta[k] if p.prior == "normal" else theta[k] * np.log(p.initial / theta[k]))
+        shift.append(theta[k] * np.log(p.initial / theta[k]) if p.prior == "lognormal" else p.initial - theta[k])
     return np.array(shift)

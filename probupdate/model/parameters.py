@@ -11,8 +11,11 @@ from scipy import linalg
 from scipy.special import ndtr
 
 from probupdate.errors import InputError
+from probupdate.model.box_probability import draws_in_box, log_box_probability
 
-PRIORS = ("normal", "lognormal")
+PRIORS = ("normal", "lognormal", "uniform")
+# draws that moments of a correlated prior within its bounds are taken from
+N_MOMENT = 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,13 +23,14 @@ class Parameter:
     """One scalar the model depends on.
 
     `std` is the prior standard deviation in `unit`; for "lognormal" it is the standard deviation of the variable
-    itself, not of its logarithm, and `initial` its median, so that both priors are centred on the same model.
+    itself, not of its logarithm, and `initial` its median, so that both priors are centred on the same model. "uniform"
+    is flat between its bounds: its standard deviation is theirs, whatever is given, and `initial` a place to start.
     """
 
     name: str
     unit: str
     initial: float
-    std: float
+    std: float = np.nan
     lower: float = -np.inf
     upper: float = np.inf
     prior: str = "normal"
@@ -36,6 +40,10 @@ class Parameter:
         where = f"parameter {self.name}"
         if not np.isfinite(self.initial):
             raise InputError(where, f"initial value {self.initial} is not finite", "give a number")
+        if self.prior == "uniform" and self.lower < self.upper:
+            if not np.isfinite(self.upper - self.lower):
+                raise InputError(where, "a uniform prior needs both bounds", "give lower and upper")
+            object.__setattr__(self, "std", float((self.upper - self.lower) / np.sqrt(12)))
         if not (np.isfinite(self.std) and self.std > 0):
             raise InputError(where, f"standard deviation {self.std} is not positive", "give cov or std above zero")
         if not self.lower < self.upper:
@@ -61,6 +69,8 @@ class Parameter:
         """The marginal prior cut at the bounds, as a frozen scipy.stats distribution (normal) of theta."""
         from scipy import stats
 
+        if self.prior == "uniform":
+            return stats.uniform(self.lower, self.upper - self.lower)
         if self.prior == "normal":
             a, b = (self.lower - self.initial) / self.std, (self.upper - self.initial) / self.std
             return stats.truncnorm(a, b, loc=self.initial, scale=self.std)
@@ -143,6 +153,10 @@ class Parameters:
                     f"shape {c.shape} is not a symmetric ({n}, {n}) matrix with ones on its diagonal",
                     "give one row per updated parameter",
                 )
+            flat = [k for k, p in enumerate(self.items) if p.prior == "uniform" and np.any(np.delete(c[k], k))]
+            if flat:
+                raise InputError("parameters.correlation", f"{names[flat[0]]} has a uniform prior and no correlation",
+                                 "set its row to zero, or give it a normal prior")
             if np.linalg.eigvalsh(c)[0] <= 0:
                 raise InputError("parameters.correlation", "the matrix is not positive definite", "lower its entries")
             c.setflags(write=False)
@@ -174,7 +188,16 @@ class Parameters:
 
     @cached_property
     def lower(self) -> np.ndarray:
-        return self._column("lower")
+        """Lower bounds; a lognormal's is zero at least."""
+        value = np.where([p.prior == "lognormal" for p in self.items], np.maximum(self._column("lower"), 0.0),
+                         self._column("lower"))
+        value.setflags(write=False)
+        return value
+
+    @cached_property
+    def _at_zero(self) -> np.ndarray:
+        """Parameters whose density is zero at their lower bound of zero."""
+        return np.array([p.prior == "lognormal" and p.lower <= 0 for p in self.items], bool)
 
     @cached_property
     def upper(self) -> np.ndarray:
@@ -196,9 +219,37 @@ class Parameters:
         return self.names.index(name)
 
     def inside(self, theta: np.ndarray) -> np.ndarray:
-        """Which rows of theta (..., n) lie within the bounds -> (...,) bool."""
+        """Which rows of theta (..., n) lie within the bounds, where the density is above zero -> (...,) bool."""
         theta = np.asarray(theta)
-        return np.all((theta >= self.lower) & (theta <= self.upper), axis=-1)
+        return np.all((theta >= self.lower) & (theta <= self.upper) & ~(self._at_zero & (theta == 0)), axis=-1)
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds in standardised coordinates (n,), in which the prior is the joint Gaussian."""
+        low, high = np.full(len(self), -np.inf), np.full(len(self), np.inf)
+        for k, p in enumerate(self.items):
+            if p.prior == "normal":
+                low[k], high[k] = (p.lower - p.initial) / p.std, (p.upper - p.initial) / p.std
+            elif p.prior == "lognormal":
+                low[k] = np.log(p.lower / p.initial) / p.log_std if p.lower > 0 else -np.inf
+                high[k] = np.log(p.upper / p.initial) / p.log_std
+        return low, high
+
+    @cached_property
+    def log_mass(self) -> tuple[float, float]:
+        """ln of the share of a correlated prior that lies within its bounds, and its standard deviation; (0, 0) of an
+        independent one, whose marginals are normalised there."""
+        if self.correlation is None:
+            return 0.0, 0.0
+        return log_box_probability(*self._ends, self.correlation, np.random.default_rng(0))
+
+    @cached_property
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation (n_param,) of each parameter under the joint prior within all bounds."""
+        if self.correlation is None:
+            return tuple(np.array([float(getattr(p.distribution, name)()) for p in self]) for name in ("mean", "std"))
+        drawn = self.draw(np.random.default_rng(0), N_MOMENT)
+        return drawn.mean(axis=0), drawn.std(axis=0, ddof=1)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """ln p(theta) (...,), -inf outside the bounds."""
@@ -233,27 +284,25 @@ class Parameters:
         for k, p in enumerate(self.items):
             if p.prior == "normal":
                 z[..., k] = (theta[..., k] - p.initial) / p.std
-            else:
+            elif p.prior == "lognormal":
                 z[..., k] = np.log(theta[..., k] / p.initial) / p.log_std
                 log_jacobian -= np.log(theta[..., k] * p.log_std)
+            else:
+                z[..., k] = 0.0
         return z, log_jacobian
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """n draws from the prior (n, n_param)."""
         if self.correlation is None:
             return np.column_stack([p.distribution.rvs(size=n, random_state=rng) for p in self.items])
-        factor = linalg.cholesky(self.correlation, lower=True)
-        kept, tried = [], 0
-        while sum(map(len, kept)) < n:
-            z = rng.standard_normal((max(4 * n, 64), len(self))) @ factor.T
-            theta = np.column_stack(
-                [
-                    p.initial + p.std * z[:, k] if p.prior == "normal" else p.initial * np.exp(p.log_std * z[:, k])
-                    for k, p in enumerate(self.items)
-                ]
-            )
-            kept.append(theta[self.inside(theta)])
-            tried += len(theta)
-            if tried > 1000 * max(4 * n, 64) and not any(map(len, kept)):
-                raise InputError("parameters", "no prior draw falls inside the bounds", "widen the bounds")
-        return np.concatenate(kept)[:n]
+        z = draws_in_box(*self._ends, self.correlation, rng, n)
+        theta = np.empty_like(z)
+        for k, p in enumerate(self.items):
+            if p.prior == "normal":
+                theta[:, k] = p.initial + p.std * z[:, k]
+            elif p.prior == "lognormal":
+                theta[:, k] = p.initial * np.exp(p.log_std * z[:, k])
+            else:
+                theta[:, k] = p.distribution.rvs(size=n, random_state=rng)
+        # rounding may leave a draw a hair outside
+        return np.clip(theta, self.lower, self.upper)

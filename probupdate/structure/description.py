@@ -152,7 +152,7 @@ class ParameterEntry(EffectKeys):
     # unbounded ones are written inf and -inf in TOML
     lower: Annotated[float, Strict(), Field(allow_inf_nan=True)] = -np.inf
     upper: Annotated[float, Strict(), Field(allow_inf_nan=True)] = np.inf
-    prior: Literal["normal", "lognormal"] = "normal"
+    prior: Literal["normal", "lognormal", "uniform"] = "normal"
     update: Annotated[bool, Strict()] = True
     description: str = ""
 

@@ -17,7 +17,8 @@ from probupdate.model.parameters import Parameter, Parameters
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
-    """One [[parameter]] table; `cov` is relative to `initial`, and one of cov and std is given."""
+    """One [[parameter]] table; `cov` is relative to `initial`, and one of cov and std is given, but of a uniform prior,
+    whose bounds are all there is."""
 
     name: str
     initial: float
@@ -48,12 +49,12 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
     named = table.get("name") if isinstance(table, Mapping) else None
     row = table_as(ParameterRow, table, f"{where} {named}" if isinstance(named, str) else where)
     where = f"{where} {row.name}"
-    if (row.cov is None) == (row.std is None):
+    if (row.cov is None) == (row.std is None) and not (row.prior == "uniform" and row.cov is None):
         raise InputError(where, "needs exactly one of 'cov' and 'std'",
                          "give one of them" if row.cov is None else "keep one of them")
     if row.cov is not None and row.initial == 0:
         raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
-    std = row.std if row.cov is None else row.cov * abs(row.initial)
+    std = np.nan if row.prior == "uniform" else row.std if row.cov is None else row.cov * abs(row.initial)
     try:
         return Parameter(
             name=row.name, unit=row.unit, initial=row.initial, lower=row.lower, upper=row.upper, prior=row.prior,

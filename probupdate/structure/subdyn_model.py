@@ -106,7 +106,7 @@ class ParameterEntry(Table):
     std: Number | None = None
     lower: Annotated[float, Strict(), Field(allow_inf_nan=True)] = -np.inf
     upper: Annotated[float, Strict(), Field(allow_inf_nan=True)] = np.inf
-    prior: Literal["normal", "lognormal"] = "normal"
+    prior: Literal["normal", "lognormal", "uniform"] = "normal"
     update: Annotated[bool, Strict()] = True
     description: str = ""
 

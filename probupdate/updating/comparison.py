@@ -20,6 +20,7 @@ from probupdate.updating.identifiability import (
     PARTLY,
     PRIOR,
     STRONG,
+    cov_of,
     identifiability,
     kinds_in_words,
     sampled_width,
@@ -105,7 +106,7 @@ class Comparison:
             prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
             lines.append(
                 f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
-                f"{r.cov:>7.3f} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
+                f"{r.cov if np.isfinite(r.cov) else '-':>7.3} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
             )
         lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
                      "the MAP that the data determine (resolution)")
@@ -162,8 +163,7 @@ def _row(
 
     parameter, draws = update.parameters.items[k], posterior.draws[:, k]
     mean, std = float(draws.mean()), float(draws.std(ddof=1))
-    prior_std = float(parameter.distribution.std())
-    prior_mean = float(parameter.distribution.mean())
+    prior_mean, prior_std = (float(x[k]) for x in update.parameters.moments)
     step, anchored = float(update.scheme("step").theta[-1, k]), float(update.scheme("prior").theta[-1, k])
     top = float(update.map_theta[k])
     others = np.where(np.arange(len(correlation)) == k, 0.0, correlation)
@@ -185,7 +185,7 @@ def _row(
     row: dict[str, Any] = dict(
         name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,
         initial=parameter.initial, step=step, anchored=anchored, map=top, mean=mean, median=float(np.median(draws)),
-        std=std, cov=std / abs(mean) if mean else float("nan"), low=float(low), high=float(high),
+        std=std, cov=cov_of(mean, std, parameter), low=float(low), high=float(high),
         skewness=float(stats.skew(draws)), step_distance=(step - mean) / std, anchored_distance=(anchored - mean) / std,
         map_distance=(top - mean) / std, contraction=contraction, resolution=float(update.map_resolution[k]),
         nine_mean=float(sets.theta_map[:, k].mean()) if sets else float("nan"),
@@ -244,8 +244,9 @@ def _anchored_beside_map(update: UpdateRecord) -> str:
     scheme = update.scheme("prior")
     if scheme.alpha != 1:
         return f"alpha is {scheme.alpha:g}, not 1"
-    if any(p.prior == "lognormal" for p in update.parameters):
-        return "Eq. 6 knows Gaussian priors only, the posterior has lognormal ones"
+    other = sorted({p.prior for p in update.parameters} - {"normal"})
+    if other:
+        return f"Eq. 6 knows Gaussian priors only, the posterior has {' and '.join(other)} ones"
     if not scheme.converged:
         return f"the update did not settle ({scheme.status})"
     return "it settled on another maximum"
@@ -270,6 +271,8 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     if pinned:
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
     notes += kinds_in_words({r.name: r.identified for r in rows}, DRAWS)
+    notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- {r.std:.2g} "
+              f"{'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]
     notes += _otherwise_at_the_map(update, rows)
     printed = update.scheme("step")
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)

@@ -26,8 +26,6 @@ N_PROPOSED, N_CHAIN = 4000, 4000
 # draws of the Laplace approximation that judge it
 N_LAPLACE = 1000
 TRUSTED_K = CONSTANTS.trusted_k
-# draws that say which share of a correlated prior lies within its bounds
-N_PRIOR = 200_000
 CHUNK = 500
 
 
@@ -86,7 +84,7 @@ def estimate_evidence(
 
     thin = max(1, int(np.ceil(log_posterior.size / N_CHAIN)))
     kept, value = theta[::thin], log_posterior[::thin]
-    constant = log_prior_constant(problem.parameters, rng)
+    constant, unknown = log_prior_constant(problem.parameters)
     on_chain = value + constant - proposal.log_density(kept.reshape(-1, kept.shape[2])).reshape(value.shape)
     drawn = proposal.draw(N_PROPOSED, rng)
     on_drawn = _evaluate(problem, drawn, "evidence", progress) + constant
@@ -103,7 +101,8 @@ def estimate_evidence(
     variance = first.var() / first.mean() ** 2 / N_PROPOSED + second.var() / second.mean() ** 2 / independent
     importance, importance_std = _importance(on_drawn)
     return Evidence(
-        log_evidence=float(found), std=float(np.sqrt(variance)), importance=importance, importance_std=importance_std,
+        log_evidence=float(found), std=float(np.hypot(np.sqrt(variance), unknown)), importance=importance,
+        importance_std=float(np.hypot(importance_std, unknown)),
         pareto_k=pareto_shape(on_drawn[inside]), n_proposed=N_PROPOSED,
     )
 
@@ -121,7 +120,7 @@ def check_laplace(
     # the Gaussian's own integral within the bounds: density at the top over the Gaussian approximation's there
     top = laplace.theta[None]
     log_evidence = laplace.log_posterior - float(approximation.log_density(top)[0])
-    log_evidence += log_prior_constant(problem.parameters, rng)
+    log_evidence += log_prior_constant(problem.parameters)[0]
     return LaplaceCheck(pareto_k=pareto_shape(weight), share=share, log_evidence=log_evidence)
 
 
@@ -181,16 +180,14 @@ def pareto_shape(log_weight: np.ndarray) -> float:
     return float((n_tail * k + 10 * 0.5) / (n_tail + 10))
 
 
-def log_prior_constant(parameters: Parameters, rng: np.random.Generator) -> float:
-    """What ln p(theta) of a correlated prior lacks to be normalised within the bounds; 0 for independent ones."""
+def log_prior_constant(parameters: Parameters) -> tuple[float, float]:
+    """What ln p(theta) of a correlated prior lacks to be normalised within the bounds, and its standard deviation; 0 for
+    independent ones."""
     if parameters.normalised or parameters.correlation is None:
-        return 0.0
-    n = len(parameters)
-    constant = -0.5 * n * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(parameters.correlation)[1]
+        return 0.0, 0.0
+    mass, std = parameters.log_mass
+    gaussian = [p.prior != "uniform" for p in parameters]
+    constant = -0.5 * sum(gaussian) * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(parameters.correlation)[1] - mass
     constant -= sum(np.log(p.std) for p in parameters if p.prior == "normal")
-    z = rng.standard_normal((N_PRIOR, n)) @ np.linalg.cholesky(parameters.correlation).T
-    inside = np.ones(N_PRIOR, bool)
-    for k, p in enumerate(parameters):
-        theta = p.initial + p.std * z[:, k] if p.prior == "normal" else p.initial * np.exp(p.log_std * z[:, k])
-        inside &= (theta >= p.lower) & (theta <= p.upper)
-    return float(constant - np.log(np.mean(inside)))
+    constant -= sum(np.log(p.upper - p.lower) for p in parameters if p.prior == "uniform")
+    return float(constant), std

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.model.parameters import Parameters
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.updating.settings import CONSTANTS
 
 STRONG, BLIND = CONSTANTS.strong, CONSTANTS.blind
@@ -21,12 +21,21 @@ GAUSSIAN, DRAWS = "by the Gaussian approximation at the MAP", "by the posterior'
 
 def gaussian_width(covariance: np.ndarray, parameters: Parameters) -> np.ndarray:
     """(n_param,) standard deviation of the Gaussian approximation over the prior's, both as if there were no bounds."""
-    return np.sqrt(np.diag(covariance)) / parameters.std
+    flat = np.array([p.prior == "uniform" for p in parameters], bool)
+    width = np.sqrt(np.diag(covariance)) / parameters.std
+    return np.where(flat, np.minimum(width, 1.0), width)
+
+
+def cov_of(mean: float, std: float, parameter: Parameter) -> float:
+    """Coefficient of variation; NaN of what may be zero, as a change about zero, where it would be over next to
+    nothing: lower bound below zero and zero within two standard deviations."""
+    near = parameter.prior != "lognormal" and parameter.lower < 0 and abs(mean) < 2 * std
+    return float("nan") if near or mean == 0 else std / abs(mean)
 
 
 def sampled_width(draws: np.ndarray, parameters: Parameters) -> np.ndarray:
-    """(n_param,) standard deviation of the draws (n_draw, n_param) over the prior's, both within the bounds."""
-    return np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
+    """(n_param,) standard deviation of the draws (n_draw, n_param) over the joint prior's, both within all bounds."""
+    return np.std(draws, axis=0, ddof=1) / parameters.moments[1]
 
 
 def identifiability(width: float, *, at_bound: bool, unproven: bool) -> str:

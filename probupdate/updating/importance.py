@@ -233,14 +233,15 @@ def importance_sample(
     """N_DRAW fresh draws of a frozen proposal."""
     theta = proposal.draw(N_DRAW, rng)
     value = log_posterior(problem, theta, "importance sampling", progress)
-    log_weight = log_ratio(value, proposal, theta) + log_prior_constant(problem.parameters, rng)
+    constant, unknown = log_prior_constant(problem.parameters)
+    log_weight = log_ratio(value, proposal, theta) + constant
     weight = _weights(log_weight)
     log_evidence = float(special.logsumexp(log_weight) - np.log(N_DRAW))
     return WeightedDraws(
         names=problem.parameters.names, theta=frozen_array(theta), weight=frozen_array(weight),
         effective=float(1 / np.sum(weight**2)),
         pareto_k=float(pareto_shape(log_weight[np.isfinite(log_weight)])), log_evidence=log_evidence,
-        log_evidence_std=float(np.std(weight * N_DRAW) / np.sqrt(N_DRAW)), evaluated=evaluated + N_DRAW,
+        log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)), evaluated=evaluated + N_DRAW,
         without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
     )
 

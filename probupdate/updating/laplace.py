@@ -21,6 +21,10 @@ TOLERANCE = CONSTANTS.map_tolerance
 # modes nearer than this share may trade their places on the first step; starts about such a model, and how far off in
 # prior standard deviations
 NEARLY_EQUAL, N_BESIDE, BESIDE = 1e-3, 4, 0.3
+# where a start at which a prior is zero begins instead, a share of the initial value
+NEAR_ZERO = 1e-3
+# a uniform prior counts as a Gaussian this many times as wide: what the data do not inform keeps a width
+FLAT = 1e-3
 # a step is lengthened to at most so many times itself where steps shrink slowly
 LONGEST = 2.0
 SAME_HEIGHT = CONSTANTS.same_height
@@ -62,10 +66,17 @@ def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
     for k, p in enumerate(parameters):
         if p.prior == "normal":
             z[k], slope[k] = (theta[k] - p.initial) / p.std, 1 / p.std
+        elif p.prior == "uniform":
+            z[k], slope[k] = FLAT * (theta[k] - 0.5 * (p.lower + p.upper)) / p.std, FLAT / p.std
+        elif theta[k] <= 0:
+            # the density is zero there
+            z[k], slope[k] = np.inf, np.inf
         else:
             log_std[k] = p.log_std
             z[k], slope[k] = np.log(theta[k] / p.initial) / p.log_std, 1 / (theta[k] * p.log_std)
     correlation = np.eye(n) if parameters.correlation is None else parameters.correlation
+    if np.any(np.isinf(z)):
+        return np.full(n, np.inf), np.full((n, n), np.inf)
     factor = linalg.cholesky(correlation, lower=True)
     white = linalg.solve_triangular(factor, np.column_stack([z + correlation @ log_std, np.diag(slope)]), lower=True)
     return white[:, 0], white[:, 1:]
@@ -78,7 +89,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     Starts at which the model has no modes are left out. Raises ConvergenceError, with the best parameters as estimate,
     where no start settles, and what the model says where it has modes at none.
     """
-    starts = [*starts, *_beside_equal(problem)]
+    starts = [_off_zero(problem, np.asarray(start, float)) for start in (*starts, *_beside_equal(problem))]
     ends = [end for end in (_climb(problem, np.asarray(start, float)) for start in starts) if np.isfinite(end[1])]
     if not ends:
         problem.predict(np.asarray(starts[0], float))
@@ -101,6 +112,12 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })
     return _laplace(problem, theta, tuple(others))
+
+
+def _off_zero(problem: Problem, start: np.ndarray) -> np.ndarray:
+    """A start at which the prior is zero, as a lognormal's is at zero, a little inside."""
+    parameters = problem.parameters
+    return np.where(parameters._at_zero & (start <= 0), NEAR_ZERO * parameters.initial, start)
 
 
 def _beside_equal(problem: Problem) -> list[np.ndarray]:
@@ -145,7 +162,9 @@ def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> 
     precision = slope.T @ slope
     at_bound = pinned(theta, problem.parameters)
     covariance = np.linalg.inv(precision) if len(problem.nodes) == 1 else _averaged_covariance(problem, theta)
-    resolution = np.diag(np.linalg.solve(precision, data_slope.T @ data_slope))
+    # a uniform prior resolves as a Gaussian of its standard deviation would
+    flat = np.array([p.prior == "uniform" for p in problem.parameters]) / problem.parameters.std**2
+    resolution = np.diag(np.linalg.solve(precision + np.diag(flat), data_slope.T @ data_slope))
     value, _ = problem.log_posterior(theta)
     gradient = -slope.T @ residual
     # at a bound only what points inside could be followed

@@ -25,6 +25,7 @@ from probupdate.updating.hierarchical import (
     linearise,
     sample_population,
 )
+from probupdate.updating.identifiability import cov_of
 from probupdate.updating.importance import GOOD_K, Mixture
 from probupdate.updating.laplace import Laplace, prior_residual
 from probupdate.updating.predictive import (
@@ -337,7 +338,7 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
         scatter = _cov(theta_map[:, k])
         row: dict[str, Any] = dict(
-            name=p.name, unit=p.unit, prior_cov=_ratio(float(p.distribution.std()), float(p.distribution.mean())),
+            name=p.name, unit=p.unit, prior_cov=cov_of(float(parameters.moments[0][k]), float(parameters.moments[1][k]), p),
             scatter_mean=scatter[0], scatter_cov=_ratio(float(np.std(theta_map[:, k], ddof=1)), scatter[0]),
             resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),
             pooled_cov=_ratio(float(np.sqrt(within + np.var(means, ddof=1))), float(means.mean())),

@@ -24,6 +24,12 @@ class UpdateSettings:
     method: str = stated("gauss-newton", "-", "solves the anchored reading: 'gauss-newton' or 'levenberg-marquardt'")
     iterations: int = stated(50, "-", "at most so many iterations")
 
+    def __post_init__(self):
+        if isinstance(self.iterations, bool) or not isinstance(self.iterations, int | np.integer):
+            raise InputError("iterations", f"{self.iterations!r} is no whole number", "give one, such as 50")
+        if self.iterations < 0:
+            raise InputError("iterations", f"{self.iterations} is negative", "give how many at most")
+
 
 @dataclass(frozen=True, kw_only=True)
 class SamplerSettings:

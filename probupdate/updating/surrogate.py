@@ -14,6 +14,8 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg, special
 
+from probupdate.model.box_probability import log_probability as _log_probability
+from probupdate.model.box_probability import truncated_normal as _truncated_normal
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -159,26 +161,6 @@ def _truncated_mean(a: float, b: float) -> float:
     log_probability = float(_log_probability(np.array([a]), np.array([b]))[0])
     ends = [np.exp(-0.5 * x * x - log_probability) if np.isfinite(x) else 0.0 for x in (a, b)]
     return float(np.clip((ends[0] - ends[1]) / np.sqrt(2 * np.pi), a, b))
-
-
-def _log_probability(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """ln of the standard normal's probability between a and b, exact in relative terms far in both tails."""
-    turned = a > 0
-    low, high = np.where(turned, -b, a), np.where(turned, -a, b)
-    upper = special.log_ndtr(high)
-    return upper + np.log(-np.expm1(special.log_ndtr(low) - upper))
-
-
-def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.ndarray:
-    """Standard normal between a and b by inverting its distribution function."""
-    # the function is exact in relative terms on its lower side only: turn the interval there
-    turned = a > 0
-    low, high = np.where(turned, -b, a), np.where(turned, -a, b)
-    below = special.ndtr(low)
-    x = special.ndtri(below + uniform * (special.ndtr(high) - below))
-    # so far out that the probability underflows, all of it lies at the nearer end
-    x = np.clip(np.where(np.isfinite(x), x, high), low, high)
-    return np.where(turned, -x, x)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -73,7 +73,7 @@ def test_draws_follow_the_prior_and_the_correlation():
         ({"initial": float("nan")}, "initial"),
         ({"lower": 2.0, "upper": 1.0}, "bounds"),
         ({"lower": 1.5}, "outside"),
-        ({"prior": "uniform"}, "unknown"),
+        ({"prior": "flat"}, "unknown"),
         ({"prior": "lognormal", "initial": -1.0}, "positive initial"),
     ],
 )
