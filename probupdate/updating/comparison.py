@@ -106,7 +106,8 @@ class Comparison:
             prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
             lines.append(
                 f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
-                f"{r.cov if np.isfinite(r.cov) else '-':>7.3} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
+                f"{r.cov if np.isfinite(r.cov) else '-':>7.3} {r.contraction:>6.2f} {r.resolution:>5.2f}  "
+                f"{'; '.join((r.identified, *r.flags))}"
             )
         lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
                      "the MAP that the data determine (resolution)")
@@ -271,8 +272,8 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     if pinned:
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
     notes += kinds_in_words({r.name: r.identified for r in rows}, DRAWS)
-    notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- {r.std:.2g} "
-              f"{'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]
+    notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- "
+              f"{r.std:.2g} {'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]
     notes += _otherwise_at_the_map(update, rows)
     printed = update.scheme("step")
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)

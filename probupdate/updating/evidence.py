@@ -181,7 +181,7 @@ def pareto_shape(log_weight: np.ndarray) -> float:
 
 
 def log_prior_constant(parameters: Parameters) -> tuple[float, float]:
-    """What ln p(theta) of a correlated prior lacks to be normalised within the bounds, and its standard deviation; 0 for
+    """What ln p(theta) of a correlated prior lacks to be normalised within the bounds, and its standard deviation; 0 of
     independent ones."""
     if parameters.normalised or parameters.correlation is None:
         return 0.0, 0.0

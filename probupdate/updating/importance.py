@@ -241,7 +241,8 @@ def importance_sample(
         names=problem.parameters.names, theta=frozen_array(theta), weight=frozen_array(weight),
         effective=float(1 / np.sum(weight**2)),
         pareto_k=float(pareto_shape(log_weight[np.isfinite(log_weight)])), log_evidence=log_evidence,
-        log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)), evaluated=evaluated + N_DRAW,
+        log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)),
+        evaluated=evaluated + N_DRAW,
         without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
     )
 

@@ -338,7 +338,7 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
         scatter = _cov(theta_map[:, k])
         row: dict[str, Any] = dict(
-            name=p.name, unit=p.unit, prior_cov=cov_of(float(parameters.moments[0][k]), float(parameters.moments[1][k]), p),
+            name=p.name, unit=p.unit, prior_cov=cov_of(*(float(x[k]) for x in parameters.moments), p),
             scatter_mean=scatter[0], scatter_cov=_ratio(float(np.std(theta_map[:, k], ddof=1)), scatter[0]),
             resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),
             pooled_cov=_ratio(float(np.sqrt(within + np.var(means, ddof=1))), float(means.mean())),
