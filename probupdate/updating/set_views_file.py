@@ -159,8 +159,8 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     text = (
         f"{which} {for_life} (c) is the uncertainty of a parameter that cannot "
         "differ between sets, such as a mass; it is too narrow where the structure differs from set to set. An error "
-        "of the model that all sets repeat is in (c) and (d), however many the sets are. (b) counts the noise of each set "
-        "twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
+        "of the model that all sets repeat is in (c) and (d), however many the sets are. (b) counts the noise of each "
+        "set twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
         "not how well a parameter is known: with resolution near 0 it is near 0."
     )
     if silent_names:

@@ -4,8 +4,8 @@ Residuals of set s about its centre are r_s = J_s d + B_s e + v_s + eps_s: e, dr
 and the part of the discrepancy that every set repeats, v_s is the part that is new in each set, eps_s identification.
 Stacked over the sets the covariance is a block of ones times the common part plus each set's own, and e is integrated
 out once over all of them (Woodbury): forty-eight sets then narrow what is new in each by seven and the model's error
-not at all. Inner products of r, J and B, summed over the sets, hold all of it, so that a further scale of the common part
-costs one small factorisation whatever the number of sets.
+not at all. Inner products of r, J and B, summed over the sets, hold all of it, so that a further scale of the common
+part costs one small factorisation whatever the number of sets.
 
 How much is common and how much new are two half-Student scales for frequencies and two for shapes: scatter of residuals
 over sets shows what is new, what is left of their mean shows what is common (Kennedy & O'Hagan 2001; Kaipio & Somersalo
