@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg
 
 from probupdate.model.box_probability import log_probability as _log_probability
 from probupdate.model.box_probability import truncated_normal as _truncated_normal
