@@ -8,5 +8,5 @@
 __all__ = [
     "alpha", "comparison", "components", "discrepancy", "ensemble", "evidence", "hierarchical", "identifiability",
     "information", "laplace", "posterior_file", "predictive", "problem", "responses", "runs", "set_views",
-    "set_views_file", "settings", "tikhonov", "update_file",
+    "set_views_file", "settings", "shared_error", "tikhonov", "update_file",
 ]
