@@ -27,8 +27,9 @@ ARRAYS = ("channel", "channel_dof", "channel_sign", "node_position_m", "dof_node
           *(f"{name}{part}" for name in ("K0", "M0", "channel_row") for part in ("", *SPARSE_PARTS)))
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
-# of a model's rows in the mean: slower than what floats at anchor
-SLOWEST_HZ = 0.005
+# of a model's rows, half of them above: slower than what floats at anchor; and times the extent, in m/s, a quarter of
+# what the lowest modes of structures have at least
+SLOWEST_HZ, SLOWEST_SPEED = 0.005, 0.5
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     diagonals = (_diagonal(stiffness, parameters.initial[stiffness_order]),
                  _diagonal(mass, parameters.initial[mass_order]))
     _refuse_negative_mass(path, diagonals[1])
-    _refuse_exchanged(path, *diagonals)
+    _refuse_exchanged(path, *diagonals, _extent(content))
     for parameter in (*parameters.names, *(name for name, _ in parameters.held)):
         if parameter not in own and parameter not in used:
             raise InputError(
@@ -107,6 +108,16 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     )
 
 
+def _extent(content: Mapping[str, np.ndarray]) -> float:
+    """Of nodes with places, 0 without; mistakes in them are found later."""
+    try:
+        place = np.asarray(content.get("node_position_m", np.empty((0, 3))), float)
+        extent = float(np.max(np.ptp(place, axis=0))) if place.ndim == 2 and len(place) else 0.0
+    except (TypeError, ValueError):
+        return 0.0
+    return extent if np.isfinite(extent) else 0.0
+
+
 def _diagonal(matrices: Sequence[sparse.csc_array], theta: np.ndarray) -> np.ndarray:
     """(n,) of the first matrix and theta times the others."""
     return np.sum([f * m.diagonal() for f, m in zip((1.0, *theta), matrices, strict=True)], axis=0)
@@ -120,15 +131,19 @@ def _refuse_negative_mass(path: Path, mass: np.ndarray) -> None:
                          "parameters", "check its sign, and that of every M_<name>")
 
 
-def _refuse_exchanged(path: Path, stiffness: np.ndarray, mass: np.ndarray) -> None:
-    """The sum of the diagonal of K over that of M is a mean of w^2 of each row held alone, no less than the lowest
-    eigenvalue and most often far above it."""
-    if stiffness.sum() > 0 and mass.sum() > 0:
-        mean_hz = float(np.sqrt(stiffness.sum() / mass.sum()) / (2 * np.pi))
-        if mean_hz < SLOWEST_HZ:
-            raise InputError(f"{path}, K0", f"with M0 the rows' mean frequency is {mean_hz:.2g} Hz, below that of any "
-                             "structure: are K0 and M0 exchanged, or in units that do not belong together?",
-                             "exchange them, or give N/m with kg, kN/m with t")
+def _refuse_exchanged(path: Path, stiffness: np.ndarray, mass: np.ndarray, extent_m: float) -> None:
+    """K_ii / M_ii is w^2 of a row held alone, in any units, no less than the lowest eigenvalue and most often far above
+    it. `extent_m`: the structure's, 0 where it is not known."""
+    heavy = (mass > 0) & (stiffness > 0)
+    if not heavy.any():
+        return
+    row_hz = float(np.sqrt(np.median(stiffness[heavy] / mass[heavy])) / (2 * np.pi))
+    least = SLOWEST_SPEED / extent_m if extent_m > 0 else SLOWEST_HZ
+    if row_hz < least:
+        of = f"a structure of {extent_m:.3g} m" if extent_m > 0 else "any structure whose nodes have no places"
+        raise InputError(f"{path}, K0", f"with M0 the rows' median frequency is {row_hz:.2g} Hz, below that of {of}: "
+                         "are K0 and M0 exchanged, or in units that do not belong together?",
+                         "exchange them, or give N/m with kg, kN/m with t")
 
 
 def _refuse_idle(path: Path, own: Mapping[str, Mapping[str, sparse.csc_array]], table: str) -> None:

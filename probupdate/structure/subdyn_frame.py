@@ -24,6 +24,8 @@ from probupdate.structure import beam as beams
 
 # a hundred times what a jacket has; a slip in NDiv would fill the memory
 MOST_ELEMENTS = 50_000
+# within which two joints are at one place, as a share of the structure's extent
+SAME_PLACE = 1e-8
 # the bending planes of `beam`: local x-y (displacement along SubDyn's x_e, its I_yy) and x-z (along y_e, I_xx)
 PLANE = (np.array([1, 5, 7, 11]), np.array([2, 4, 8, 10]))
 
@@ -164,7 +166,7 @@ def direction_cosines(start: np.ndarray, end: np.ndarray, spin_deg: float) -> np
     """(3, 3), columns x_e, y_e, z_e of SubDyn in global axes: z_e along the element, x_e level."""
     d = end - start
     length, level = np.linalg.norm(d), np.hypot(d[0], d[1])
-    if level < 1e-9 * max(length, 1.0):
+    if level < 1e-9 * length or not length:
         turn = np.diag([1.0, -1.0, -1.0]) if d[2] < 0 else np.eye(3)
     else:
         z, x = d / length, np.array([d[1], -d[0], 0.0]) / level
@@ -270,9 +272,10 @@ def _elements(file: SubDynFile, member: Member, node_of, node_m) -> list[Element
     first, last = (node_of[j] for j in member.joints)
     start, end = node_m[first], node_m[last]
     length = float(np.linalg.norm(end - start))
-    if member.kind == "spring" and length > 1e-6:
+    apart = length > SAME_PLACE * float(np.max(np.ptp([joint.position_m for joint in file.joints], axis=0)))
+    if member.kind == "spring" and apart:
         raise InputError(where, f"the spring {member.id} is {length:.3g} m long", "put its two joints at one place")
-    if member.kind != "spring" and length < 1e-6:
+    if member.kind != "spring" and not apart:
         raise InputError(where, f"member {member.id} has no length", "move one of its joints")
     axes = direction_cosines(start, end, member.spin_deg)
     if member.cosine is not None:

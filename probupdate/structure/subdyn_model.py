@@ -28,6 +28,7 @@ from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
 from probupdate.structure.schema import Number, Table, Vector, nearest
 from probupdate.structure.subdyn_frame import (
+    SAME_PLACE,
     Element,
     SubDynFrame,
     build_subdyn_frame,
@@ -45,8 +46,8 @@ from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, bod
 
 # raise it when the same files give other matrices
 FORMULATION = 2
-# how far from a member's surface a sensor may sit
-REACH_M = 2.0
+# how far from a member's surface a sensor may sit, as a share of the structure's extent
+REACH = 0.02
 Whole = Annotated[int, Strict(), Field(ge=1)]
 
 
@@ -484,7 +485,7 @@ def element_terms(
         common = {"tube": (*material, *sizes), "thickness": wall, "wall_loss": loss}
         for k, unit in enumerate(stiffness_units(length)):
             # without shear the length is in the matrix alone, and elements of all lengths share a term
-            own = round(length, 9) if file.shear else 1.0
+            own = float(f"{length:.12g}") if file.shear else 1.0
             factor = TubePart(times=stiff, index=k, length_m=own, shear=file.shear, **common)
             yield "K", factor, element.to_global(unit)
         for k, unit in enumerate(mass_units(length)):
@@ -553,7 +554,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
             node = frame.node_of[joint]
             arm = sensor.position_m - frame.node_m[node]
             dofs = frame.node_dofs(node)
-            if dofs[-1] < 0 and np.linalg.norm(arm) > 1e-6:
+            if dofs[-1] < 0 and np.linalg.norm(arm) > SAME_PLACE * _extent(frame):
                 raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
                                  "put it at the joint, or on another")
             motion = np.hstack([np.eye(3), -cross_matrix(arm)])[:, dofs >= 0]
@@ -561,6 +562,10 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
         for dof, value in zip(dofs, sensor.direction @ motion, strict=True):
             rows[number, dof] += value
     return sparse.csr_array(sparse.csr_array(rows) @ frame.reduction)
+
+
+def _extent(frame: SubDynFrame) -> float:
+    return float(np.max(np.ptp(frame.node_m, axis=0)))
 
 
 def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -577,8 +582,9 @@ def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray
         gap = max(0.0, distance - radius)
         if best is None or (gap, distance) < best[0]:
             best = (gap, distance), dofs, element, xi, arm
-    if best is None or best[0][0] > REACH_M:
-        far = "no beam is there" if best is None else f"{best[0][0]:.1f} m from any beam (at most {REACH_M:.0f} m)"
+    reach = REACH * _extent(frame)
+    if best is None or best[0][0] > reach:
+        far = "no beam is there" if best is None else f"{best[0][0]:.3g} m from any beam (at most {reach:.3g} m)"
         raise InputError(f"{path}: sensor {sensor.channel}", far,
                          "check position_m, or name its joint in the model's [[sensor]]")
     _, dofs, element, xi, arm = best
