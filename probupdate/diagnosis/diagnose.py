@@ -488,9 +488,10 @@ def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
         return []
     effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
     warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))
-    usual = 100 * effects[0].prior_scale
+    usual = effects[0].prior_scale
+    share = f"{100 * usual:.2g} % of the stiffness" if effects[0].unit == "-" else f"{usual:.2g} degC of the steel"
     return [f"the temperature, which too few sets state, would have run over {np.ptp(warm):.0f} degC or more, at "
-            f"{usual:.2g} % of the stiffness per degC, to move the frequencies together as they do: weather of "
+            f"{share} per degC, to move the frequencies together as they do: weather of "
             f"{DAY_STD:g} degC (standard deviation) does not; with that column it is tested"]
 
 

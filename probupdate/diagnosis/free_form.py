@@ -172,6 +172,7 @@ def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
             (a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
              if a.key == own.row.key), default=own.probability),
         "check": own.row.check, "factors": own.factors(),
+        "channels": [problem.blocks.channels[k] for k in own.row.channels_changed],
     }
     found = search(problem, fitted, seed=seed, heavier=outcome.first.heavier)
     p, _ = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))

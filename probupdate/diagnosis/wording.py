@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 
 # causes whose size is a share of something, stated in per cent
@@ -118,7 +119,7 @@ def _own_response_words(part: Mapping) -> str:
 
 
 def _own_response_action(part: Mapping) -> str:
-    return f"{part['check']}, and diagnose again without it (--without {part['location'].replace(',', '')})"
+    return f"{part['check']}, and diagnose again without it (--without {shlex.join(part['channels'])})"
 
 
 def _with_article(words: str) -> str:

@@ -11,6 +11,7 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, parts_of
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.part_places import words_of
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.wording import own_response_actions
 
 
 def scaled(prepared: Prepared, factor: float) -> Prepared:
@@ -43,6 +44,13 @@ def test_words_of_places():
     assert words_of(points, lambda point: next(face), 0.14) == [
         "leg A, at (0.000, 0.000, 0.020) m, no. 1", "leg A, at (0.000, 0.000, 0.020) m, no. 2", "face AB",
         "leg A, at (0.100, 0.000, 0.120) m"]
+
+
+def test_channels_to_leave_out_are_named_as_the_command_takes_them():
+    """Their names are not read back from the sentence that lists them."""
+    part = {"location": "TP, A, x, T90", "channels": ["TP, A, x", "T90"], "factors": [], "check": "look at its mount"}
+    (action,) = own_response_actions({"details": {"free_form": {"parts": [part]}}})
+    assert action.endswith("(--without 'TP, A, x' T90)")
 
 
 @pytest.mark.long
