@@ -30,6 +30,7 @@ from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, renaming, with_rated_power
+from probupdate.campaign.scada_time import record_rows, time_findings
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
@@ -95,7 +96,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     stride = -(-len(files) // MOST_COMPARED)
     n_compared = max(-(-len(files) // stride), 1)
     pieces = -(-FEWEST_PIECES // n_compared)
-    tables, heads, overlaps, compared, lines, sways, amplitudes = [], [], 0, [], [], [], []
+    tables, heads, overlaps, compared, lines, sways, amplitudes, timed = [], [], 0, [], [], [], [], []
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
@@ -113,6 +114,8 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
             compared += [] if found is None else [found]
             if campaign.scada is not None and len(lines) < MOST_ROWS:
                 lines += line_scores(block, campaign.scada)
+            if campaign.scada is not None and len(timed) < MOST_ROWS:
+                timed += record_rows(block)
             if campaign.scada is not None:
                 usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
                 sway = block_sway(block, campaign.sensors, usable, conditions)
@@ -123,7 +126,8 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
     findings, able, measured = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines), sways)
     vibration = table.groupby("channel")["vibration"].median().to_dict()
-    findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings))
+    findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings),
+                *time_findings(timed, campaign.scada))
     uses = (*_uses(campaign, head, table), *able)
     most = most_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
     if len(campaign.sensors) > most:
@@ -253,7 +257,8 @@ def _scada_findings(campaign: Campaign) -> list[str]:
         return ["no scada.csv: nothing is known of operation and weather (a turbine's states, harmonics)"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
-    found = [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
+    found = [*campaign.scada.attrs.get("notes", ())]
+    found += [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index
     span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
     if len(index) < span:

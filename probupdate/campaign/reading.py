@@ -14,12 +14,13 @@ import pandas as pd
 
 from probupdate.campaign import parquet_records, zarr_records
 from probupdate.campaign.parquet_records import parquet_head
-from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
+from probupdate.campaign.scada import EARLIEST, LATEST, StatedScada, read_scada
 from probupdate.campaign.stated import UNITS, refuse_other_words
 from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
+from probupdate.io.schema import table_as
 from probupdate.modal.modes import Sensor
 
 # how long a block must be its rate decides, by the samples that identify a mode at all: a laboratory's kHz record may
@@ -30,7 +31,7 @@ HIGHEST_RATE_HZ = 1e5
 LARGEST_BLOCK_BYTES = 128 * 2**20
 CAMPAIGN_KEYS = (
     "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
-    "sensor",
+    "scada", "sensor",
 )
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
 
@@ -139,10 +140,16 @@ def read_campaign(path: str | Path) -> Campaign:
         rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(where, raw),
         files=_record_files(path / "acceleration", head.sampling_rate_hz, head.sensors),
-        scada=read_scada(inside(scada, path)) if present(scada) else None,
+        scada=_scada(where, raw, inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
     )
+
+
+def _scada(where: Path, raw: Mapping, path: Path) -> pd.DataFrame:
+    stated = table_as(StatedScada, raw.get("scada", {}), f"{where}, scada")
+    rated = _positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None
+    return read_scada(path, rated_power_kw=rated, stated=stated)
 
 
 def _left_out(where: Path, raw: Mapping, channels: tuple[str, ...]) -> tuple[str, ...]:

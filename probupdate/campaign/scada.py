@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.scada_columns import COMPASS, ENDINGS, usable_columns
+from probupdate.campaign.stated import NOT_A_NUMBER
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import LARGEST_TEXT, input_file
-from probupdate.modal.conditions import COLUMNS, KNOWN, misspelt
+from probupdate.io.schema import Range
+from probupdate.modal.conditions import COLUMNS, misspelt
 from probupdate.modal.modes import refuse_no_celsius
 
 ROW_MINUTES = 10
 # of any time that a file may state; what counts nanoseconds ends in 2262
 EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-01", tz="UTC")
-# in any of the columns' units
-LARGEST = 1e7
-COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
+# a block's state is that of its rows, if more than this share of them have one
+MOST_ROWS_KNOWN = 0.5
 STATES = ("idling", "below rated", "rated")
 
 
@@ -37,15 +40,30 @@ class StateRule:
     rated_power_kw: float | None = None
 
 
-def read_scada(path: str | Path) -> pd.DataFrame:
-    """Rows indexed by `time` (UTC, start of the interval), ascending, the first of two rows of one time kept;
-    `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept; ["path"]: the file.
+@dataclass(frozen=True, kw_only=True)
+class StatedScada:
+    """[scada] of campaign.toml: factor: column -> what its numbers are multiplied with to be in the unit of its name;
+    shift_minutes: what is added to its times."""
+
+    factor: Mapping[str, Annotated[float, Range(-1e6, 1e6, nonzero=True)]] = field(default_factory=dict)
+    shift_minutes: Annotated[float, Range(-1e6, 1e6)] = 0.0
+
+
+AS_WRITTEN = StatedScada()
+
+
+def read_scada(
+    path: str | Path, *, rated_power_kw: float | None = None, stated: StatedScada = AS_WRITTEN
+) -> pd.DataFrame:
+    """Rows indexed by `time` (UTC, start of the interval), ascending, one a time: of several, the first value of each
+    column; `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept; ["notes"]:
+    what of its columns is not used, one sentence each; ["path"]: the file.
 
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
     path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
     with parsing(str(path), "not a table", "write comma-separated columns with a head"):
-        table = pd.read_csv(path, encoding="utf-8", dtype={"time": str})
+        table = pd.read_csv(path, encoding="utf-8", dtype={"time": str}, low_memory=False)
     if "time" not in table:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
         raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each "
@@ -71,22 +89,49 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     time = time.dt.as_unit("ns")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
     for column in table:
-        if len(table) and column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
-            wrong = (pd.to_numeric(table[column], errors="coerce").isna() & table[column].notna()).to_numpy()
-            raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
-                             "mend it, or leave the cell empty where it is unknown")
-        if column in KNOWN:
-            absurd = (table[column].abs() > LARGEST).to_numpy()
-            if absurd.any():
-                raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number "
-                                 "that a turbine or the weather has", "leave the cell empty where it is unknown")
+        if len(table) and column.startswith(COLUMNS):
+            table[column] = _numbers(f"{path}, {column}", table[column])
+    table = _converted(table, stated, f"{path}")
+    found = usable_columns(table, rated_power_kw)
+    table = found.table
     if "air_temperature_c" in table:
         refuse_no_celsius(str(path), table["air_temperature_c"].to_numpy(float))
     again = table.index.duplicated()
-    kept = table[~again]
+    kept, contradicted = (_one_a_time(table) if again.any() else (table, 0))
     kept.attrs["path"] = str(path)
-    kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())
+    kept.attrs["contradicted"] = contradicted
+    kept.attrs["notes"] = found.notes
     return kept
+
+
+def _numbers(where: str, column: pd.Series) -> pd.Series:
+    """As floats; a filler of thirty digits, which is no number of a machine, too."""
+    number = pd.to_numeric(column, errors="coerce")
+    wrong = (number.isna() & column.notna() & ~column.astype(str).str.strip().str.lower().isin(NOT_A_NUMBER)).to_numpy()
+    if wrong.any():
+        raise InputError(where, f"'{column.iloc[int(np.argmax(wrong))]}' is no number",
+                         "mend it, or leave the cell empty where it is unknown")
+    return number.astype(float)
+
+
+def _converted(table: pd.DataFrame, stated: StatedScada, path: str) -> pd.DataFrame:
+    for column, factor in stated.factor.items():
+        if column not in table:
+            raise InputError(f"{path}, {column}", "campaign.toml states its factor under [scada], and it is not there",
+                             "mend [scada] in campaign.toml")
+        for name in (f"{column}{e}" for e in ENDINGS if f"{column}{e}" in table):
+            table[name] = table[name] * factor
+    if stated.shift_minutes:
+        table.index = table.index + pd.Timedelta(minutes=stated.shift_minutes)
+    return table
+
+
+def _one_a_time(table: pd.DataFrame) -> tuple[pd.DataFrame, int]:
+    """Rows of one time as one, an empty cell filled from the next of them, and how many contradict the one kept."""
+    first = table.groupby(level=0).first()
+    beside = first.reindex(table.index)
+    unlike = (table.notna() & beside.notna() & (table != beside)).any(axis=1)
+    return first[table.columns], int(unlike.sum())
 
 
 def renaming(column: str | None) -> str:
@@ -125,7 +170,7 @@ def block_conditions(
 
     Means under the columns' own names (compass angles on the circle); `<column>_max` and `_min` the extremes, taken
     from those columns where recorded, else from the means; `<column>_range` for pitch and heading; `state`: the rows'
-    common state, 'mixed' where they differ, 'unknown' without power; `scada_rows`, `scada_coverage`.
+    common state, 'mixed' where they differ, 'unknown' where most have no power; `scada_rows`, `scada_coverage`.
     """
     wanted = max(int(minutes // ROW_MINUTES), 1)
     found: dict[str, float | str] = {"state": "unknown", "scada_rows": 0.0, "scada_coverage": 0.0}
@@ -165,5 +210,7 @@ def block_conditions(
         if column == "pitch_deg":
             found["pitch_deg_range"] = ends["pitch_deg_max"] - ends["pitch_deg_min"]
     states = set(row_states(rows, rule)) if rule.rated_power_kw is not None else {"unknown"}
+    if len(states) > 1 and np.mean(row_states(rows, rule) != "unknown") > MOST_ROWS_KNOWN:
+        states.discard("unknown")
     found["state"] = states.pop() if len(states) == 1 else "mixed"
     return found

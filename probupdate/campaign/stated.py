@@ -31,6 +31,9 @@ OTHERS = {
 }
 # what a sensor puts out, which `factor` turns into what it measures
 ELECTRICAL = ("v", "mv", "uv", "volt", "volts", "ma", "counts", "count", "digits", "digit", "bit", "bits", "lsb", "pc")
+# words of programs and loggers for a number that is none
+NOT_A_NUMBER = frozenset({"nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "1.#qnan", "-1.#qnan", "1.#ind",
+                          "-1.#ind", "#nan"})
 # cosine of the angle between two directions that are one; sensors are mounted to a few degrees
 ALIKE = 0.98
 # how far a factor in convert.toml may be from the one that a unit needs: the rest is the sensor's calibration

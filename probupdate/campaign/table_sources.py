@@ -13,16 +13,13 @@ import pandas as pd
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.reading import nearest
-from probupdate.campaign.stated import UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in
+from probupdate.campaign.stated import NOT_A_NUMBER, UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in
 from probupdate.errors import InputError, parsing
 from probupdate.io.result_table import plural
 
 PIECE = 200_000
 # of columns, where it is not the stated one
 SEPARATORS = (";", "\t", "|", ",")
-# words of programs and loggers for a number that is none
-NOT_A_NUMBER = frozenset({"nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "1.#qnan", "-1.#qnan", "1.#ind",
-                          "-1.#ind", "#nan"})
 # a table of Campbell's loggers begins with this word, then come its names, units and kinds of processing
 TOA5, TOA5_NAMES, TOA5_UNITS, TOA5_HEAD = "TOA5", 1, 2, 4
 # lines before the table in which a rate is looked for, and what it looks like

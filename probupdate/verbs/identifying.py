@@ -251,7 +251,8 @@ def select(
     from `scada`; without, the highest power in it. std_from: see `identification.selection.select`.
     """
     return select_sets(
-        read_modes(modes), read_scada(scada) if scada else None, count=count, std_from=std_from,
+        read_modes(modes), read_scada(scada, rated_power_kw=rated_power_kw) if scada else None,
+        count=count, std_from=std_from,
         criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
         state_rule=StateRule(rated_power_kw=rated_power_kw),
     )

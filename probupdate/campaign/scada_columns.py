@@ -1,0 +1,246 @@
+"""Columns of SCADA against one another: numbers that stand for nothing, angles averaged across north, other units. What
+cannot be what its name says is not used, and the sentence says what it may be and how to state it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from probupdate.io.result_table import plural
+
+ENDINGS = ("", "_std", "_min", "_max")
+COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
+# what the weather and a turbine can have, in the columns' units: beyond it a number stands for none
+POSSIBLE = {
+    "wind_speed_mps": (0.0, 120.0), "wind_direction_deg": (-720.0, 1080.0), "power_kw": (-1e5, 1e8),
+    "rotor_speed_rpm": (-50.0, 1e4), "pitch_deg": (-180.0, 360.0), "nacelle_heading_deg": (-1e4, 1e4),
+    "yaw_rate_degps": (-100.0, 100.0), "water_level_m": (-100.0, 1000.0), "air_temperature_c": (-90.0, 400.0),
+    "wave_height_m": (0.0, 50.0), "wave_period_s": (0.0, 100.0),
+}
+# numbers that programs write for none: nines, the ends of integers, the fill value of NetCDF
+NINES = re.compile(r"-?9{3,}(\.9+|\.0+)?|-?9{2,}\.9{1,}")
+ENDS = (-32768, 32767, 65535, -65535, -2147483648, 2147483647, 4294967295, 6999)
+# such a number is one if it is first or last of its column and nothing else is this near to it (share of its size)
+NEAR = 0.1
+# rotor area by rated power (W/m2), and the speed of blade tips while it runs (m/s)
+POWER_DENSITY, TIP_SPEED = 350.0, (30.0, 130.0)
+USUAL_TIP_SPEED = 75.0
+# a turbine runs in this wind (m/s) and, if large, at this speed (rpm); what large is, in kW
+RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
+# power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
+LEAST_SHARE, MOST_SHARE = 0.02, 1.6
+# wind (m/s) in which a turbine gives a fifth to four fifths of its rated power
+PARTIAL_WIND = (4.5, 12.5)
+# fewest rows of which something is said
+FEW = 3
+# rows whose angle is so far from those before and after, which agree within SAME and are so near north
+TURNED, SAME, NORTH = 90.0, 45.0, 75.0
+# the nacelle follows the wind within this, while it runs
+FOLLOWS = 45.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Columns:
+    """table: what is used; notes: what is not, one sentence each."""
+
+    table: pd.DataFrame
+    notes: tuple[str, ...]
+
+
+def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns:
+    """The table without fillers, angles averaged across north and columns in other units than their names say."""
+    table, notes = table.copy(), []
+    if table.empty:
+        return Columns(table=table, notes=())
+    for column, (low, high) in POSSIBLE.items():
+        for name in (column + e for e in ENDINGS if column + e in table):
+            spread = name.endswith("_std")
+            notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
+    for column in COMPASS:
+        notes += _across_north(table, column)
+    for test in (_power_unit, _rotor_unit, _wind_unit):
+        for column, sentence in test(table, rated_power_kw):
+            table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
+            notes.append(f"suspect: {sentence}; the column is not used")
+    notes += _heading_beside_wind(table, rated_power_kw)
+    return Columns(table=table, notes=tuple(notes))
+
+
+# Numbers that stand for none ----------------------------------------------------------------------------------------
+
+
+def _without_fillers(table: pd.DataFrame, name: str, low: float, high: float) -> list[str]:
+    values = table[name].to_numpy(float)
+    gone = np.isfinite(values) & ((values < low) | (values > high))
+    for value in np.unique(values[np.isfinite(values) & ~gone]):
+        if _is_filler(float(value), values[~gone]):
+            gone |= values == value
+    if not gone.any():
+        return []
+    shown = ", ".join(f"{v:g}" for v in np.unique(values[gone])[:3])
+    table[name] = np.where(gone, np.nan, values)
+    return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA ({shown}) stand for none: taken as missing"]
+
+
+def _is_filler(value: float, column: np.ndarray) -> bool:
+    if not (NINES.fullmatch(f"{value:.10g}") or value in ENDS):
+        return False
+    others = column[np.isfinite(column) & (column != value)]
+    if not len(others):
+        return True
+    at_end = value < others.min() or value > others.max()
+    return at_end and float(np.abs(others - value).min()) > NEAR * abs(value)
+
+
+# Angles -------------------------------------------------------------------------------------------------------------
+
+
+def _difference(a, b):
+    """In -180 to 180."""
+    return (np.asarray(a) - np.asarray(b) + 180.0) % 360.0 - 180.0
+
+
+def _across_north(table: pd.DataFrame, column: str) -> list[str]:
+    """A mean of 359 and 1 that is 180: its own extremes lie on both sides of north, or it is far from the rows around
+    it, which are north. Such a row has no angle."""
+    if column not in table:
+        return []
+    value = table[column].to_numpy(float)
+    before, after = np.roll(value, 1), np.roll(value, -1)
+    with np.errstate(invalid="ignore"):
+        gone = ((np.abs(_difference(value, before)) > TURNED) & (np.abs(_difference(value, after)) > TURNED)
+                & (np.abs(_difference(before, after)) < SAME) & (np.abs(_difference(before, 0)) < NORTH))
+        gone[[0, -1]] = False
+        if f"{column}_min" in table and f"{column}_max" in table:
+            low, high = (table[f"{column}_{e}"].to_numpy(float) % 360.0 for e in ("min", "max"))
+            gone |= (high - low > 180.0) & (np.abs(_difference(value, 0)) > TURNED)
+    if not gone.any():
+        return []
+    table[column] = np.where(gone, np.nan, value)
+    first = table.index[int(np.argmax(gone))].strftime("%Y-%m-%d %H:%M")
+    return [f"{plural(int(gone.sum()), 'row')} of {column} in SCADA, first {first}, look away while those around them "
+            "look north: averaged across north by the logger, taken as missing"]
+
+
+def _heading_beside_wind(table: pd.DataFrame, rated_power_kw: float | None) -> list[str]:
+    if not set(COMPASS) <= set(table.columns):
+        return []
+    runs = _runs(table, rated_power_kw)
+    heading, wind = (table[c].to_numpy(float)[runs] for c in ("nacelle_heading_deg", "wind_direction_deg"))
+    apart = _difference(heading, wind)
+    apart = apart[np.isfinite(apart)]
+    if len(apart) < FEW or not np.median(np.abs(apart)) > FOLLOWS:
+        return []
+    known = np.isfinite(heading) & np.isfinite(wind)
+    for name, column, other in (("nacelle_heading_deg", heading, wind), ("wind_direction_deg", wind, heading)):
+        if np.ptp(column[known]) > 0 and np.abs(column[known]).max() <= 2 * np.pi + 0.01 and np.median(
+                np.abs(_difference(np.degrees(column), other)[known])) < FOLLOWS:
+            return [f"suspect: {name} in SCADA is in radians beside the other: state [scada] factor = "
+                    f"{{ {name} = 57.29578 }} in campaign.toml"]
+    offset = float(np.degrees(np.angle(np.mean(np.exp(1j * np.radians(apart))))))
+    return [f"suspect: while the turbine runs, nacelle_heading_deg in SCADA is {offset:+.0f} deg from "
+            "wind_direction_deg in the mean: another zero or another sense of one of them?"]
+
+
+# Units --------------------------------------------------------------------------------------------------------------
+
+
+def _column(table: pd.DataFrame, name: str) -> np.ndarray:
+    return table[name].to_numpy(float) if name in table else np.full(len(table), np.nan)
+
+
+def _runs(table: pd.DataFrame, rated_power_kw: float | None) -> np.ndarray:
+    """(n_row,) where power, or else wind and rotor, say that the turbine runs."""
+    power, wind, rotor = (_column(table, c) for c in ("power_kw", "wind_speed_mps", "rotor_speed_rpm"))
+    with np.errstate(invalid="ignore"):
+        if np.isfinite(power).any():
+            rated = rated_power_kw or float(np.nanmax(power))
+            return power > 0.05 * rated
+        return (rotor > TURNS) & ~(wind < 4.0) if np.isfinite(rotor).any() else (wind > RUNS_ABOVE) & (wind < CUT_OUT)
+
+
+def _stating(column: str, factor: float) -> str:
+    return f"if so, state [scada] factor = {{ {column} = {factor:.6g} }} in campaign.toml"
+
+
+def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
+    """Power beside rated power, in wind or at a rotor speed in which a turbine runs."""
+    power, wind, rotor = (_column(table, c) for c in ("power_kw", "wind_speed_mps", "rotor_speed_rpm"))
+    if not np.isfinite(power).any():
+        return []
+    with np.errstate(invalid="ignore"):
+        turning = (rotor > TURNS) & ~(wind < RUNS_ABOVE) if np.isfinite(rotor).any() else (
+            wind > RUNS_ABOVE) & (wind < CUT_OUT)
+        slow = np.isfinite(rotor).any() and float(np.nanmax(rotor)) < LARGE_RPM
+    at = np.flatnonzero(turning & np.isfinite(power))
+    most = float(np.nanmax(power))
+    if rated is None and not slow:
+        return []
+    full = rated or LARGE_KW
+    high = most / full > MOST_SHARE if rated else most > 1e5
+    if not high and (len(at) < FEW or float(np.max(power[at])) > LEAST_SHARE * full):
+        return []
+    k = int(np.nanargmax(power)) if high or not len(at) else int(at[np.argmax(power[at])])
+    share = f" ({100 * power[k] / rated:.2g} % of rated_power_kw)" if rated else ""
+    beside = " and ".join(f"{v[k]:.3g} {unit}" for v, unit in ((wind, "m/s"), (rotor, "rpm")) if np.isfinite(v[k]))
+    text = f"power_kw in SCADA reaches {power[k]:.6g}{share}{' at ' + beside if beside else ''}: "
+    units = (("MW", 1e3), ("W", 1e-3), ("percent of rated power", full / 100), ("a share of rated power", full))
+    fits = [(name, factor) for name, factor in units if 0.3 < factor * power[k] / full < 1.3] if rated else (
+        [("MW", 1e3)] if not high else [("W", 1e-3)])
+    if not fits:
+        return [("power_kw", text + "another unit?")]
+    return [("power_kw", text + f"is it in {fits[0][0]}? {_stating('power_kw', fits[0][1])}")]
+
+
+def _rotor_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
+    """The speed of the blades' tips while the turbine gives power: by its rated power the rotor has a size."""
+    rotor, power, wind = (_column(table, c) for c in ("rotor_speed_rpm", "power_kw", "wind_speed_mps"))
+    full = rated or (float(np.nanmax(power)) if np.isfinite(power).any() else np.nan)
+    if not np.isfinite(rotor).any() or not full > LARGE_KW:
+        return []
+    with np.errstate(invalid="ignore"):
+        at = (power > 0.5 * full) if np.isfinite(power).any() else (wind > 12.0) & (wind < CUT_OUT)
+    at &= np.isfinite(rotor)
+    if at.sum() < FEW:
+        return []
+    middle = float(np.median(rotor[at]))
+    radius = np.sqrt(1e3 * full / (np.pi * POWER_DENSITY))
+    tip = abs(middle) * 2 * np.pi / 60 * radius
+    if TIP_SPEED[0] <= tip <= TIP_SPEED[1] or not tip > 0.1:
+        return []
+    text = (f"rotor_speed_rpm in SCADA is {middle:.4g} while the turbine gives power: the blades' tips would go "
+            f"{tip:.3g} m/s, where {TIP_SPEED[0]:g} to {TIP_SPEED[1]:g} are usual of {full:g} kW: ")
+    units = (("rad/s", 60 / (2 * np.pi)), ("turns a second", 60.0), ("deg/s", 1 / 6))
+    fits = [(name, factor) for name, factor in units if TIP_SPEED[0] <= factor * tip <= TIP_SPEED[1]]
+    if fits:
+        return [("rotor_speed_rpm", text + f"is it in {fits[0][0]}? {_stating('rotor_speed_rpm', fits[0][1])}")]
+    gear = tip / USUAL_TIP_SPEED
+    if gear > 10:
+        return [("rotor_speed_rpm", text + f"is it the generator's, with a gear of about {gear:.2g}? "
+                 + _stating("rotor_speed_rpm", 1 / gear) + ", with one over the gear's own ratio")]
+    return [("rotor_speed_rpm", text + "another unit?")]
+
+
+def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
+    """The wind in which the turbine gives a part of its power."""
+    power, wind = _column(table, "power_kw"), _column(table, "wind_speed_mps")
+    if rated is None or not np.isfinite(power).any():
+        return []
+    with np.errstate(invalid="ignore"):
+        at = (power > 0.2 * rated) & (power < 0.8 * rated) & np.isfinite(wind)
+    if at.sum() < 2 * FEW:
+        return []
+    middle = float(np.median(wind[at]))
+    if PARTIAL_WIND[0] <= middle <= PARTIAL_WIND[1]:
+        return []
+    units: Mapping[str, float] = {"knots": 0.514444, "km/h": 1 / 3.6}
+    fits = [(name, f) for name, f in units.items() if 6.0 <= f * middle <= 11.5]
+    text = (f"wind_speed_mps in SCADA is {middle:.3g} where the turbine gives a part of its power, which "
+            f"{PARTIAL_WIND[0]:g} to {PARTIAL_WIND[1]:g} m/s do: ")
+    return [("wind_speed_mps", text + (f"is it in {fits[0][0]}? {_stating('wind_speed_mps', fits[0][1])}" if fits
+                                       else "another unit?"))]
+

@@ -1,0 +1,206 @@
+"""SCADA as control systems write it: fillers, other units, angles across north, doubled rows, other time zones."""
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import signal
+
+from probupdate.campaign.blocks import blocks
+from probupdate.campaign.checking import check
+from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.scada import StateRule, read_scada, row_states
+from probupdate.campaign.scada_time import record_rows, time_findings
+from probupdate.errors import InputError
+
+N, RATED = 36, 5000.0
+INDEX = pd.date_range("2024-05-01T00:00Z", periods=N, freq="10min")
+
+
+def scada(**changes) -> pd.DataFrame:
+    """Three hours idling, three at rated power; a change is a column or (row -> value) of it."""
+    run = np.arange(N) >= N // 2
+    table = pd.DataFrame({
+        "time": INDEX.strftime("%Y-%m-%dT%H:%M:%SZ"), "wind_speed_mps": np.where(run, 13.0, 2.0),
+        "power_kw": np.where(run, RATED, -20.0), "rotor_speed_rpm": np.where(run, 12.0, 0.1),
+        "pitch_deg": np.where(run, 6.0, 88.0), "nacelle_heading_deg": np.where(run, 5.0, 200.0),
+        "air_temperature_c": 9.0})
+    for column, change in changes.items():
+        if isinstance(change, dict):
+            table[column] = table[column].astype(object)
+            for row, value in change.items():
+                table.loc[row, column] = value
+        else:
+            table[column] = change
+    return table
+
+
+def read(tmp_path, table, **options):
+    table.to_csv(tmp_path / "scada.csv", index=False)
+    return read_scada(tmp_path / "scada.csv", rated_power_kw=options.pop("rated", RATED), **options)
+
+
+@pytest.mark.parametrize("value", [-999, -9999, 9999.9, 99999, -32768, "9" * 30, 1e30, 9.96921e36, -99.9])
+@pytest.mark.parametrize("column", ["wind_speed_mps", "rotor_speed_rpm", "air_temperature_c"])
+def test_a_filler_is_a_missing_value(tmp_path, column, value):
+    found = read(tmp_path, scada(**{column: {5: value}}))
+    assert np.isnan(found[column].iloc[5]) and found[column].notna().sum() == N - 1
+    assert f"1 value of {column} in SCADA" in found.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("value", [-999, 99999, -32768])
+def test_a_filler_in_power_is_missing_too(tmp_path, value):
+    found = read(tmp_path, scada(power_kw={20: value}))
+    assert np.isnan(found["power_kw"].iloc[20])
+
+
+def test_numbers_of_nines_among_others_stay(tmp_path):
+    power = np.linspace(-20, 4999, N)
+    power[7] = 999
+    found = read(tmp_path, scada(power_kw=power, wind_speed_mps=np.linspace(3, 12, N)))
+    assert found["power_kw"].iloc[7] == 999 and found["power_kw"].iloc[-1] == 4999 and not found.attrs["notes"]
+
+
+def test_a_right_table_says_nothing(tmp_path):
+    found = read(tmp_path, scada())
+    assert found.attrs["notes"] == () and found.shape[1] == 6
+
+
+@pytest.mark.parametrize(("column", "factor", "words"), [
+    ("power_kw", 1e-3, "is it in MW"), ("power_kw", 1e3, "is it in W"), ("power_kw", 0.02, "is it in percent"),
+    ("rotor_speed_rpm", 2 * np.pi / 60, "is it in rad/s"), ("rotor_speed_rpm", 97.0, "is it the generator's"),
+    ("rotor_speed_rpm", 1 / 60, "is it in turns a second"),
+])
+def test_another_unit_is_said_not_used_and_converted_when_stated(tmp_path, column, factor, words):
+    wrong = scada(**{column: scada()[column] * factor})
+    found = read(tmp_path, wrong)
+    assert column not in found and any(words in n and column in n for n in found.attrs["notes"])
+    (tmp_path / "campaign.toml").write_text(
+        f'name = "x"\nsampling_rate_hz = 25.0\nblock_minutes = 30\nrated_power_kw = {RATED}\n[scada]\n'
+        f'factor = {{ {column} = {1 / factor} }}\n[[sensor]]\nchannel = "a"\nlevel = "a"\n'
+        'position_m = [0.0, 0.0, 1.0]\ndirection = [1.0, 0.0, 0.0]\n')
+    (tmp_path / "acceleration").mkdir()
+    with h5py.File(tmp_path / "acceleration/a.h5", "w") as file:
+        data = file.create_dataset("data", data=np.zeros((100, 1), np.float32))
+        data.attrs.update(start="2024-05-01T00:00Z", sampling_rate_hz=25.0)
+    mended = read_campaign(tmp_path).scada
+    np.testing.assert_allclose(mended[column], scada()[column])
+    assert mended.attrs["notes"] == ()
+
+
+def test_power_in_megawatt_is_said_with_wind_and_speed(tmp_path):
+    found = read(tmp_path, scada(power_kw=scada()["power_kw"] / 1000))
+    assert "reaches 5 (0.1 % of rated_power_kw) at 13 m/s and 12 rpm" in found.attrs["notes"][0]
+
+
+def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path):
+    found = read(tmp_path, scada(power_kw=scada()["power_kw"] / 1000), rated=None)
+    assert "power_kw" not in found and "MW" in found.attrs["notes"][0]
+
+
+def test_wind_in_knots_is_said(tmp_path):
+    wind = np.linspace(3, 14, N)
+    power = RATED * np.clip((wind / 12) ** 3, 0, 1)
+    assert not read(tmp_path, scada(wind_speed_mps=wind, power_kw=power, rotor_speed_rpm=12.0)).attrs["notes"]
+    found = read(tmp_path, scada(wind_speed_mps=1.94384 * wind, power_kw=power, rotor_speed_rpm=12.0))
+    assert "is it in knots" in found.attrs["notes"][0] and "wind_speed_mps" not in found
+
+
+def test_an_angle_averaged_across_north_is_missing(tmp_path):
+    heading = np.tile([350.0, 8.0, 355.0, 3.0], N // 4)
+    heading[[10, 21]] = [178.0, 181.0]
+    found = read(tmp_path, scada(nacelle_heading_deg=heading))
+    assert np.flatnonzero(found["nacelle_heading_deg"].isna()).tolist() == [10, 21]
+    assert "averaged across north" in found.attrs["notes"][0]
+
+
+def test_extremes_on_both_sides_of_north_tell_a_wrong_mean(tmp_path):
+    found = read(tmp_path, scada(wind_direction_deg=180.0, wind_direction_deg_min=2.0, wind_direction_deg_max=358.0))
+    assert found["wind_direction_deg"].isna().all()
+
+
+def test_a_nacelle_that_turns_by_half_a_turn_is_no_mean(tmp_path):
+    heading = np.where(np.arange(N) < 18, 5.0, 185.0)
+    found = read(tmp_path, scada(nacelle_heading_deg=heading))
+    assert found["nacelle_heading_deg"].notna().all()
+
+
+def test_radians_beside_degrees_are_said(tmp_path):
+    wind = np.linspace(20, 300, N)
+    found = read(tmp_path, scada(wind_direction_deg=wind, nacelle_heading_deg=np.radians(wind + 4)))
+    assert any("nacelle_heading_deg in SCADA is in radians" in n for n in found.attrs["notes"])
+
+
+def test_an_empty_row_before_the_good_one_is_filled_from_it(tmp_path):
+    table = scada()
+    empty = table.iloc[[20]].copy()
+    empty.loc[:, empty.columns != "time"] = np.nan
+    found = read(tmp_path, pd.concat([table.iloc[:20], empty, table.iloc[20:]]))
+    assert len(found) == N and found.attrs["contradicted"] == 0 and found["power_kw"].iloc[20] == RATED
+    other = table.iloc[[20]].assign(power_kw=17.0)
+    assert read(tmp_path, pd.concat([table, other])).attrs["contradicted"] == 1
+
+
+def test_states_are_those_of_the_turbine_with_missing_values(tmp_path):
+    found = read(tmp_path, scada(power_kw={20: -999}))
+    states = row_states(found, StateRule(rated_power_kw=RATED))
+    assert states[20] == "unknown" and set(np.delete(states, 20)) == {"idling", "rated"}
+
+
+def test_words_that_are_no_number_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"power_kw: 'idle' is no number"):
+        read(tmp_path, scada(power_kw={3: "idle"}))
+    assert np.isnan(read(tmp_path, scada(power_kw={3: "NAN"}))["power_kw"].iloc[3])
+
+
+# Times --------------------------------------------------------------------------------------------------------------
+
+
+def turbine(folder, shift_h=0.0, line=0.03, seed=4):
+    """Six hours at 10 Hz: one mode throughout, from three hours on the rotor's line too."""
+    rate, n = 10.0, 6 * 36000
+    rng, t = np.random.default_rng(seed), np.arange(6 * 36000) / 10.0
+    pole = np.exp((-0.01 + 1j) * 2 * np.pi * 0.33 / rate)
+    y = np.real(signal.lfilter([1], [1, -pole], rng.standard_normal(n)))
+    y = 0.05 * y / y.std() + 0.002 * rng.standard_normal(n)
+    y += np.where(t > 3 * 3600, line * np.sin(2 * np.pi * 0.6 * t), 0)
+    (folder / "acceleration").mkdir(parents=True)
+    with h5py.File(folder / "acceleration/a.h5", "w") as file:
+        data = file.create_dataset("data", data=np.column_stack([y, 0.6 * y]).astype(np.float32))
+        data.attrs.update(start="2024-05-01T00:00Z", sampling_rate_hz=rate)
+    text = f'name = "x"\nsampling_rate_hz = {rate}\nblock_minutes = 30\nrated_power_kw = {RATED}\n'
+    for k in (1, 2):
+        text += (f'[[sensor]]\nchannel = "{k}"\nlevel = "{k}"\nposition_m = [0.0, 0.0, {20.0 - 5 * k}]\n'
+                 'direction = [1.0, 0.0, 0.0]\n')
+    (folder / "campaign.toml").write_text(text)
+    table = scada()
+    table["time"] = (INDEX + pd.Timedelta(hours=shift_h)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    table.to_csv(folder / "scada.csv", index=False)
+    return folder
+
+
+@pytest.mark.parametrize("hours", [2.0, -2.0, 1.0])
+def test_another_time_zone_is_said_and_mended(tmp_path, hours):
+    folder = turbine(tmp_path / "c", hours)
+    (sentence,) = [f for f in check(read_campaign(folder)).findings if "time zone" in f]
+    assert f"{abs(hours):g} h {'earlier' if hours > 0 else 'later'}" in sentence
+    assert f"shift_minutes = {round(-60 * hours)}" in sentence
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(
+        text.replace("[[sensor]]", f"[scada]\nshift_minutes = {-60 * hours}\n[[sensor]]", 1))
+    assert not [f for f in check(read_campaign(folder)).findings if "time zone" in f]
+
+
+def test_right_times_say_nothing(tmp_path):
+    campaign = read_campaign(turbine(tmp_path / "c"))
+    rows = [r for block in blocks(campaign) for r in record_rows(block)]
+    assert len(rows) == N and not time_findings(rows, campaign.scada)
+
+
+def test_a_rotor_that_the_record_knows_nothing_of_has_no_other_time(tmp_path):
+    campaign = read_campaign(turbine(tmp_path / "c", line=0.0))
+    rows = [r for block in blocks(campaign) for r in record_rows(block)]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        rotor = np.where(np.cumsum(rng.standard_normal(N)) > 0, 12.0, 0.1)
+        assert not time_findings(rows, campaign.scada.assign(rotor_speed_rpm=rotor))
