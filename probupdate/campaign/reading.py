@@ -33,7 +33,7 @@ CAMPAIGN_KEYS = (
     "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
     "scada", "sensor",
 )
-SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
+SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit", "gravity")
 
 
 @dataclass(frozen=True, kw_only=True)

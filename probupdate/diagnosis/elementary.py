@@ -229,8 +229,8 @@ def _at_channels(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: 
     """Of a model without a picture: parts at its channels, along each, that is a spring to ground, a mass that moves
     that way, and masses on springs of these frequencies. K of the basis, the modes' shapes (r, n) on it."""
     flexibility, result = linalg.cho_factor(K), []
-    moved = np.sum((small.at_channels @ shape) ** 2, axis=1)
-    for k, (name, row, own) in enumerate(zip(small.channels, small.at_channels, moved, strict=True)):
+    moved = np.sum((small.motions @ shape) ** 2, axis=1)
+    for k, (name, row, own) in enumerate(zip(small.channels, small.motions, moved, strict=True)):
         # a channel that no mode moves is no place for anything
         if own > 0:
             stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"

@@ -77,12 +77,14 @@ def extend(
     problem, fitted = outcome.problem, outcome.fitted
     added = _Added.of(prepared, fitted)
     mean, n_block = mean_set(problem, fitted)
-    averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels)
+    averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
+                         gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
     out = None if out is None else Path(out)
     places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
     angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
-    alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],))
+    alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],),
+                    gravity=gravity_found(prepared, problem.blocks.channels, ()))
     (before, _), (after, model) = runs.in_order(
         _updated_if_possible, [(_Added(), alone), (added, averaged)], shared=(prepared, angle))
     progress("updating with the findings", 2, 2)
@@ -124,7 +126,8 @@ def _written(
     prepared: Prepared, outcome: Outcome, data: ModalData, added: _Added, averaged: ModalData, out: Path
 ) -> tuple[dict[str, Path], str]:
     """The files that were written beside `out`, and why the model's was not where it could not be."""
-    unwritten, seen = "", [n for n in outcome.fitted.included if n.effect.observe is not None]
+    unwritten, included = "", outcome.fitted.included
+    seen = [n for n in included if n.effect.observe is not None]
     out.parent.mkdir(parents=True, exist_ok=True)
     places = {"mean": out.with_name(f"{out.stem}.mean.json")}
     write_modes(averaged, places["mean"])
@@ -134,9 +137,10 @@ def _written(
         except InputError as error:
             # minutes of work are not lost for a file that stands in its own way
             unwritten = str(error)
-    if seen:
+    if seen or any(map(of_gravity, included)):
         places["modes"] = out.with_name(f"{out.stem}.modes.json")
-        write_modes(corrected(outcome.problem, data, seen), places["modes"])
+        mended = corrected(outcome.problem, data, seen)
+        write_modes(replace(mended, gravity=gravity_found(prepared, mended.channels, included)), places["modes"])
     return places, unwritten
 
 
@@ -176,7 +180,8 @@ class _Added:
     @classmethod
     def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
         if prepared.description is not None:
-            return cls(effects=tuple(described(n.effect.adds, n) for n in fitted.included if n.effect.adds is not None))
+            return cls(effects=tuple(described(n.effect.adds, n) for n in fitted.included
+                                     if n.effect.adds is not None and not of_gravity(n)))
         groups, taken = [], list(prepared.prior.names)
         for n in fitted.included:
             if n.effect.parts:
@@ -187,7 +192,8 @@ class _Added:
                 groups.append((n, Group(name=name, parts=dict(e.parts), std=e.prior_scale, lower=e.lower, upper=e.upper,
                                         unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
                                         f"diagnosed as {_profile_words(n)}")))
-        return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included if n.effect.adds is not None))
+        return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included
+                                                     if n.effect.adds is not None and not of_gravity(n)))
 
     def __bool__(self) -> bool:
         return bool(self.effects or self.groups or self.moved)
@@ -219,11 +225,13 @@ class _Added:
         else:
             made = load_model(prepared.path, parameters=prepared.prior)
         if self.moved:
-            made = replace(made, channel_matrix=self._channel_rows(prepared))
+            rows, n = self._channel_rows(prepared), len(made.channels)
+            made = replace(made, channel_matrix=rows[:n],
+                           tilt_matrix=None if made.tilt_matrix is None else rows[n:])
         return replace(made, uncertainty=SensorUncertainty(model=made))
 
     def _channel_rows(self, prepared: Prepared) -> sparse.csr_array:
-        """(n_channel, n_dof) what the channels read where they were found to be."""
+        """(n_row, n_dof) the channels' motion and tilt (`AffineModel.rows`) where they were found to be."""
         model, _ = places_tried(prepared.path, load_model(prepared.path, parameters=prepared.prior), prepared.sensors)
         theta, names = np.array(model.parameters.initial), model.parameters.names
         for n in self.moved:
@@ -252,6 +260,8 @@ def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) ->
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
                     "unit": effect.unit, "time_profile": included.time_profile.name}
+    if of_gravity(included):
+        return described_by | {"as": "what the modal sets state of gravity"}
     if included in added.moved:
         return described_by | {"as": "another place of the sensor in the model"}
     name = effect.adds.name if effect.adds is not None else added.name_of(included)
@@ -261,6 +271,28 @@ def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) ->
         return described_by | {"as": "correction of the modal sets"}
     names = [name for name, _ in effect.increments]
     return described_by | {"as": "the model's own parameter, whose prior is in question", "parameter": ", ".join(names)}
+
+
+# Gravity in the readings ---------------------------------------------------------------------------------------------
+
+
+def of_gravity(included: IncludedEffect) -> bool:
+    """Whether an effect is that what is stated of gravity is wrong."""
+    return included.effect.adds is not None and included.effect.adds.kind == "sensor_gravity"
+
+
+def gravity_found(
+    prepared: Prepared, channels: Sequence[str], included: Sequence[IncludedEffect]
+) -> tuple[bool, ...]:
+    """What is to be stated of the channels' gravity, behind the findings; () of a model that knows nothing of it."""
+    gravity = prepared.small.gravity
+    if gravity is None:
+        return ()
+    held = dict(zip(prepared.small.channels, gravity.share > 0.5, strict=True))
+    for n in included:
+        if of_gravity(n) and n.size > 0.5:
+            held |= {c: not held[c] for c in n.effect.adds.settings["channels"] if c in held}
+    return tuple(bool(held[c]) for c in channels)
 
 
 # Modal sets --------------------------------------------------------------------------------------------------------

@@ -6,22 +6,25 @@ Preparing takes half a minute for a turbine and does not depend on the data: man
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
 from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects, temperature_effect
+from probupdate.effects.gravity import gravity_effects
 from probupdate.effects.places import with_places
-from probupdate.effects.turbine import described_sensors, turbine_effects
+from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
-from probupdate.modal.modes import Sensor
+from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description
+from probupdate.structure.along_lines import with_reversed_gravity
+from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, model_sensors
@@ -48,6 +51,13 @@ class Prepared:
     description: Description | None
     discrepancy: float | None = None
 
+    def reading(self, data: ModalData) -> Prepared:
+        """With what the modal sets state of their channels' gravity in place of what the sensors do."""
+        if not data.felt:
+            return self
+        return replace(self, small=self.small.with_gravity(data.felt),
+                       sensors=tuple(s.stated(data.felt) for s in self.sensors))
+
     def effects_on(self, channels: Sequence[str]) -> tuple[Effect, ...]:
         """The whole catalogue for a record of these channels, in their order."""
         return (*_felt(self.effects, channels), *measurement_effects(channels, self.sensors), *self.own)
@@ -72,6 +82,8 @@ def prepare(
     of_matrices = model_sensors(path) is None
     # matrices have their own channels only: what is stated of sensors says where these are
     model = load_model(path, parameters=parameters, sensors=None if of_matrices else sensors)
+    if of_matrices and sensors is not None:
+        model = model.with_gravity({s.channel: bool(s.gravity) for s in sensors})
     added = [e for e in effects if e.adds is not None]
     own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
     if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
@@ -94,7 +106,7 @@ def prepare(
     models = [first, *(at(number).sharing(first) for number in range(1, len(TURNS_DEG)))]
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
-    moved, of_channels = [], {m.column for m in first.moved}
+    moved, of_channels = [], set(first.of_channels)
     for e, its in zip(catalogue, parameters_of, strict=True):
         k = first.parameters.names.index(its.name)
         # what changes no mode asks nothing of the basis
@@ -142,15 +154,28 @@ def places_tried(
     return with_places(model, sensors, alone=model_sensors(path) is None)
 
 
+def of_channels_tried(
+    path: Path, model: AffineModel, sensors: Sequence[Sensor]
+) -> tuple[AffineModel, tuple[Effect, ...]]:
+    """The same with what is stated of gravity in their readings reversed too."""
+    model, effects = places_tried(path, model, sensors)
+    if model.gravity is None or model.tilt_matrix is None:
+        return model, effects
+    felt = np.flatnonzero(np.diff(sparse.csr_array(model.tilt_matrix).indptr) > 0)
+    rows = gravity_effects([(model.channels[k], model.gravity.share[k] > 0.5) for k in felt], model.parameters.names)
+    added = [(e.adds, tuple(e.adds.settings["channels"])) for e in rows if e.adds is not None]
+    return with_reversed_gravity(model, [(p.parameter, channels) for p, channels in added]), (*effects, *rows)
+
+
 def _prepare_matrices(
     path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
 ) -> Prepared:
     n_mode = min(max(N_MODE, 20), model.n_available)
-    moved, of_places = places_tried(path, model, sensors)
+    moved, of_channels = of_channels_tried(path, model, sensors)
     reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
     small = small_model([moved], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=(*parameter_effects(model.parameters), *of_places, temperature_effect()), own=own,
+                    effects=(*parameter_effects(model.parameters), *of_channels, temperature_effect()), own=own,
                     sensors=sensors, description=None)
 
 

@@ -8,7 +8,7 @@ points that took no part in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -24,6 +24,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
 from probupdate.structure.moved_channels import MovedChannels, moved_to
 from probupdate.structure.projected_terms import Expansion, ProjectedTerms, patterned
+from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
@@ -62,11 +63,13 @@ MASSLESS = 1e-14
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Slopes:
     """Derivatives with n parameters: for stiffness and mass the terms by harmonics of the nacelle's angle, and their
-    weights (n, n_term); of those that move channels their number among the n and what they do to the rows (n_channel,
-    r); of masses and frequencies of tuned masses their number among the n, the mass, and which of both it is."""
+    weights (n, n_term); of those that move channels their number among the n and what they do to the rows (n_row, r);
+    of those that change what readings hold of gravity their number and the change (n_channel,); of masses and
+    frequencies of tuned masses their number among the n, the mass, and which of both it is."""
 
     terms: tuple[tuple[tuple[ProjectedTerms, ...], np.ndarray], ...]
     rows: tuple[tuple[int, np.ndarray], ...]
+    felt: tuple[tuple[int, np.ndarray], ...] = ()
     tuned: tuple[tuple[int, TunedMass, bool], ...] = ()
 
 
@@ -137,8 +140,9 @@ class SmallModel:
     cos 2a, sin 2a, or of 1 alone where nothing turns; `about`: an expansion of either's mean over all angles.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis;
-    at_channels (n_channel, r) what the channels read, which parameters may move (`moved`). `wire` is the model's
-    picture at rest, at_nodes (3 n_node, r) the motion of its nodes. `bare`: the model that parts were attached to.
+    at_channels (n_row, r) the channels' motion and tilt (`AffineModel.rows`), which parameters may move (`moved`), and
+    `gravity` what they hold of it. `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its
+    nodes. `bare`: the model that parts were attached to.
     """
 
     name: str
@@ -155,6 +159,7 @@ class SmallModel:
     wire: Wireframe | None = None
     at_nodes: np.ndarray | None = field(default=None, repr=False)
     moved: tuple[MovedChannels, ...] = field(default=(), repr=False)
+    gravity: FeltGravity | None = field(default=None, repr=False)
     tuned: tuple[TunedMass, ...] = field(default=(), repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
     bare: SmallModel | None = field(default=None, repr=False)
@@ -165,6 +170,17 @@ class SmallModel:
         if self.wire is None or self.at_nodes is None:
             raise ValueError(f"{self.name} has no picture: its nodes have no places")
         return self.wire, self.at_nodes
+
+    @property
+    def motions(self) -> np.ndarray:
+        """(n_channel, r) the motion of the channels' places."""
+        return self.at_channels[: len(self.channels)]
+
+    def with_gravity(self, felt: Mapping[str, bool]) -> SmallModel:
+        """As `AffineModel.with_gravity`."""
+        return self if self.gravity is None else replace(
+            self, gravity=self.gravity.stated(felt, self.channels), known={},
+            bare=None if self.bare is None else self.bare.with_gravity(felt))
 
     @property
     def turns(self) -> bool:
@@ -274,7 +290,7 @@ class LocalModel:
 
     @cached_property
     def at_channels(self) -> np.ndarray:
-        """(n_channel, n) what the channels read here."""
+        """(n_row, n) motion and tilt of the channels here."""
         return self._padded(moved_to(self.small.at_channels, self.small.moved, self.theta))
 
     def _padded(self, rows: np.ndarray) -> np.ndarray:
@@ -285,7 +301,7 @@ class LocalModel:
     @cached_property
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
-        the modes above these give way at the channels (n_channel, r) when forces act on the basis."""
+        the modes above these give way at the channels (n_row, r) when forces act on the basis."""
         bare = self.small.bare
         if bare is not None and not self.theta[len(bare.parameters) :].any():
             return bare.at(self.theta[: len(bare.parameters)])._core
@@ -319,7 +335,13 @@ class LocalModel:
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
-        return self.at_channels @ modes.vectors[:, :count]
+        value = (2 * np.pi * modes.frequency_hz[:count]) ** 2
+        return as_read(self.at_channels @ modes.vectors[:, :count], value, self.held)
+
+    @cached_property
+    def held(self) -> np.ndarray | None:
+        """(n_channel,) what of gravity the readings hold here."""
+        return None if self.small.gravity is None else self.small.gravity.at(self.theta)
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
         """Derivatives with the parameters `columns`."""
@@ -327,11 +349,13 @@ class LocalModel:
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         rows = tuple((columns.index(m.column), m.slope(float(self.theta[m.column])))
                      for m in small.moved if m.column in columns)
+        felt = () if small.gravity is None else tuple(
+            (columns.index(column), slope) for column, slope in small.gravity.slopes() if column in columns)
         number = {column: k for k, column in enumerate(columns)}
         tuned = tuple((number[column], one, column == one.column) for one in small.tuned
                       for column in (one.column, one.tuning) if column in number)
         return Slopes(terms=((small.stiffness, np.imag(cK) / 1e-30), (small.mass, np.imag(cM) / 1e-30)), rows=rows,
-                      tuned=tuned)
+                      felt=felt, tuned=tuned)
 
     def derivatives(
         self, slopes: Slopes, places: Sequence[tuple[float, SmallModes, Sequence[Sequence[int]]]]
@@ -364,7 +388,7 @@ class LocalModel:
         value = np.concatenate([(2 * np.pi * modes.frequency_hz[[i for own in clusters for i in own]]) ** 2
                                 for _, modes, clusters in places])
         self._add_tuned(slopes, together, onto, value, *products)
-        return [self._changes([product[:, start:end] for product in products], slopes.rows, modes, clusters)
+        return [self._changes([product[:, start:end] for product in products], slopes, modes, clusters)
                 for (_, modes, clusters), start, end in zip(places, ends, ends[1:], strict=False)]
 
     def _add_tuned(self, slopes: Slopes, together, onto, value, stiff: np.ndarray, heavy: np.ndarray) -> None:
@@ -387,16 +411,16 @@ class LocalModel:
                 n = one.rows.shape[1]
                 heavy[number] += followed[:, None] * ((one.rows @ together[:n]).T @ (one.rows @ onto[:n]))
 
-    def _changes(self, parts, rows, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _changes(self, parts, slopes: Slopes, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
         """`derivatives` at one place from Phi^T dK and Phi^T dM on the core's modes and on what those above it give way
-        at the channels (n_param, all members, n_core + n_channel): modes of the core one by one, those above it all of
-        them together; and from the `rows` of channels that move."""
+        at the channels (n_param, all members, n_core + n_row): modes of the core one by one, those above it all of
+        them together; and from what `slopes` say of the channels' rows."""
         value = (2 * np.pi * modes.frequency_hz) ** 2
         at_channels = self.at_channels @ modes.vectors
-        n_channel, result, start = len(at_channels), [], 0
-        given = np.concatenate([np.zeros((n_channel, len(modes.on_core))), -np.eye(n_channel)], axis=1)
+        n_row, result, start = len(at_channels), [], 0
+        given = np.concatenate([np.zeros((n_row, len(modes.on_core))), -np.eye(n_row)], axis=1)
         for members in map(list, clusters):
-            own_value, onto = value[members], np.pad(modes.on_core[:, members].T, ((0, 0), (0, n_channel)))
+            own_value, onto = value[members], np.pad(modes.on_core[:, members].T, ((0, 0), (0, n_row)))
             outside = np.ones(len(value), bool)
             outside[members] = False
             dK, dM, change = [], [], []
@@ -404,18 +428,22 @@ class LocalModel:
                 gap = at - value[outside]
                 share = gap / (gap**2 + (EQUAL * at) ** 2)
                 # what a force on the basis does to this mode at the channels, and to the members' products
-                given[:, : -n_channel or None] = (at_channels[:, outside] * share) @ modes.on_core[:, outside].T
+                given[:, : -n_row or None] = (at_channels[:, outside] * share) @ modes.on_core[:, outside].T
                 stiff, heavy = (part[:, start + j] @ np.concatenate([given, onto]).T for part in parts)
-                dK.append(stiff[:, n_channel:])
-                dM.append(heavy[:, n_channel:])
-                change.append((stiff - at * heavy)[:, :n_channel] - 0.5 * dM[-1] @ at_channels[:, members].T)
+                dK.append(stiff[:, n_row:])
+                dM.append(heavy[:, n_row:])
+                change.append((stiff - at * heavy)[:, :n_row] - 0.5 * dM[-1] @ at_channels[:, members].T)
             start += len(members)
             mean = 0.5 * (own_value[:, None] + own_value[None, :])
-            coupling = np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)
+            coupling = (np.stack(dK, axis=2) - mean * np.stack(dM, axis=2)).transpose(1, 2, 0)
             moved = np.stack(change, axis=2)
-            for number, own in rows:
+            for number, own in slopes.rows:
                 moved[number] += own @ modes.vectors[: own.shape[1], members]
-            result.append((coupling.transpose(1, 2, 0), moved.transpose(1, 2, 0)))
+            seen = at_channels[:, members]
+            read = reading_slopes(seen, moved.transpose(1, 2, 0), own_value, coupling, self.held)
+            for number, own in slopes.felt:
+                read[:, :, number] += own[:, None] * seen[len(own) :] / own_value
+            result.append((coupling, read))
         return result
 
 
@@ -459,7 +487,7 @@ def small_model(
     rng = np.random.default_rng([seed, 11])
     # what a model keeps of its sums would be as large as all its terms, and goes with the copy
     count = min(n_mode + SPARE, replace(first).n_available)
-    felt = np.setdiff1d(np.arange(len(first.parameters)), [m.column for m in first.moved])
+    felt = np.setdiff1d(np.arange(len(first.parameters)), first.of_channels)
     points = _points(first.parameters, felt, effects, reach, rng)
     moved = effects if len(effects) else felt.tolist()
     points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
@@ -664,8 +692,8 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
         stiffness=stiffness, mass=mass, about=about,
-        at_channels=frozen_array(first.channel_matrix @ basis), moved=tuple(m.on(basis) for m in first.moved),
-        n_search=n_mode,
+        at_channels=frozen_array(first.rows @ basis), moved=tuple(m.on(basis) for m in first.moved),
+        gravity=first.gravity, n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
     )

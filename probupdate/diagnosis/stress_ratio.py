@@ -59,7 +59,7 @@ def member_stresses(
     highest = max(s.position_m[2] for s in sensors)
     top = [s for s in sensors if s.position_m[2] > highest - 0.5]
     rows, _ = channel_rows(frame, tuple(top), {s.channel: s.part for s in description.sensor}, where)
-    seen = (rows @ built.transform) @ phi
+    seen = (rows[: len(top)] @ built.transform) @ phi
     # sensors' directions into x and y, then the pair into one metre along each
     axes = np.array([s.direction[:2] for s in top])
     motion = np.linalg.pinv(axes) @ seen

@@ -34,8 +34,7 @@ def with_places(
         for called, own, way in found:
             p = _parameter(called, own, way, taken=[*model.parameters.names, *(p.name for p, _ in added)])
             effects.append(_effect(p, odds=1 / len(found)))
-            added.append((Parameter(name=p.name, unit=p.unit, initial=p.neutral, std=p.std, lower=p.lower,
-                                    upper=p.upper, prior="normal", description=p.description), way))
+            added.append((p.parameter, way))
     return (with_ways(model, added, placed) if added else model), tuple(effects)
 
 

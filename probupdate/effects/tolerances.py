@@ -7,7 +7,7 @@ for all members of a group together, and the laws of the soil, on which accepted
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +17,14 @@ import numpy as np
 
 from probupdate.effects.catalogue import Effect, Observation, measurement_effects
 from probupdate.effects.turbine import turbine_effects
+from probupdate.modal.matching import reading
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ErrorSource
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.description_file import read_description
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter, extended_model
@@ -134,6 +135,9 @@ class SensorUncertainty:
                 change[:, j, k] = np.real(observe(shape, f, h)[0] - observe(shape, f, -h)[0])[:, 0] / (2 * h)
         return replace(solution, frequency_derivative=np.zeros((n_mode, len(self.effects))), shape_derivative=change)
 
+    def with_gravity(self, felt: Mapping[str, bool]) -> SensorUncertainty:
+        return replace(self, model=reading(self.model, felt))
+
     def fingerprint(self) -> str:
         return _hash(self.sources)
 
@@ -156,9 +160,7 @@ class TurbineUncertainty:
     ) -> TurbineUncertainty:
         """Of a model that was loaded from `path`, and extended by the effects `added`."""
         description = read_description(path)
-        placed = sensors if sensors is not None else tuple(
-            Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-                   quantity=s.quantity, unit=s.unit) for s in description.sensor)
+        placed = sensors if sensors is not None else described_sensors(description)
         return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
                    description=description, added=tuple(added))
 
@@ -199,6 +201,9 @@ class TurbineUncertainty:
             frequency_derivative=frozen_array(np.hstack([of_frequency[:, picked], sensor_frequency])),
             shape_derivative=frozen_array(np.concatenate([of_shape[:, :, picked], sensor_shape], axis=2)),
         )
+
+    def with_gravity(self, felt: Mapping[str, bool]) -> TurbineUncertainty:
+        return replace(self, sensors=tuple(s.stated(felt) for s in self.sensors))
 
     def fingerprint(self) -> str:
         return _hash(self.sources)

@@ -17,13 +17,15 @@ from typing import cast
 import numpy as np
 
 from probupdate.effects.catalogue import WARMS_ODDS, Effect, sensor_groups
+from probupdate.effects.gravity import gravity_effects
 from probupdate.modal.modes import Sensor
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attachments, line_of
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter
 from probupdate.structure.joints import joint_law
+from probupdate.structure.readings import across_gravity
 from probupdate.structure.turbine_frame import build_frame
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
@@ -45,8 +47,10 @@ def turbine_effects(
     """Every row for this turbine, with those of its sensors that the model answers for (`sensors`: others than the
     file's); with single_members also those of single braces and of a brace's joints at one leg, which a record
     distinguishes from their face's only where it is long."""
+    placed = described_sensors(d) if sensors is None else sensors
+    level = [(s.channel, bool(s.gravity)) for s in placed if across_gravity(s.direction).any()]
     rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d),
-            *_heights(d, described_sensors(d) if sensors is None else sensors)]
+            *_heights(d, placed), *gravity_effects(level, [p.name for p in d.parameter])]
     return (*rows, *(_single(d) if single_members else ()))
 
 
@@ -312,15 +316,6 @@ def _environment(d: Description) -> Iterator[Effect]:
                   time_profiles=("rms_mps2", "wave_height_m"),
                   signature="second bending falls in storms, not with thrust",
                   check="storms of equal wind, other sea")
-
-
-def described_sensors(d: Description) -> tuple[Sensor, ...]:
-    """The file's own sensors, which a campaign's may replace."""
-    return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-               quantity=s.quantity, unit=s.unit)
-        for s in d.sensor
-    )
 
 
 def _heights(d: Description, sensors: Sequence[Sensor]) -> Iterator[Effect]:

@@ -263,6 +263,7 @@ def classified(
         sets.append(replace(s, environment=with_independence(s, stands.choice, named.names, physical.modes),
                             covariance_factors=covariance_factors))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
+                     gravity=tuple(bool(s.gravity) for s in campaign.sensors),
                      model_only=named.model_only)
     poles = pole_table(usable, [picked[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]

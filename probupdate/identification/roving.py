@@ -7,7 +7,7 @@ along.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -88,6 +88,10 @@ class _Mean:
     count: np.ndarray
 
 
+def _gravity(known: Mapping[str, Sensor], channels: Sequence[str]) -> tuple[bool, ...]:
+    return tuple(bool(known[c].gravity) for c in channels)
+
+
 def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged:
     """One modal set of all channels. Modes go by label where the setups have the same ones from a model, or
     `same_modes` says that column j is one mode in all; else they are matched by frequency and by the shapes at the
@@ -131,9 +135,9 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
         for j, label in enumerate(labels) for k, (setup, mean) in enumerate(zip(setups, means, strict=True))
         if np.isfinite(mean.ln_frequency[j])
     ])
+    data = ModalData(channels=channels, sets=(modal,), labels=labels, gravity=_gravity(known, channels))
     return Merged(
-        data=ModalData(channels=channels, sets=(modal,), labels=labels), sensors=tuple(known[c] for c in channels),
-        references=references, table=table,
+        data=data, sensors=tuple(known[c] for c in channels), references=references, table=table,
         summary=_summary(setups, means, modal, labels, references, misfit, noise, p_value),
     )
 
@@ -153,9 +157,11 @@ def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
         here = [place[channel] for place in places if channel in place]
         for other in here[1:]:
             moved = float(np.linalg.norm(other.position_m - here[0].position_m))
-            if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or other.quantity != here[0].quantity:
+            if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or (
+                    other.quantity, other.gravity) != (here[0].quantity, here[0].gravity):
                 raise InputError(f"channel {channel}", f"sits elsewhere in another setup ({moved:.2g} m away, or of "
-                                 "another direction or quantity)", "name sensors that were moved anew in each setup")
+                                 "another direction, quantity or gravity)",
+                                 "name sensors that were moved anew in each setup")
     return tuple(common)
 
 

@@ -32,7 +32,7 @@ from probupdate.structure.affine import STEP, AffineModel
 from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.frame import Frame
 from probupdate.structure.load import turbine_model
 from probupdate.structure.mode_labels import labels_of_shapes
@@ -535,7 +535,7 @@ def stress_model(
     fixed = {name: value for name, value in values.items() if name not in updated}
     return StressModel(
         model=model,
-        sensors=_sensors(description) if sensors is None else sensors,
+        sensors=described_sensors(description) if sensors is None else sensors,
         frame=frame,
         details=details,
         heading_deg=float(heading_deg),
@@ -572,14 +572,6 @@ def _force_terms(
             for dofs, matrix, coefficient in contributions:
                 collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
     return collected
-
-
-def _sensors(description: Description) -> tuple[Sensor, ...]:
-    return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-               quantity=s.quantity, unit=s.unit)
-        for s in description.sensor
-    )
 
 
 def _section(d: Description, detail: Detail, tube: Tube) -> Tube:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,13 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
             "name the model's channels as the data's, or load the model with the campaign's sensors",
         )
     return np.array([row[name] for name in channels], int)
+
+
+def reading(model: Model, felt: Mapping[str, bool]) -> Model:
+    """The model with what is stated of its channels: whether their readings hold gravity. A model that knows nothing of
+    it gives what its author says its shapes are."""
+    state = getattr(model, "with_gravity", None)
+    return model if state is None or not felt else state(felt)
 
 
 def close_clusters(frequency_hz: np.ndarray, gap: float = PAIR_GAP) -> list[tuple[int, ...]]:

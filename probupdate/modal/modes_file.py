@@ -142,7 +142,8 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
 HIGHEST_HZ = 1e5
 # what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
 CLOCK = 1e-7
-FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
+FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only",
+             "gravity"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
     "environment",
@@ -199,8 +200,22 @@ def _read_modes(path: Path) -> ModalData:
         labels=labels,
         reference_set=_text_or_none(path, content, "reference_set"),
         records=_records(path, content, "mode_records", ModeRecord),
+        gravity=_gravity(path, content, len(channels)),
         model_only=_records(path, content, "model_only", ModelMode),
     )
+
+
+def _gravity(path: Path, content: Mapping, n_channel: int) -> tuple[bool, ...]:
+    """One value for all channels, or one for each; () where it is not stated."""
+    value = content.get("gravity")
+    if value is None:
+        return ()
+    values = [value] * n_channel if isinstance(value, bool) else value
+    if not isinstance(values, list) or len(values) != n_channel or not all(isinstance(v, bool) for v in values):
+        raise InputError(f"{path}, gravity", f"{value!r:.60} is neither true or false nor a list of these for "
+                         f"{plural(n_channel, 'channel')}",
+                         "write false where gravity was taken out of the readings, true where they hold it")
+    return tuple(values)
 
 
 def _json_of_modes(path: Path) -> dict:
@@ -374,6 +389,8 @@ def write_modes(data: ModalData, path: str | Path) -> None:
     content: dict = {"format": FORMAT, "channels": list(data.channels)}
     if data.labels:
         content["labels"] = list(data.labels)
+    if data.gravity:
+        content["gravity"] = list(data.gravity)
     if data.reference_set is not None:
         content["reference_set"] = data.reference_set
     for key, rows in (("mode_records", data.records), ("model_only", data.model_only)):

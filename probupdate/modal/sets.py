@@ -31,7 +31,9 @@ FARTHEST_M = 1e7
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensor:
-    """One measured channel; position and direction in model axes, z = 0 at mean sea level."""
+    """One measured channel; position and direction in model axes, z = 0 at mean sea level. `gravity`: whether its
+    readings hold gravity's component through the tilt of its place, as those of accelerometers and geophones do; where
+    it is not stated (None) acceleration and velocity hold it, a displacement does not."""
 
     channel: str
     level: str
@@ -39,6 +41,7 @@ class Sensor:
     direction: np.ndarray
     quantity: str = "acceleration"
     unit: str = "m/s2"
+    gravity: bool | None = None
 
     def __post_init__(self):
         where = f"sensor {self.channel}"
@@ -58,8 +61,17 @@ class Sensor:
                                  "not stand beside those of other sensors or of a model",
                                  "convert the other channels alone")
             raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
+        if self.gravity is not None and not isinstance(self.gravity, bool):
+            raise InputError(f"{where}, gravity", f"{self.gravity!r} is neither true nor false",
+                             "write false where gravity was taken out of the readings, or leave it out")
         object.__setattr__(self, "position_m", position)
         object.__setattr__(self, "direction", direction)
+        if self.gravity is None:
+            object.__setattr__(self, "gravity", self.quantity != "displacement")
+
+    def stated(self, felt: Mapping[str, bool]) -> Sensor:
+        """With what is stated of some channels' gravity."""
+        return replace(self, gravity=felt.get(self.channel, self.gravity))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -300,7 +312,8 @@ class ModalData:
     """What `modes.json` holds: channels, sets, and optionally the set an update should start from; of an identification
     also a record a mode, and the modes of the model that it did not find.
 
-    Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...).
+    Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...). `gravity` (n_channel,):
+    whether the channels' readings hold gravity (see `Sensor`); () where it is not stated.
     """
 
     channels: tuple[str, ...]
@@ -309,6 +322,12 @@ class ModalData:
     reference_set: str | None = None
     records: tuple[ModeRecord, ...] = ()
     model_only: tuple[ModelMode, ...] = ()
+    gravity: tuple[bool, ...] = ()
+
+    @property
+    def felt(self) -> dict[str, bool]:
+        """`gravity` by channels; empty where it is not stated."""
+        return dict(zip(self.channels, self.gravity, strict=True)) if self.gravity else {}
 
     def __post_init__(self):
         if not self.sets:
@@ -327,6 +346,9 @@ class ModalData:
             raise InputError(f"modal data, set {twice}", "two sets share one id", "give each set its own")
         if self.labels and len(self.labels) != n_mode:
             raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
+        if self.gravity and len(self.gravity) != len(self.channels):
+            raise InputError("modal data, gravity", f"has {len(self.gravity)} values for {len(self.channels)} channels",
+                             "give one a channel, or leave it out")
         if self.records and len(self.records) != n_mode:
             raise InputError("modal data", f"{len(self.records)} records for {n_mode} modes", "give one a mode")
         if self.reference_set is not None and self.reference_set not in ids:
@@ -394,6 +416,7 @@ class ModalData:
         if self.channels and not rows:
             raise InputError("channels", "all of them are to be left out", "keep those that can be trusted")
         return replace(self, channels=tuple(self.channels[k] for k in rows),
+                       gravity=tuple(self.gravity[k] for k in rows if self.gravity),
                        sets=tuple(s.of_channels(rows) for s in self.sets))
 
     def frequencies_alone(self) -> ModalData:

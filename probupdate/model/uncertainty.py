@@ -11,7 +11,7 @@ exact derivatives of the modes instead of a sample.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -46,6 +46,10 @@ class ModelUncertainty(Protocol):
 
     def changes(self, theta: np.ndarray, n_mode: int, clusters: tuple[tuple[int, ...], ...]) -> ModalSolution:
         """Modes at theta with derivatives with respect to the sources, each per one of its unit."""
+        ...
+
+    def with_gravity(self, felt: Mapping[str, bool]) -> ModelUncertainty:
+        """Of a model whose channels hold gravity, or not, as stated by their names."""
         ...
 
     def fingerprint(self) -> str: ...

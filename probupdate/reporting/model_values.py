@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match
+from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match, reading
 from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
@@ -81,7 +81,7 @@ def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
 def _matched_modes(
     model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: list[tuple[int, ...]]
 ) -> ShapedModes:
-    solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
+    solution, drawn = reading(model, data.felt).solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
     # whatever resembles the measured mode least badly first, so that a poor model is no error here ...
     matching = match(chosen, solution, rows, labels=data.labels, clusters=clusters, min_mac=0.0, refuse=False)

@@ -16,8 +16,9 @@ from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ModelUncertainty
 from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.eigen import available_modes, lowest_modes, mode_derivatives
+from probupdate.structure.eigen import available_modes, cluster_coupling, lowest_modes, mode_derivatives
 from probupdate.structure.moved_channels import MovedChannels, moved_to
+from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
@@ -34,8 +35,10 @@ class AffineModel:
 
     `coefficients` maps theta (..., n_param), real or complex, to (..., n_stiffness) and (..., n_mass) and must be
     analytic where it is used, as its derivatives are taken by complex steps. `channel_matrix` (n_channel, n_dof)
-    picks the measured motion, which parameters may move elsewhere (`moved`: `channel_rows`), `wire_matrix` (3 n_node,
-    n_dof) that of the picture's nodes. `derived` holds named scalars of theta, such as pile-head stiffness. `hash_key`
+    picks the measured motion and `tilt_matrix` (n_channel, n_dof) what the channels read of gravity (`gravity`, see
+    `readings`; both None where the model has no rotations); parameters may move these rows elsewhere (`moved`, of both
+    one below the other: `channel_rows`). `wire_matrix` (3 n_node, n_dof) is the motion of the picture's nodes,
+    `wire_turn` their rotation. `derived` holds named scalars of theta, such as pile-head stiffness. `hash_key`
     stands for all that went into the matrices. `places`: where its degrees of freedom are, if known. `uncertainty`:
     what is not known of the model itself (`model_error`).
     """
@@ -54,6 +57,19 @@ class AffineModel:
     uncertainty: ModelUncertainty | None = None
     moved: tuple[MovedChannels, ...] = ()
     places: DofPlaces | None = None
+    tilt_matrix: sparse.csr_array | None = None
+    gravity: FeltGravity | None = None
+    wire_turn: sparse.csr_array | None = None
+
+    def with_gravity(self, felt: Mapping[str, bool]) -> AffineModel:
+        """With what is stated of channels by their names: whether their readings hold gravity."""
+        if self.gravity is None:
+            return self
+        stated = self.gravity.stated(felt, self.channels)
+        if np.array_equal(stated.share, self.gravity.share):
+            return self
+        known = None if self.uncertainty is None else self.uncertainty.with_gravity(felt)
+        return replace(self, gravity=stated, uncertainty=known)
 
     def sharing(self, other: AffineModel) -> AffineModel:
         """The same model, with the other's matrices in place of its own where these are equal: in memory once."""
@@ -94,9 +110,31 @@ class AffineModel:
     def _sums(self) -> tuple[_WeightedSum, _WeightedSum]:
         return _WeightedSum.of(self.stiffness), _WeightedSum.of(self.mass)
 
+    @property
+    def of_channels(self) -> tuple[int, ...]:
+        """Numbers of the parameters that change what channels read and nothing of the structure."""
+        felt = () if self.gravity is None else tuple(column for column, _ in self.gravity.reversed_by)
+        return (*(m.column for m in self.moved), *felt)
+
+    @property
+    def rows(self) -> sparse.csr_array:
+        """(n_channel, n_dof) motion of the channels as described or, where it is known, (2 n_channel, n_dof) with their
+        tilt below it."""
+        if self.tilt_matrix is None:
+            return self.channel_matrix
+        return sparse.vstack([self.channel_matrix, self.tilt_matrix], format="csr")
+
     def channel_rows(self, theta: np.ndarray) -> sparse.csr_array:
-        """(n_channel, n_dof) what the channels read at theta (n_param,)."""
-        return moved_to(self.channel_matrix, self.moved, self._theta(theta))
+        """`rows` at theta (n_param,)."""
+        return moved_to(self.rows, self.moved, self._theta(theta))
+
+    def read(self, theta: np.ndarray, value: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """(n_channel, n_mode) what the channels read at theta of modes phi (n_dof, n_mode) of these eigenvalues."""
+        theta = self._theta(theta)
+        return as_read(self.channel_rows(theta) @ phi, value, self._held(theta))
+
+    def _held(self, theta: np.ndarray) -> np.ndarray | None:
+        return None if self.gravity is None else self.gravity.at(theta)
 
     def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d c_K (n_stiffness, n_param) and d c_M (n_mass, n_param) at theta, by complex steps."""
@@ -135,7 +173,7 @@ class AffineModel:
         value, phi = self.solve_full(theta, n_mode)
         frequency = np.sqrt(value) / (2 * np.pi)
         result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
-                  "shape": frozen_array(self.channel_rows(theta) @ phi)}
+                  "shape": frozen_array(self.read(theta, value, phi))}
         if derivatives:
             change = self._remembered["derivatives"](
                 (theta.tobytes(), n_mode, clusters), lambda: self._derivatives(theta, value, phi, clusters))
@@ -149,11 +187,21 @@ class AffineModel:
         dK_phi, dM_phi = _products(self.stiffness, phi, dcK), _products(self.mass, phi, dcM)
         d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
         n, m, p = d_phi.shape
-        at_channels = (self.channel_rows(theta) @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
+        rows = self.channel_rows(theta)
+        at_channels = (rows @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
         for own in self.moved:
             at_channels[:, :, own.column] += own.slope(float(theta[own.column])) @ phi
+        if self.gravity is not None:
+            coupling = cluster_coupling(value, phi, dK_phi, dM_phi, d_value, clusters)
+            at_channels = self._slopes_as_read(theta, value, rows @ phi, at_channels, coupling)
         # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
         return frozen_array(d_value / (4 * np.pi * np.sqrt(value)[:, None])), frozen_array(at_channels)
+
+    def _slopes_as_read(self, theta, value, seen, change, coupling):
+        result = reading_slopes(seen, change, value, coupling, self._held(theta))
+        for column, slope in () if self.gravity is None else self.gravity.slopes():
+            result[:, :, column] += slope[:, None] * seen[len(slope) :] / value
+        return result
 
     def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
         theta = self._theta(np.atleast_2d(theta))
@@ -176,6 +224,9 @@ class AffineModel:
 
     def fingerprint(self) -> str:
         text = [self.name, self.hash_key, *self.channels]
+        if self.gravity is not None and np.any(self.gravity.share):
+            # without any the answers are those of a model that knows nothing of it
+            text.append(f"gravity {self.gravity.mps2!r} {self.gravity.share.tolist()}")
         for p in self.parameters:
             text.append(repr(p))
         if self.parameters.correlation is not None:

@@ -1,4 +1,5 @@
-"""Channels of a model that is known at its nodes alone, moved along the straight lines between these."""
+"""Channels of a model that is known at its nodes alone, moved along the straight lines between these, or read with
+what is stated of gravity reversed: parameters that its matrices know nothing of."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.moved_channels import MovedChannels
+from probupdate.structure.readings import FeltGravity, across_gravity
 
 # cosine from which two lines are one; of what a channel reads, the share within which it is its node's motion
 STRAIGHT, SAME = 0.999, 1e-9
@@ -60,7 +62,7 @@ def ways(
     node = int(np.argmin(np.linalg.norm(place - sensors[0].position_m, axis=1)))
     for s in sensors:
         own = rows[[number[s.channel]]]
-        apart = abs(own - _read(model, node, s.direction))
+        apart = abs(own - _motion(model, node, s.direction))
         if apart.nnz and apart.max() > SAME * abs(own).max():
             return ()
     result, taken = [], set()
@@ -87,25 +89,51 @@ def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensor
     """The model with a parameter behind its own for each way: how many metres along it its channels are. What is read
     between two nodes is a straight line's, as the model has no other there."""
     n, directions = len(model.parameters), {s.channel: s.direction for s in sensors}
-    moved = []
+    n_row, moved = model.rows.shape[0], []
     for column, (_, way) in enumerate(added, start=n):
-        read = [sparse.vstack([_read(model, node, directions[model.channels[k]]) for k in way.channels], format="csr")
-                for node in way.node]
+        own = [directions[model.channels[k]] for k in way.channels]
+        read = [_read(model, node, own) for node in way.node]
         here = read[int(np.flatnonzero(way.along_m == 0)[0])]
-        onto = sparse.csr_array((np.ones(len(way.channels)), (way.channels, np.arange(len(way.channels)))),
-                                shape=(len(model.channels), len(way.channels)))
+        taken = [*way.channels, *(len(model.channels) + k for k in way.channels)][: here.shape[0]]
+        onto = sparse.csr_array((np.ones(len(taken)), (taken, np.arange(len(taken)))), shape=(n_row, len(taken)))
         moved.append(MovedChannels(column=column, knots=way.along_m, onto=onto,
                                    powers=tuple((a - here, b - a) for a, b in pairwise(read))))
+    return replace(_with_parameters(model, [p for p, _ in added]), moved=(*model.moved, *moved))
+
+
+def with_reversed_gravity(model: AffineModel, added: Sequence[tuple[Parameter, Sequence[str]]]) -> AffineModel:
+    """The model with a parameter behind its own for each of these groups of channels, that makes at its value 1 of what
+    is stated of gravity in their readings the other. Raises ValueError where the model has no tilts."""
+    if model.gravity is None:
+        raise ValueError(f"{model.name} has no rotations")
+    own = [(len(model.parameters) + k, frozen_array([float(c in channels) for c in model.channels]))
+           for k, (_, channels) in enumerate(added)]
+    gravity: FeltGravity = replace(model.gravity, reversed_by=(*model.gravity.reversed_by, *own))
+    return replace(_with_parameters(model, [p for p, _ in added]), gravity=gravity)
+
+
+def _with_parameters(model: AffineModel, added: Sequence[Parameter]) -> AffineModel:
+    """With parameters behind its own that its matrices know nothing of."""
     correlation = model.parameters.correlation
     if correlation is not None:
         correlation = linalg.block_diag(correlation, np.eye(len(added)))
-    return replace(model, parameters=Parameters((*model.parameters.items, *(p for p, _ in added)), correlation),
-                   coefficients=_Leading(model.coefficients, n), moved=(*model.moved, *moved))
+    return replace(model, parameters=Parameters((*model.parameters.items, *added), correlation),
+                   coefficients=_Leading(model.coefficients, len(model.parameters)))
 
 
-def _read(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_array:
+def _motion(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_array:
     """(1, n_dof) the motion of a node along a direction."""
     return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
+
+
+def _read(model: AffineModel, node: int, directions: Sequence[np.ndarray]) -> sparse.csr_array:
+    """(n, n_dof) what channels along these directions read of a node's motion, below it of its tilt where the model's
+    channels have theirs (2 n, n_dof)."""
+    rows = [_motion(model, node, d) for d in directions]
+    if model.tilt_matrix is not None:
+        turn = sparse.csr_array(model.wire_turn)[3 * node : 3 * node + 3]
+        rows += [sparse.csr_array(across_gravity(d)[None]) @ turn for d in directions]
+    return sparse.vstack(rows, format="csr")
 
 
 def nodes_beside(model: AffineModel) -> dict[int, list[int]]:

@@ -1,5 +1,5 @@
 """From sensors to rows that read the frame's motion: u + theta x r of the nearest point of the named part, or of one
-farther along its member."""
+farther along its member, and the rotation theta there, through which gravity is felt."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from probupdate.structure import beam as beams
 from probupdate.structure.assembly import node_dofs, rigid_motion
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.moved_channels import MovedChannels
+from probupdate.structure.readings import across_gravity
 from probupdate.structure.schema import nearest
 
 # how far from a part's surface a sensor may sit
@@ -120,8 +121,8 @@ class Move:
 def channel_rows(
     frame: Frame, sensors: tuple[Sensor, ...], parts: dict[str, str], where: str, moves: Sequence[Move] = ()
 ) -> tuple[sparse.csr_array, tuple[MovedChannels, ...]]:
-    """(n_channel, 6 n_node), and what the updated ones of `moves` make of it. `parts`: the part each channel sits on; a
-    channel without one takes the nearest."""
+    """(2 n_channel, 6 n_node): the channels' motions and below them their tilts (see `readings`), and what the updated
+    ones of `moves` make of them. `parts`: the part each channel sits on; a channel without one takes the nearest."""
     found = list(attachments(frame, sensors, parts, where))
     numbers = {sensor.channel: k for k, sensor in enumerate(sensors)}
     moved: list[MovedChannels] = []
@@ -180,31 +181,35 @@ def _moved(frame: Frame, sensors: Sequence[Sensor], lines: Mapping[int, Line], m
     knots = [move.low_m, *(end for k, end in enumerate(inside) if not k or end - inside[k - 1] > STRAIGHT_M),
              move.high_m]
     own = sorted(lines)
+    taken = [*own, *(len(sensors) + k for k in own)]
 
     def read(h: float) -> sparse.csr_array:
-        return _rows(frame, sensors, {k: lines[k].at(frame, h) for k in own})[own]
+        return _rows(frame, sensors, {k: lines[k].at(frame, h) for k in own})[taken]
 
     here, powers = read(0.0), []
     for a, b in pairwise(knots):
         changes = [read(a + t * (b - a)) - here for t in THIRDS]
         powers.append(tuple(sparse.csr_array(sum(w * change for w, change in zip(weights, changes, strict=True)))
                             for weights in np.linalg.inv(THIRDS[:, None] ** np.arange(4))))
-    onto = sparse.csr_array((np.ones(len(own)), (own, np.arange(len(own)))), shape=(len(sensors), len(own)))
+    onto = sparse.csr_array((np.ones(len(taken)), (taken, np.arange(len(taken)))),
+                            shape=(2 * len(sensors), len(taken)))
     return MovedChannels(column=cast(int, move.column), knots=frozen_array(knots), onto=onto, powers=tuple(powers))
 
 
 def _rows(frame: Frame, sensors: Sequence[Sensor], places: dict[int, Attachment]) -> sparse.csr_array:
-    """(n_channel, 6 n_node) of the sensors that have a place, by number; others read nothing."""
+    """(2 n_channel, 6 n_node) of the sensors that have a place, by number; others read nothing."""
     rows, columns, values = [], [], []
+    n = len(sensors)
     for number, found in places.items():
         start, end = frame.node_m[found.beam.start], frame.node_m[found.beam.end]
         turn = np.kron(np.eye(4), beams.axes(start, end))
         at_axis = turn[:6, :6].T @ beams.interpolation(found.xi, float(np.linalg.norm(end - start))) @ turn
-        row = sensors[number].direction @ (rigid_motion(found.arm_m) @ at_axis)[:3]
-        rows.append(np.full(12, number))
-        columns.append(node_dofs(found.beam.start, found.beam.end))
-        values.append(row)
-    shape = (len(sensors), 6 * len(frame.node_m))
+        moved, own = rigid_motion(found.arm_m) @ at_axis, sensors[number].direction
+        for row, value in ((number, own @ moved[:3]), (n + number, across_gravity(own) @ moved[3:])):
+            rows.append(np.full(12, row))
+            columns.append(node_dofs(found.beam.start, found.beam.end))
+            values.append(value)
+    shape = (2 * n, 6 * len(frame.node_m))
     if not rows:
         return sparse.csr_array(shape)
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))

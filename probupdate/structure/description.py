@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, Strict
 
+from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.parameter_table import KEYS, updated_parameters
@@ -141,6 +142,8 @@ class SensorEntry(Table):
     direction: Vector
     quantity: Literal["acceleration", "velocity", "displacement"] = "acceleration"
     unit: str = "m/s2"
+    # None: as the quantity has it
+    gravity: Annotated[bool, Strict()] | None = None
 
 
 class ParameterEntry(EffectKeys):
@@ -189,6 +192,11 @@ class Description(Table):
         hub = next((body.mass_kg for body in self.rna if body.name == "hub"), 0.0)
         neutral = {name: hub if value is None else value for name, value in NEUTRAL.items()}
         return neutral | {p.name: p.initial for p in self.parameter}
+
+
+def described_sensors(description: Description) -> tuple[Sensor, ...]:
+    """The file's own sensors, which a campaign's may replace."""
+    return tuple(Sensor(**s.model_dump(exclude={"part"})) for s in description.sensor)
 
 
 def updated(description: Description, where: str) -> Parameters:

@@ -164,4 +164,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
         meaning="how much farther up along their member the sensors of these channels sit than position_m says: the "
                 "structure is as it is, what is read of it is not",
     ),
+    "sensor_gravity": Kind(
+        neutral=0.0, unit="-", lowest=-np.inf, needs=("channels",),
+        meaning="share by which the readings of these channels hold the other of what `gravity` states: 1 where they "
+                "hold it though they should not, or the other way round",
+    ),
 })

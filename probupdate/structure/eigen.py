@@ -309,6 +309,19 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
     return d_value, d_phi
 
 
+def cluster_coupling(value, phi, dK_phi, dM_phi, d_value, clusters):
+    """(n_mode, n_mode, n_param): phi_i^T (dK - lambda dM) phi_j between the modes of a cluster, lambda the mean of the
+    two, on the diagonal d lambda (n_mode, n_param); zero between others."""
+    n_mode = len(value)
+    result = np.zeros((n_mode, n_mode, d_value.shape[1]))
+    result[np.arange(n_mode), np.arange(n_mode)] = d_value
+    for cluster in clusters:
+        for j in cluster:
+            for i in set(cluster) - {j}:
+                result[i, j] = phi[:, i] @ (dK_phi[:, j] - 0.5 * (value[i] + value[j]) * dM_phi[:, j])
+    return result
+
+
 def _deflated(K, M, value: float, basis, right):
     """v (n, n_param) of (K - value M) v = right, basis^T M v = 0, or None where it is not found to REFUSED.
 

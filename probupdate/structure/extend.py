@@ -14,7 +14,7 @@ from scipy import linalg
 from probupdate.errors import InputError
 from probupdate.io.files import read_text, write_text
 from probupdate.modal.modes import Sensor
-from probupdate.model.parameters import Parameters
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.description import Description
 from probupdate.structure.description import updated as updated_parameters_of
@@ -61,6 +61,12 @@ class EffectParameter:
     @property
     def description(self) -> str:
         return f"{self.cause}: {self.location}" if self.cause and self.location else self.cause
+
+    @property
+    def parameter(self) -> Parameter:
+        """As a candidate, neutral at first."""
+        return Parameter(name=self.name, unit=self.unit, initial=self.neutral, std=self.std, lower=self.lower,
+                         upper=self.upper, prior=self.prior, description=self.description)
 
     def table(self) -> dict:
         """As a [[parameter]] of model.toml, neutral at first."""

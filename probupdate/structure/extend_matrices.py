@@ -20,7 +20,8 @@ from probupdate.structure.load import matrices_file
 from probupdate.structure.matrices import SPARSE_PARTS, matrix_of, read_archive
 
 # what of a file says what its channels read
-CHANNEL_ARRAYS = ("channel_dof", "channel_sign", "channel_row", *(f"channel_row{part}" for part in SPARSE_PARTS))
+CHANNEL_ARRAYS = ("channel_dof", "channel_sign", "channel_tilt_dof", "channel_tilt_sign",
+                  *(f"{key}{part}" for key in ("channel_row", "channel_tilt_row") for part in ("", *SPARSE_PARTS)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +68,8 @@ def write_grouped(
     `out` (.toml) and the matrices beside it, <stem>.npz. `load_model` reads it.
 
     K(theta, g) = K0 + sum theta_k K_k + g sum a_k K_k, M likewise. `parameters`: the model's own, as they are to stand
-    in the file; `channel_rows` (n_channel, n): what the channels read, where that is not what the file says. Raises
+    in the file; `channel_rows` (n_channel, n), or with tilts below (2 n_channel, n): what the channels read, where
+    that is not what the file says. Raises
     InputError where a group leaves the matrices as they are, or would be written over its source.
     """
     source, name = matrices_file(path)
@@ -78,7 +80,10 @@ def write_grouped(
     content = read_archive(source)
     if channel_rows is not None:
         content = {key: array for key, array in content.items() if key not in CHANNEL_ARRAYS}
-        content |= _csr_parts("channel_row", channel_rows)
+        n = len(content["channel"])
+        content |= _csr_parts("channel_row", channel_rows[:n])
+        if channel_rows.shape[0] > n:
+            content |= _csr_parts("channel_tilt_row", channel_rows[n:])
     content = _with_held(source, content, parameters.held)
     tables = [_table(p) for p in parameters]
     for group in groups:

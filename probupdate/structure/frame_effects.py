@@ -61,6 +61,7 @@ def check_effects(mesh) -> None:
     """Every effect has found a place, and walls stay at the ends of all bounds."""
     # where sensors sit is asked when they are attached
     mesh.effects.on_all("sensor_height")
+    mesh.effects.on_all("sensor_gravity")
     for p in mesh.effects.lost():
         where = "the structure" if not p.on.given else ", ".join(f"{key} = {getattr(p.on, key)}" for key in p.on.given)
         raise InputError(f"parameter {p.name}", f"the kind '{p.kind}' finds nothing to act on at {where}",

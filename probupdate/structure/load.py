@@ -20,7 +20,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.assembly import assemble
 from probupdate.structure.channels import Move, channel_rows
-from probupdate.structure.description import NEUTRAL, Description
+from probupdate.structure.description import NEUTRAL, Description, described_sensors
 from probupdate.structure.description import updated as updated_of
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import EffectKeys
@@ -29,6 +29,7 @@ from probupdate.structure.matrices import load_matrices
 from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import read_parameters, read_toml, updated_parameters
 from probupdate.structure.pile_head import pile_head_stiffness
+from probupdate.structure.readings import FeltGravity
 from probupdate.structure.schema import nearest
 from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
 from probupdate.structure.turbine_frame import build_frame
@@ -238,6 +239,7 @@ def turbine_model(
     rows, moved = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where,
                                _moves(description, parameters, values))
     wire, wire_rows = _wireframe(frame)
+    rows = sparse.csr_array(rows @ assembled.transform)
     return AffineModel(
         name=description.name,
         parameters=parameters,
@@ -245,7 +247,9 @@ def turbine_model(
         stiffness=assembled.stiffness,
         mass=assembled.mass,
         coefficients=assembled.coefficients,
-        channel_matrix=sparse.csr_array(rows @ assembled.transform),
+        channel_matrix=rows[: len(chosen)],
+        tilt_matrix=rows[len(chosen) :],
+        gravity=_felt(description, chosen, parameters, values),
         hash_key=_hash(description, values, chosen, nacelle_angle_deg),
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
@@ -270,14 +274,27 @@ def _moves(description: Description, parameters: Parameters, values: Mapping[str
     return found
 
 
+def _felt(
+    description: Description, sensors: Sequence[Sensor], parameters: Parameters, values: Mapping[str, float]
+) -> FeltGravity:
+    """What the sensors hold of gravity: as stated, and as parameters that say that this is wrong have it."""
+    share, reverse = np.array([float(s.gravity) for s in sensors]), []
+    for p in description.effects:
+        if p.kind != "sensor_gravity":
+            continue
+        own = np.array([float(s.channel in (p.channels or ())) for s in sensors])
+        if p.name in parameters.names:
+            reverse.append((parameters.index(p.name), frozen_array(own)))
+        else:
+            share = share + values[p.name] * own * (1 - 2 * share)
+    return FeltGravity(mps2=description.site.gravity_mps2, share=frozen_array(share), reversed_by=tuple(reverse),
+                       known=frozen_array(np.ones(len(sensors)), bool))
+
+
 def _own_sensors(description: Description) -> tuple[Sensor, ...]:
     if not description.sensor:
         raise InputError(description.name, "lists no [[sensor]]", "add the channels, or give a campaign's")
-    return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-               quantity=s.quantity, unit=s.unit)
-        for s in description.sensor
-    )
+    return described_sensors(description)
 
 
 def _wireframe(frame: Frame) -> tuple[Wireframe, sparse.csr_array]:

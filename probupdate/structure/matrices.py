@@ -20,11 +20,14 @@ from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
+from probupdate.structure.readings import STANDARD_MPS2, FeltGravity
 
 SPARSE_PARTS = ("_data", "_indices", "_indptr")
 # what a file holds beside K_<name> and M_<name>
-ARRAYS = ("channel", "channel_dof", "channel_sign", "node_position_m", "dof_node", "dof_direction", "line",
-          *(f"{name}{part}" for name in ("K0", "M0", "channel_row") for part in ("", *SPARSE_PARTS)))
+ARRAYS = ("channel", "channel_dof", "channel_sign", "channel_tilt_dof", "channel_tilt_sign", "gravity",
+          "node_position_m", "dof_node", "dof_direction", "line",
+          *(f"{name}{part}" for name in ("K0", "M0", "channel_row", "channel_tilt_row")
+            for part in ("", *SPARSE_PARTS)))
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
 # of a model's rows, half of them above: slower than what floats at anchor; and times the extent, in m/s, a quarter of
@@ -89,10 +92,11 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     _refuse_idle(path, own, table)
     n = stiffness[0].shape[0]
     channels, channel_matrix = _channels(path, content, n)
-    wire, wire_matrix = _wireframe(path, content, n)
+    wire, wire_matrix, wire_turn = _wireframe(path, content, n)
     places = None if wire is None else DofPlaces(
         position_m=frozen_array(wire.node_m[content["dof_node"]]),
         direction=frozen_array(content["dof_direction"], int))
+    tilt_matrix, known = _tilts(path, content, channel_matrix)
     return AffineModel(
         name=name or path.stem,
         parameters=parameters,
@@ -101,9 +105,12 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         mass=tuple(mass),
         coefficients=LinearCoefficients(tuple(stiffness_order), tuple(mass_order)),
         channel_matrix=channel_matrix,
+        tilt_matrix=tilt_matrix if known.any() else None,
+        gravity=_gravity(path, content, known) if known.any() else None,
         wire=wire,
         wire_matrix=wire_matrix,
         places=places,
+        wire_turn=wire_turn,
         hash_key=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
 
@@ -251,38 +258,57 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     names = tuple(str(c) for c in content["channel"])
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise InputError(f"{path}, channel", f"'{twice[0]}' is listed twice", "give each channel a name of its own")
-    row_keys = [key for key in ("channel_row", "channel_row_data") if key in content]
-    if row_keys and ("channel_dof" in content or "channel_sign" in content):
-        raise InputError(f"{path}, {row_keys[0]}", "stands beside channel_dof or channel_sign", "keep one of them")
-    if row_keys:
-        return names, _channel_rows(path, content, len(names), n)
-    if "channel_dof" not in content:
+    rows = _by_channel(path, content, names, n, "channel")
+    if rows is None:
         raise InputError(f"{path}, channel_dof", "is missing",
                          "give each channel's row, or combinations in channel_row")
-    dof = np.asarray(content["channel_dof"])
+    empty = np.flatnonzero(np.diff(rows.indptr) == 0)
+    if empty.size:
+        raise InputError(f"{path}, channel_row", f"channel {int(empty[0]) + 1} reads no degree of freedom",
+                         "give its direction there")
+    return names, rows
+
+
+def _by_channel(
+    path: Path, content: Mapping, names: Sequence[str], n: int, key: str
+) -> sparse.csr_array | None:
+    """(n_channel, n) by <key>_row, dense or in CSR parts, or by <key>_dof, a row of the matrices each, with <key>_sign;
+    None where there is neither."""
+    row_keys = [k for k in (f"{key}_row", f"{key}_row_data") if k in content]
+    if row_keys and (f"{key}_dof" in content or f"{key}_sign" in content):
+        raise InputError(f"{path}, {row_keys[0]}", f"stands beside {key}_dof or {key}_sign", "keep one of them")
+    if row_keys:
+        return _combinations(path, content, f"{key}_row", len(names), n)
+    if f"{key}_dof" not in content:
+        return None
+    # a channel whose place turns in no degree of freedom of the matrices
+    least = -1 if key == "channel_tilt" else 0
+    dof = np.asarray(content[f"{key}_dof"])
     if dof.shape != (len(names),) or not np.issubdtype(dof.dtype, np.integer):
-        raise InputError(f"{path}, channel_dof", f"has {dof.dtype} of shape {dof.shape}",
+        raise InputError(f"{path}, {key}_dof", f"has {dof.dtype} of shape {dof.shape}",
                          f"give {plural(len(names), 'whole number')}, a row of the matrices for each channel")
-    if len(names) and (dof.min() < 0 or dof.max() >= n):
-        raise InputError(f"{path}, channel_dof", f"row {int(dof.max())} is outside 0..{n - 1}", "count rows from zero")
-    sign = _real(f"{path}, channel_sign", np.asarray(content.get("channel_sign", np.ones(len(names)))))
+    if len(names) and (dof.min() < least or dof.max() >= n):
+        worst = int(dof.min() if dof.min() < least else dof.max())
+        raise InputError(f"{path}, {key}_dof", f"row {worst} is outside {least}..{n - 1}", "count rows from zero")
+    sign = _real(f"{path}, {key}_sign", np.asarray(content.get(f"{key}_sign", np.ones(len(names)))))
     if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
-        raise InputError(f"{path}, channel_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
-    return names, sparse.csr_array((sign, (np.arange(len(names)), dof)), shape=(len(names), n))
+        raise InputError(f"{path}, {key}_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
+    own = np.flatnonzero(dof >= 0)
+    return sparse.csr_array((sign[own], (own, dof[own])), shape=(len(names), n))
 
 
-def _channel_rows(path: Path, content: Mapping, n_channel: int, n: int) -> sparse.csr_array:
-    """channel_row (n_channel, n), dense or in CSR parts."""
-    where = f"{path}, channel_row"
-    if "channel_row" in content:
-        raw = _real(where, np.asarray(content["channel_row"]))
+def _combinations(path: Path, content: Mapping, key: str, n_channel: int, n: int) -> sparse.csr_array:
+    """(n_channel, n), dense or in CSR parts."""
+    where = f"{path}, {key}"
+    if key in content:
+        raw = _real(where, np.asarray(content[key]))
         if raw.shape != (n_channel, n):
             raise InputError(where, f"has shape {raw.shape}", f"give ({n_channel}, {n}): a row for each channel")
         rows = sparse.csr_array(raw)
     else:
-        if missing := [part for part in SPARSE_PARTS if f"channel_row{part}" not in content]:
-            raise InputError(f"{where}{missing[0]}", "is missing", "give all three CSR parts, or channel_row dense")
-        data, indices, indptr = (content[f"channel_row{part}"] for part in SPARSE_PARTS)
+        if missing := [part for part in SPARSE_PARTS if f"{key}{part}" not in content]:
+            raise InputError(f"{where}{missing[0]}", "is missing", f"give all three CSR parts, or {key} dense")
+        data, indices, indptr = (content[f"{key}{part}"] for part in SPARSE_PARTS)
         if np.size(indptr) - 1 != n_channel:
             raise InputError(where, f"has {np.size(indptr) - 1} rows", f"give one for each of the {n_channel} channels")
         _refuse_structure(where, data, indices, indptr, n)
@@ -290,10 +316,50 @@ def _channel_rows(path: Path, content: Mapping, n_channel: int, n: int) -> spars
                                 shape=(n_channel, n))
     if not np.all(np.isfinite(rows.data)):
         raise InputError(where, "holds NaN or infinite entries", "check how it was exported")
-    empty = np.flatnonzero(np.diff(rows.indptr) == 0)
-    if empty.size:
-        raise InputError(where, f"channel {int(empty[0]) + 1} reads no degree of freedom", "give its direction there")
     return rows
+
+
+def _tilts(path: Path, content: Mapping, reads: sparse.csr_array) -> tuple[sparse.csr_array, np.ndarray]:
+    """(n_channel, n) d_x theta_y - d_y theta_x of channels along d (see `readings`): as channel_tilt_dof or
+    channel_tilt_row have it, else by the rotations that dof_direction names at the nodes of what channels read; and of
+    which channels (n_channel,) it is known: those without a horizontal part need none."""
+    n = reads.shape[1]
+    names = tuple(str(c) for c in content["channel"])
+    stated = _by_channel(path, content, names, n, "channel_tilt")
+    tilts, known = _tilts_by_nodes(content, reads)
+    if stated is None:
+        return tilts, known
+    return stated, known & (np.diff(tilts.indptr) == 0) | (np.diff(stated.indptr) > 0)
+
+
+def _tilts_by_nodes(content: Mapping, reads: sparse.csr_array) -> tuple[sparse.csr_array, np.ndarray]:
+    n_channel, n = reads.shape
+    if "dof_node" not in content or "dof_direction" not in content:
+        return sparse.csr_array((n_channel, n)), np.zeros(n_channel, bool)
+    node, direction = (np.asarray(content[key]).astype(int) for key in ("dof_node", "dof_direction"))
+    at = {(int(a), int(k)): row for row, (a, k) in enumerate(zip(node, direction, strict=True))}
+    found = sparse.lil_array((n_channel, n))
+    known = np.ones(n_channel, bool)
+    for channel in range(n_channel):
+        own = slice(reads.indptr[channel], reads.indptr[channel + 1])
+        for dof, share in zip(reads.indices[own], reads.data[own], strict=True):
+            # along x about y, along y about x the other way round
+            about = {0: (4, 1.0), 1: (3, -1.0)}.get(int(direction[dof]))
+            row = None if about is None else at.get((int(node[dof]), about[0]))
+            if about is not None and row is not None:
+                found[channel, row] += about[1] * share
+            elif about is not None or direction[dof] < 0:
+                known[channel] = False
+    return sparse.csr_array(found), known
+
+
+def _gravity(path: Path, content: Mapping, known: np.ndarray) -> FeltGravity:
+    """All channels taken for accelerometers, as matrices do not say what they are."""
+    own = np.asarray(content.get("gravity", STANDARD_MPS2))
+    if own.shape != () or own.dtype.kind not in "iuf" or not 0 < own < np.inf:
+        raise InputError(f"{path}, gravity", f"{own!r:.60} is no acceleration", "give one number above zero, in the "
+                         "matrices' unit of length over s2: 9.80665, or 9806.65 where that is mm")
+    return FeltGravity(mps2=float(own), share=frozen_array(np.ones(len(known))), known=frozen_array(known, bool))
 
 
 def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
@@ -314,11 +380,14 @@ def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
     return tuple(found)
 
 
-def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, sparse.csr_array | None]:
+def _wireframe(
+    path: Path, content: Mapping, n: int
+) -> tuple[Wireframe | None, sparse.csr_array | None, sparse.csr_array | None]:
+    """The picture, the motion of its nodes and their rotation, both (3 n_node, n)."""
     keys = ("node_position_m", "dof_node", "dof_direction")
     present = [key for key in keys if key in content]
     if not present:
-        return None, None
+        return None, None, None
     if len(present) < 3:
         missing = next(key for key in keys if key not in content)
         raise InputError(f"{path}, {missing}", "is missing", f"a picture needs {', '.join(keys)}")
@@ -340,12 +409,16 @@ def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, 
     if len(node) > 1 and np.all(node == node[0]):
         raise InputError(f"{path}, node_position_m", f"has all {len(node)} nodes at one place",
                          "give every node's place in m, or leave the picture's arrays out")
-    rows = np.flatnonzero((direction >= 0) & (direction < 3))
-    picture = sparse.csr_array(
-        (np.ones(len(rows)), (3 * dof_node[rows] + direction[rows], rows)), shape=(3 * len(node), n)
-    )
+    moves, turns = (_onto_nodes(dof_node, direction - first, len(node)) for first in (0, 3))
     line = np.asarray(content.get("line", np.empty((0, 2), int)))
     if line.dtype.kind not in "iu" or line.shape[1:] != (2,) or np.any((line < 0) | (line >= len(node))):
         raise InputError(f"{path}, line", "is not pairs of rows of node_position_m", "count from zero, (n_line, 2)")
     wire = Wireframe(node_m=frozen_array(node), line=frozen_array(line, int), line_group=("model",) * len(line))
-    return wire, picture
+    return wire, moves, turns
+
+
+def _onto_nodes(dof_node: np.ndarray, axis: np.ndarray, n_node: int) -> sparse.csr_array:
+    """(3 n_node, n) of the rows whose axis is 0, 1 or 2."""
+    rows = np.flatnonzero((axis >= 0) & (axis < 3))
+    return sparse.csr_array((np.ones(len(rows)), (3 * dof_node[rows] + axis[rows], rows)),
+                            shape=(3 * n_node, len(axis)))

@@ -15,8 +15,8 @@ Rows = Any
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MovedChannels:
     """With parameter number `column` at h between knots[i] and knots[i + 1], at the share t of the way, the channels
-    read C + onto sum_p t^p powers[i][p] of the motion, C (n_channel, n_dof) where h is 0: beams' own shapes are cubic
-    between their nodes. onto (n_channel, n) has a one where a row of the powers belongs to a channel."""
+    read C + onto sum_p t^p powers[i][p] of the motion, C (n_row, n_dof) where h is 0 (`AffineModel.rows`): beams' own
+    shapes are cubic between their nodes. onto (n_row, n) has a one where a row of the powers belongs to one of C."""
 
     column: int
     knots: np.ndarray
@@ -24,7 +24,7 @@ class MovedChannels:
     powers: tuple[tuple[Rows, ...], ...]
 
     def change(self, h: float) -> Rows:
-        """(n_channel, n_dof)"""
+        """(n_row, n_dof)"""
         i, t, _ = self._piece(h)
         return self.onto @ sum(t**p * power for p, power in enumerate(self.powers[i]))
 

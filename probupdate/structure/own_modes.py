@@ -149,7 +149,7 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, n
     theta = model.parameters.initial
     value, phi, free = modes_with_free_motions(*model.matrices(theta), count, model.name)
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
-                         shape=frozen_array(model.channel_rows(theta) @ phi)), phi, free
+                         shape=frozen_array(model.read(theta, value, phi))), phi, free
 
 
 def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:

@@ -205,7 +205,7 @@ class _Checks:
     def _least_mac(self, reduced, fast_shape, rows):
         n_mode, worst = reduced.n_mode, 1.0
         for row, quick in zip(rows, fast_shape, strict=True):
-            shape = self.model.channel_rows(self.theta[row]) @ self.solved[row][1]
+            shape = self.model.read(self.theta[row], *self.solved[row])
             motion = np.linalg.norm(shape, axis=0)
             for group in clusters_of(self.frequency_hz[row]):
                 # a cluster cut off at the upper end has no plane of its own to compare

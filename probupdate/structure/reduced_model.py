@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.moved_channels import MovedChannels
+from probupdate.structure.readings import as_read
 
 # what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square
 ROUNDING = 1e-5
@@ -41,7 +43,8 @@ class ReductionReport:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Block:
     """Vectors of the basis that no other vector couples with: their numbers `rows` (k,), ascending, and the model's
-    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k), which parameters may move (`moved`).
+    projections stiffness, mass (n_term, k, k) and of the channels' rows (`AffineModel.rows`), at_channels (n_row, k),
+    which parameters may move (`moved`).
 
     `n_mode`: how many modes are computed at first, one more than it had among the lowest at any check.
     """
@@ -61,7 +64,7 @@ class Block:
                        moved=tuple(m.on(np.eye(len(self.rows), k)) for m in self.moved))
 
     def shapes(self, theta: np.ndarray, vector: np.ndarray) -> np.ndarray:
-        """(n, n_channel, n_mode) at theta (n, n_param) of vectors (n, k, n_mode)."""
+        """(n, n_row, n_mode) at theta (n, n_param) of vectors (n, k, n_mode)."""
         shape = self.at_channels @ vector
         for m in self.moved:
             for row in np.flatnonzero(theta[:, m.column]):
@@ -113,6 +116,10 @@ class ReducedModel:
         if self.report is None:
             raise ValueError("the basis was not verified: make it by reduce_basis")
         return self.report
+
+    def with_gravity(self, felt: Mapping[str, bool]) -> ReducedModel:
+        """As `AffineModel.with_gravity`; the basis is the same."""
+        return replace(self, full=self.full.with_gravity(felt), projected=self.projected.with_gravity(felt))
 
     def covers(self, theta: np.ndarray) -> np.ndarray:
         """(...,) bool: inside the box the basis was built and verified for."""
@@ -167,6 +174,8 @@ class ReducedModel:
                                for block, (_, vector) in zip(self.blocks, solved, strict=True)], axis=-1)
         order = np.argsort(value, axis=1)[:, :n_mode]
         value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
+        gravity = self.full.gravity
+        seen = as_read(seen, value, None if gravity is None else gravity.at(theta))
         exhausted = np.zeros(len(theta), bool)
         for block, n, (own, _) in zip(self.blocks, numbers, solved, strict=True):
             if n < min(n_mode, len(block.rows)):
@@ -219,7 +228,8 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         np.array([0.5 * (a + a.T) for a in (basis.T @ (term @ basis) for term in terms)])
         for terms in (model.stiffness, model.mass)
     )
-    at_channels, moved = model.channel_matrix @ basis, tuple(m.on(basis) for m in model.moved)
+    at_channels, moved = model.rows @ basis, tuple(m.on(basis) for m in model.moved)
+    motion = len(model.channels)
     projected = AffineModel(
         name=f"{model.name} (reduced)",
         parameters=model.parameters,
@@ -227,7 +237,9 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         stiffness=tuple(sparse.csc_array(a) for a in stiffness),
         mass=tuple(sparse.csc_array(a) for a in mass),
         coefficients=model.coefficients,
-        channel_matrix=sparse.csr_array(at_channels),
+        channel_matrix=sparse.csr_array(at_channels[:motion]),
+        tilt_matrix=None if model.tilt_matrix is None else sparse.csr_array(at_channels[motion:]),
+        gravity=model.gravity,
         hash_key=model.hash_key,
         derived=model.derived,
         moved=moved,

@@ -26,6 +26,7 @@ from probupdate.structure import beam as beams
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
+from probupdate.structure.readings import STANDARD_MPS2, FeltGravity, across_gravity
 from probupdate.structure.schema import Number, Table, Vector, nearest
 from probupdate.structure.subdyn_frame import (
     SAME_PLACE,
@@ -95,6 +96,8 @@ class SensorEntry(Table):
     direction: Vector
     quantity: Literal["acceleration", "velocity", "displacement"] = "acceleration"
     unit: str = "m/s2"
+    # None: as the quantity has it
+    gravity: Annotated[bool, Strict()] | None = None
 
 
 class ParameterEntry(Table):
@@ -260,7 +263,8 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
             description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
             [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],
             [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]
-    wire, wire_matrix = _wireframe(frame)
+    wire, wire_matrix, wire_turn = _wireframe(frame)
+    rows, known = _channel_rows(frame, chosen, joints, path)
     return AffineModel(
         name=description.name or path.stem,
         parameters=parameters,
@@ -268,10 +272,14 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
         stiffness=tuple(terms["K"].values()),
         mass=tuple(terms["M"].values()),
         coefficients=Coefficients(parameters.names, tuple(terms["K"]), tuple(terms["M"]), tuple(fixed.items())),
-        channel_matrix=_channel_rows(frame, chosen, joints, path),
+        channel_matrix=rows[: len(chosen)],
+        tilt_matrix=rows[len(chosen) :],
+        gravity=FeltGravity(mps2=STANDARD_MPS2, share=frozen_array([float(s.gravity) for s in chosen]),
+                            known=frozen_array(known, bool)),
         wire=wire,
         wire_matrix=wire_matrix,
         places=_places(frame),
+        wire_turn=wire_turn,
         hash_key=hashlib.sha256(json.dumps(text, sort_keys=True).encode(errors="surrogateescape")).hexdigest(),
     )
 
@@ -531,7 +539,7 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
                              "mend its number")
         at = places[entry.joint] if entry.joint is not None and not entry.position_m else entry.position_m
         result.append(Sensor(channel=entry.channel, level=entry.level, direction=np.array(entry.direction),
-                             position_m=np.array(at), quantity=entry.quantity, unit=entry.unit))
+                             position_m=np.array(at), quantity=entry.quantity, unit=entry.unit, gravity=entry.gravity))
     names = [s.channel for s in result]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -540,8 +548,10 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
 
 
 def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping[str, int], path: Path):
-    """(n_channel, n_free): a sensor follows its joint rigidly, or the nearest beam where no joint is named."""
-    rows = sparse.lil_array((len(sensors), frame.n_full))
+    """(2 n_channel, n_free) motions and below them tilts: a sensor follows its joint rigidly, or the nearest beam where
+    no joint is named; and whether the rotation there is known (n_channel,), which it is not at a joint that turns."""
+    n = len(sensors)
+    rows, known = sparse.lil_array((2 * n, frame.n_full)), np.ones(n, bool)
     places = {tuple(joint.position_m): joint for joint in frame.file.joints}
     for number, sensor in enumerate(sensors):
         joint = joints.get(sensor.channel)
@@ -551,17 +561,30 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
         if joint is None:
             dofs, motion = _on_beam(frame, sensor, path)
         else:
-            node = frame.node_of[joint]
-            arm = sensor.position_m - frame.node_m[node]
-            dofs = frame.node_dofs(node)
-            if dofs[-1] < 0 and np.linalg.norm(arm) > SAME_PLACE * _extent(frame):
-                raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
-                                 "put it at the joint, or on another")
-            motion = np.hstack([np.eye(3), -cross_matrix(arm)])[:, dofs >= 0]
-            dofs = dofs[dofs >= 0]
-        for dof, value in zip(dofs, sensor.direction @ motion, strict=True):
-            rows[number, dof] += value
-    return sparse.csr_array(sparse.csr_array(rows) @ frame.reduction)
+            dofs, motion, known[number] = _at_joint(frame, sensor, joint, path)
+        across = across_gravity(sensor.direction)
+        known[number] |= not across.any()
+        for dof, along, tilt in zip(dofs, sensor.direction @ motion[:3], across @ motion[3:], strict=True):
+            rows[number, dof] += along
+            rows[n + number, dof] += tilt
+    return sparse.csr_array(sparse.csr_array(rows) @ frame.reduction), known
+
+
+def _at_joint(frame: SubDynFrame, sensor: Sensor, joint: int, path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Degrees of freedom (n,), (6, n) motion and rotation at the sensor, and whether the joint has one rotation."""
+    node = frame.node_of[joint]
+    arm = sensor.position_m - frame.node_m[node]
+    dofs = frame.node_dofs(node)
+    turns = bool(dofs[-1] < 0)
+    if turns and np.linalg.norm(arm) > SAME_PLACE * _extent(frame):
+        raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
+                         "put it at the joint, or on another")
+    return dofs[dofs >= 0], _carried(arm)[:, dofs >= 0], not turns
+
+
+def _carried(arm: np.ndarray) -> np.ndarray:
+    """(6, 6) motion and rotation of a point at `arm` from those of what carries it."""
+    return np.block([[np.eye(3), -cross_matrix(arm)], [np.zeros((3, 3)), np.eye(3)]])
 
 
 def _extent(frame: SubDynFrame) -> float:
@@ -590,7 +613,7 @@ def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray
     _, dofs, element, xi, arm = best
     turn = np.kron(np.eye(4), element.axes[:, [2, 0, 1]].T)
     at_axis = turn[:6, :6].T @ beams.interpolation(xi, element.length_m) @ turn
-    return dofs, np.hstack([np.eye(3), -cross_matrix(arm)]) @ at_axis
+    return dofs, _carried(arm) @ at_axis
 
 
 def _places(frame: SubDynFrame) -> DofPlaces:
@@ -600,11 +623,15 @@ def _places(frame: SubDynFrame) -> DofPlaces:
     return dof_places(frame.node_m, pick @ frame.reduction)
 
 
-def _wireframe(frame: SubDynFrame) -> tuple[Wireframe, sparse.csr_array]:
+def _wireframe(frame: SubDynFrame) -> tuple[Wireframe, sparse.csr_array, sparse.csr_array]:
+    """With the motion of its nodes and their rotation, nothing where a joint has several."""
     lines = np.array([e.nodes for e in frame.elements])
     n = len(frame.node_m)
     dofs = frame.translation[:, :3].ravel()
     pick = sparse.csr_array((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, frame.n_full))
     wire = Wireframe(node_m=frame.node_m, line=frozen_array(lines, int),
                      line_group=tuple(e.member.kind for e in frame.elements))
-    return wire, sparse.csr_array(pick @ frame.reduction)
+    turns = np.array([frame.node_dofs(k)[3:] for k in range(n)]).ravel()
+    own = np.flatnonzero(turns >= 0)
+    turn = sparse.csr_array((np.ones(len(own)), (own, turns[own])), shape=(3 * n, frame.n_full))
+    return wire, sparse.csr_array(pick @ frame.reduction), sparse.csr_array(turn @ frame.reduction)

@@ -17,7 +17,7 @@ from scipy import special
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import Matching, assign, channel_rows, match, nearest_free
+from probupdate.modal.matching import Matching, assign, channel_rows, match, nearest_free, reading
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
@@ -464,6 +464,7 @@ def suspected_channels(
     (n_param,)."""
     rows = channel_rows(model, data.channels)
     n_mode = min(data.n_mode + SEARCH, model.n_available)
+    model = reading(model, data.felt)
     return channel_mistake(data.set(set_id), data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
 
 
@@ -499,6 +500,7 @@ def build_problem(
     """
     if not len(model.parameters):
         raise InputError(model.name, "has no parameters to update", "list at least one [[parameter]] in its TOML")
+    model = reading(model, data.felt)
     modal_set = data.set(set_id)
     weights = weights or Weights()
     rows = channel_rows(model, data.channels)

@@ -77,7 +77,8 @@ class Case:
     ) -> Case:
         refuse_other_kinds(model, modes)
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
-        data, model_at = compared_modes(modes, set_id, every_mode), ModelAt(model, parameters, str(modes))
+        data = compared_modes(modes, set_id, every_mode)
+        model_at = ModelAt(model, parameters, str(modes), data.felt)
         weights = likelihood.stated_for(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
         return cls(data=data, set_id=set_id, model_at=model_at, weights=weights)
 
@@ -88,7 +89,7 @@ class Case:
     @property
     def setting(self) -> dict[str, str]:
         """What to say of the model beside a result."""
-        return self.model_at.setting(self.data.set(self.set_id))
+        return self.model_at.setting(self.data.set(self.set_id), self.data.channels)
 
 
 def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:

@@ -26,6 +26,7 @@ from probupdate.identification.settings import IdentificationSettings
 from probupdate.identification.setups import identify_setups as identify_campaigns
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
+from probupdate.modal.matching import reading
 from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
@@ -192,6 +193,7 @@ def reference_at(
         return Sought(modes=None, others=None)
     sensors = sensors_of(campaigns)
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
+    turbine = reading(turbine, {s.channel: bool(s.gravity) for s in sensors})
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
         raise InputError(

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeGuard
 
+import numpy as np
+
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.io.files import read_bytes
+from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.model.interface import Model
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
+from probupdate.structure.readings import gravity_words
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 
 # what steps are given: a file or the name of a state of the reference turbine, or a model already made
@@ -56,11 +60,13 @@ def open_model(
 
 @dataclass(frozen=True, eq=False)
 class ModelAt:
-    """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then."""
+    """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then. `felt`:
+    what the modal sets state of gravity in their channels' readings."""
 
     model: GivenModel
     parameters: str | Path | None
     where: str
+    felt: Mapping[str, bool] = field(default_factory=dict)
 
     def angle_deg(self, modal_set: ModalSet) -> float:
         """0 for models that cannot be turned."""
@@ -77,7 +83,7 @@ class ModelAt:
         angle = self.angle_deg(modal_set)
         if angle not in self._opened:
             opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
-            self._opened[angle] = self.with_uncertainty(opened, angle)
+            self._opened[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
         return self._opened[angle]
 
     def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
@@ -99,14 +105,22 @@ class ModelAt:
     def _opened(self) -> dict[float, Model]:
         return {}
 
-    def setting(self, modal_set: ModalSet) -> dict[str, str]:
+    def setting(self, modal_set: ModalSet, channels: Sequence[str]) -> dict[str, str]:
         """What to say of it beside a result."""
+        said = {"gravity": gravity_said(self(modal_set), channels, self.felt, modal_set)}
         if not self.turns:
-            return {}
+            return said
         text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
         if "nacelle_angle_deg" not in modal_set.environment:
             text = "as in the model: the set does not state where it looked"
-        return {"nacelle": text}
+        return said | {"nacelle": text}
+
+
+def gravity_said(model: Model, channels: Sequence[str], felt: Mapping[str, bool], modal_set: ModalSet) -> str:
+    """What is taken of gravity in the readings of these channels."""
+    drawn = model.wireframe(model.parameters.initial)
+    height = 0.0 if drawn is None else float(np.ptp(drawn.node_m[:, 2]))
+    return gravity_words(model, channels, felt, float(np.nanmin(modal_set.frequency_hz)), height or None)
 
 
 def has_geometry(model: object) -> TypeGuard[str | Path]:

@@ -54,7 +54,7 @@ def write_campaign_toml(
         "water_depth_m": water_depth_m,
         "sensor": [
             {"channel": s.channel, "level": s.level, "position_m": s.position_m, "direction": s.direction,
-             "quantity": s.quantity, "unit": s.unit}
+             "quantity": s.quantity, "unit": s.unit, "gravity": bool(s.gravity)}
             for s in sensors
         ],
     })

@@ -24,7 +24,9 @@ AERO_DAMPING = {"idling": (6.0e3, 4.0e3), "operating": (5.0e4, 1.0e4)}
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HeadingModes:
     """Modes at one heading, unit modal mass. frequency_hz (n_mode,); damping_ratio {state: (n_mode,)};
-    nominal_shape (n_channel, n_mode) of ideal sensors; observed_shape with gains and rotations as mounted;
+    nominal_shape (n_channel, n_mode) what ideal sensors read of a mode in free vibration over its acceleration,
+    observed_shape the same with gains and rotations as mounted, of which observed_motion is that of the sensors'
+    places and observed_tilt what gravity adds, in m/s2 for a displacement of one;
     rna_load (4, n_mode): modal force of unit thrust, side force, tilt moment, yaw moment; wave_load
     (2 n_leg, n_mode): unit x, then y force on each leg; shape (n_dof, n_mode), momentum M phi (n_dof, n_mode)."""
 
@@ -33,6 +35,8 @@ class HeadingModes:
     damping_ratio: dict[str, np.ndarray]
     nominal_shape: np.ndarray
     observed_shape: np.ndarray
+    observed_motion: np.ndarray
+    observed_tilt: np.ndarray
     rna_load: np.ndarray
     wave_load: np.ndarray
     shape: np.ndarray
@@ -109,8 +113,11 @@ def heading_modes(structure: Structure, damping_ratio: np.ndarray, heading_deg: 
         heading_deg=float(heading_deg),
         frequency_hz=frozen_array(angular / (2 * np.pi)),
         damping_ratio=damping,
-        nominal_shape=frozen_array(structure.nominal_channel @ shape),
-        observed_shape=frozen_array(structure.channel @ shape),
+        # a free vibration's acceleration is -angular^2 times its displacement
+        nominal_shape=frozen_array(structure.nominal_channel @ shape - structure.nominal_tilt @ shape / value),
+        observed_shape=frozen_array(structure.channel @ shape - structure.tilt @ shape / value),
+        observed_motion=frozen_array(structure.channel @ shape),
+        observed_tilt=frozen_array(structure.tilt @ shape),
         rna_load=frozen_array(rna_load),
         wave_load=frozen_array(np.vstack([shape[legs], shape[legs + 1]])),
         shape=frozen_array(shape),

@@ -105,6 +105,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "sensor_swap": _measured(("channel", "other"), "swapped", "-", low=0.0, high=1.0),
     "sensor_rotation": _measured(("channel",), "angle_deg", "deg"),  # its whole housing, about the vertical
     "sensor_height": _measured(("level",), "height_m", "m"),  # a level's sensors sit farther up their members by
+    "sensor_gravity": _measured((), "share", "-", low=0.0, high=1.0),  # all hold gravity the other way than is stated
     "frame_rotation": _measured((), "angle_deg", "deg"),
     "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
     "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by

@@ -44,7 +44,8 @@ class Oscillator:
 class Structure:
     """Six degrees of freedom a node, then one for each oscillator. stiffness, mass (n_dof, n_dof) csc, the mass
     without what sits at the tower top; channel (n_channel, n_dof) csr as the sensors are mounted, nominal_channel as
-    the drawing says, sensor_motion (3 n_channel, n_dof) a sensor's point along x, y, z; top the tower top's node;
+    the drawing says; tilt, nominal_tilt (n_channel, n_dof) m/s2 that gravity adds to their readings for displacements;
+    sensor_motion (3 n_channel, n_dof) a sensor's point along x, y, z, sensor_tilt the same there; top the top's node;
     surface (n_leg,) the leg nodes that waves load; pile_heads (n_leg,) nodes; elements (node, node, tube)."""
 
     node_m: np.ndarray
@@ -52,7 +53,10 @@ class Structure:
     mass: sparse.csc_array
     nominal_channel: sparse.csr_array
     channel: sparse.csr_array
+    tilt: sparse.csr_array
+    nominal_tilt: sparse.csr_array
     sensor_motion: sparse.csr_array
+    sensor_tilt: sparse.csr_array
     top: int
     surface: np.ndarray
     rna: tuple[tuple[float, np.ndarray, np.ndarray], ...]
@@ -349,13 +353,17 @@ def build_structure(
     direction, gain = observation.mounted_direction(file, truth, hidden)
     channel = observation.reading_rows(attached, direction, gain, n_dof)
     mixing = observation.channel_mixing(file, hidden)
+    nominal_direction, felt = observation.nominal_direction(file), observation.felt_gravity(file, hidden)
+    tilt = observation.tilting_rows(attached, direction, gain * felt, n_dof)
     every, axes = [a for a in attached for _ in range(3)], np.tile(np.eye(3), (len(attached), 1))
     return Structure(
         node_m=nodes, stiffness=stiffness, mass=mass,
-        nominal_channel=observation.reading_rows(
-            nominal, observation.nominal_direction(file), np.ones(len(nominal)), n_dof),
+        nominal_channel=observation.reading_rows(nominal, nominal_direction, np.ones(len(nominal)), n_dof),
         channel=channel if mixing is None else sparse.csr_array(mixing @ channel.toarray()),
-        sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof), top=top,
+        tilt=tilt if mixing is None else sparse.csr_array(mixing @ tilt.toarray()),
+        nominal_tilt=observation.tilting_rows(nominal, nominal_direction, felt, n_dof),
+        sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof),
+        sensor_tilt=observation.tilting_rows(every, axes, np.repeat(felt, 3), n_dof), top=top,
         surface=surface, rna=bodies, pile_heads=np.array(heads), elements=tuple(mesh.elements),
         oscillators=tuple(o for o, _ in sprung),
     )

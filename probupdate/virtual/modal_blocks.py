@@ -109,7 +109,8 @@ def simulate_modes(
             environment=environment[k],
         ))
     return VirtualModes(
-        data=ModalData(channels=tuple(s.channel for s in file.sensors), sets=tuple(sets), labels=LABELS),
+        data=ModalData(channels=tuple(s.channel for s in file.sensors), sets=tuple(sets), labels=LABELS,
+                       gravity=tuple(bool(s.gravity) for s in file.sensors)),
         sensors=file.sensors, truth=drawn, frequency_hz=frozen_array(frequency), damping_ratio=frozen_array(damping),
         shape=frozen_array(shape, complex), amount=frozen_array(amount), heading_deg=frozen_array(heading),
         seed=int(seed),
@@ -136,14 +137,17 @@ def _choose(plan: operation.Plan, states: tuple[str, ...], n_block: int | None) 
 def _motions(
     build: Callable[[np.ndarray], Structure], reduced: ReducedStates, truth: Truth, amount: np.ndarray
 ) -> list[np.ndarray]:
-    """Of each block the motion of the sensors' points in the basis (n_channel, 3, n), where they sit then."""
-    moves = [k for k, effect in enumerate(truth.effects) if effect["kind"] == "sensor_height"]
+    """Of each block the motion of the sensors' points in the basis, and what gravity adds there for a displacement (2,
+    n_channel, 3, n), where they sit then."""
+    moves = [k for k, effect in enumerate(truth.effects) if effect["kind"] in ("sensor_height", "sensor_gravity")]
     places, place_of = np.unique(amount[:, moves], axis=0, return_inverse=True)
     found = []
     for number in range(len(places)):
         first = amount[np.argmax(place_of.ravel() == number)]
         structure = build(first) if moves else reduced.base
-        found.append((structure.sensor_motion @ reduced.basis).reshape(structure.nominal_channel.shape[0], 3, -1))
+        n_channel = structure.nominal_channel.shape[0]
+        found.append(np.array([(rows @ reduced.basis).reshape(n_channel, 3, -1)
+                               for rows in (structure.sensor_motion, structure.sensor_tilt)]))
     return [found[number] for number in place_of.ravel()]
 
 
@@ -171,7 +175,8 @@ def _true_modes(reduced: ReducedStates, motions, file: TurbineFile, truth: Truth
         aero = (along * (turn[:, 0] @ at_top) ** 2 + across * (turn[:, 1] @ at_top) ** 2) / (4 * np.pi * f)
         hidden = HiddenEffects(effects=truth.effects, amount=tuple(a))
         direction, gain = observation.mounted_direction(file, truth, hidden)
-        seen = np.einsum("c,cx,cxb->cb", gain, direction, motion) @ modes
+        moved, tilted = np.einsum("c,cx,kcxb->kcb", gain, direction, motion) @ modes
+        seen = moved - tilted / (2 * np.pi * f) ** 2
         mixing = observation.channel_mixing(file, hidden)
         seen = seen if mixing is None else mixing @ seen
         response = observation.frequency_response(file, hidden, f)

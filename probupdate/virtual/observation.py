@@ -62,6 +62,24 @@ def reading_rows(attached: list[tuple[int, np.ndarray]], direction: np.ndarray, 
     return sparse.csr_array(rows)
 
 
+def tilting_rows(attached: list[tuple[int, np.ndarray]], direction: np.ndarray, factor: np.ndarray, n_dof: int):
+    """Rows (n_channel, n_dof) csr that read factor x what tilt adds to a reading, in units of gravity: a sensor along
+    d that turns by theta feels the support against gravity, g z, along d + theta x d, more by g z . (theta x d)."""
+    up = np.array([0.0, 0.0, 1.0])
+    rows = np.zeros((len(attached), n_dof))
+    for row, (number, _) in enumerate(attached):
+        # z . (theta x d) = theta . (d x z)
+        rows[row, 6 * number + 3 : 6 * number + 6] = factor[row] * np.cross(direction[row], up)
+    return sparse.csr_array(rows)
+
+
+def felt_gravity(file: TurbineFile, hidden: HiddenEffects) -> np.ndarray:
+    """(n_channel,) m/s2 of gravity that a channel's readings hold: all of it, or none where it is taken out of them."""
+    stated = np.array([float(bool(sensor.gravity)) for sensor in file.sensors])
+    wrong = min(hidden.total("sensor_gravity"), 1.0)
+    return file.number("site", "gravity_mps2", positive=True) * (stated + wrong * (1 - 2 * stated))
+
+
 def nominal_direction(file: TurbineFile) -> np.ndarray:
     return np.array([sensor.direction for sensor in file.sensors])
 

@@ -18,9 +18,10 @@ def modal_response(
     displacement: np.ndarray,
     velocity: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Modal acceleration under force (n + 1, n_mode) from the given state (n_mode,) at its first sample.
+    """Modal motion under force (n + 1, n_mode) from the given state (n_mode,) at its first sample.
 
-    Returns acceleration (n, n_mode) at the first n samples, displacement and velocity (n_mode,) at sample n + 1.
+    Returns acceleration (n, n_mode) at the first n samples, displacement (n + 1, n_mode) and velocity (n_mode,) at
+    sample n + 1.
     With z = v - conj(lambda) q, lambda = omega (-zeta + i sqrt(1 - zeta^2)):  z' = lambda z + f, one complex
     recursion a mode; q = Im z / omega_d, v = Re z + Re(lambda) q.
     """
@@ -42,7 +43,7 @@ def modal_response(
     q = np.imag(state) / root.imag
     v = np.real(state) + root.real * q
     acceleration = force[:-1] - 2 * damping_ratio * omega * v[:-1] - omega**2 * q[:-1]
-    return acceleration, q[-1], v[-1]
+    return acceleration, q, v[-1]
 
 
 def spans(
@@ -58,7 +59,7 @@ def spans(
 def channel_response(
     loads: Loads, heading_deg: np.ndarray, state: np.ndarray, modes, rate: float, condition: np.ndarray
 ) -> np.ndarray:
-    """Accelerations (n, n_channel) at the sensors as mounted, without noise; starts from rest.
+    """What accelerometers read (n, n_channel) as mounted, without noise; starts from rest.
 
     `modes(heading, condition)` -> HeadingModes. Where one of them changes, displacement and velocity go on, expressed
     in the new modes; what lies outside their space is lost. At the sensors of the reference turbine a turn of 30 deg
@@ -80,7 +81,8 @@ def channel_response(
         force = loads.rna[rows] @ now.rna_load + loads.wave[rows] @ now.wave_load + loads.background[rows]
         if high == n:
             force = np.vstack([force, force[-1]])
-        acceleration, q, v = modal_response(now.frequency_hz, now.damping_ratio[rotor], force, rate, q, v)
-        pieces.append(acceleration @ now.observed_shape.T)
+        acceleration, moved, v = modal_response(now.frequency_hz, now.damping_ratio[rotor], force, rate, q, v)
+        pieces.append(acceleration @ now.observed_motion.T + moved[:-1] @ now.observed_tilt.T)
+        q = moved[-1]
         before = now
     return np.concatenate(pieces)

@@ -100,8 +100,8 @@ def _turbine(path: Path) -> TurbineFile:
         missing = [key for key in ("channel", "level", "part", "position_m", "direction") if key not in entry]
         if missing:
             raise InputError(where, f"{', '.join(missing)} is missing", "add it")
-        kept = {key: entry[key] for key in ("channel", "level", "position_m", "direction", "quantity", "unit")
-                if key in entry}
+        known = ("channel", "level", "position_m", "direction", "quantity", "unit", "gravity")
+        kept = {key: entry[key] for key in known if key in entry}
         sensors.append(Sensor(**kept))
         parts.append(str(entry["part"]))
         if sensors[-1].quantity != "acceleration":

@@ -96,7 +96,8 @@ def write_campaign(folder: Path, theory: SecondTheory, places: tuple[Sensor, ...
     for hour in range(hours):
         load = rng.standard_normal((n + 1, len(shifted))) * 4e3
         force = load @ shape[shifted]
-        modal, q, v = modal_response(frequency, np.full(len(frequency), DAMPING), force, RATE_HZ, q, v)
+        modal, moved, v = modal_response(frequency, np.full(len(frequency), DAMPING), force, RATE_HZ, q, v)
+        q = moved[-1]
         data = modal @ shape.T
         data += 1e-2 * data.std(axis=0) * rng.standard_normal(data.shape)
         start = START + np.timedelta64(hour, "h")

@@ -7,8 +7,9 @@ import pytest
 from effects_turbine import entry, model, plain, sample, with_effects
 from small_turbine import small_turbine
 
-from probupdate.effects.turbine import described_sensors, turbine_effects
+from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
+from probupdate.structure.description import described_sensors
 from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, reference_model

@@ -63,7 +63,7 @@ def test_files_are_those_of_the_interface(short):
     assert campaign["sampling_rate_hz"] == 25.0 and campaign["block_minutes"] == 30
     assert campaign["water_depth_m"] == 38.0
     assert len(campaign["sensor"]) == 18
-    assert set(campaign["sensor"][0]) == {"channel", "level", "position_m", "direction", "quantity", "unit"}
+    assert set(campaign["sensor"][0]) == {"channel", "level", "position_m", "direction", "quantity", "unit", "gravity"}
     files = sorted((short.path / "acceleration").iterdir())
     # 19 slots = 3 h 10 min; hour 1 is missing
     assert len(files) == short.n_file == 3

@@ -223,6 +223,6 @@ def test_mistakes_in_a_model_are_named(tmp_path, change, says):
 def test_motion_goes_on_when_the_heading_changes(file, plain):
     structure, drawn, zero = plain
     turned = dynamics.heading_modes(structure, drawn.damping_ratio, 30.0)
-    lost = zero.nominal_shape - turned.nominal_shape @ (turned.momentum.T @ zero.shape)
-    share = np.abs(lost).max(axis=0) / np.abs(zero.nominal_shape).max(axis=0)
+    lost = zero.observed_motion - turned.observed_motion @ (turned.momentum.T @ zero.shape)
+    share = np.abs(lost).max(axis=0) / np.abs(zero.observed_motion).max(axis=0)
     assert np.all(share[:2] < 1e-3) and share[2] < 5e-3 and np.all(share[3:5] < 0.05)
