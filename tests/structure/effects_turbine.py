@@ -44,6 +44,7 @@ SAMPLES = {
     "weight": ("weight", {}, {}, 0.8, (-1.0, 2.0)),
     "thrust": ("thrust", {}, {}, 4e5, (-1e6, 1e6)),
     "height": ("sensor_height", {}, {"channels": ["T30-x", "T30-y"]}, 2.7, (-6.0, 6.0)),
+    "gravity": ("sensor_gravity", {}, {"channels": ["T50-x", "TP-A-y"]}, 0.6, (0.0, 1.5)),
 }
 
 
