@@ -12,7 +12,7 @@ import io
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,18 +27,20 @@ from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
-from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
+from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
 from probupdate.modal.labels import NEUTRAL, TURBINE, family
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.description_file import read_description as read_turbine
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
+from probupdate.structure.substructure import NothingBelow, turbine_substructure
 from probupdate.updating.posterior_file import Posterior
 
 if TYPE_CHECKING:
@@ -180,11 +182,7 @@ def export_lifetime(
     solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
     named = _labels_of(model, run.modes)
     damping = _modes(files, named, solved, run.modes, left_out, rng)
-    truncation = None
-    if is_subdyn(path) and not unspeakable(path):
-        truncation = _superelements(files, len(draws), _at_draw(path), settings.n_mode, progress)
-    else:
-        left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
+    truncation = _superelements(files, len(draws), path, settings.n_mode, left_out, progress)
     assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, named, left_out,
                         settings.seed, progress)
     manifest = {
@@ -505,25 +503,55 @@ def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) 
     return _Damping(ratio=damping, error=error, scatter=scatter)
 
 
-def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress: Progress) -> float:
-    """superelements/NNN.{guyan,cb}.{npz,dat}; returns the largest truncation error of the first two frequencies."""
+def _superelements(
+    files: _Files, count: int, path: Path, n_mode: int, left_out: list[str], progress: Progress
+) -> float | None:
+    """superelements/NNN.{guyan,cb}.{npz,dat} of the files that were written; returns the largest truncation error of
+    the first two frequencies, None where none were made."""
+    reduce = _reducer(path, left_out)
+    if reduce is None:
+        return None
     folder = files.folder / "superelements"
-    folder.mkdir()
     worst = 0.0
     for k in range(count):
         progress("writing superelements", k, count)
-        held = files.folder / "models" / f"{k + 1:03d}"
-        file = read_subdyn(held / place, held)
-        for name, modes in (("guyan", 0), ("cb", n_mode)):
-            one = superelement(file, n_mode=modes)
+        try:
+            held = files.folder / "models" / f"{k + 1:03d}"
+            made = {name: reduce(held, n) for name, n in (("guyan", 0), ("cb", n_mode))}
+        except NothingBelow as error:
+            left_out.append(f"superelements: {error}")
+            return None
+        folder.mkdir(exist_ok=True)
+        for name, (one, ends) in made.items():
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.status.remark):
-                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface "
-                          f"joints {[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
-                          frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())
-            if modes:
-                worst = max(worst, float(one.truncation[:2].max()))
+                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, {ends}",
+                          "N, m, rad, kg, s", checked_to=READ_BACK, frequency_hz=one.frequency_hz.tolist(),
+                          truncation=one.truncation.tolist())
+        worst = max(worst, float(made["cb"][0].truncation[:2].max()))
     progress("writing superelements", count, count)
     return worst
+
+
+def _reducer(path: Path, left_out: list[str]) -> Callable[[Path, int], tuple[Superelement, str]] | None:
+    """What makes a superelement, and says where it ends, of a folder of models/ and a number of modes."""
+    if is_subdyn(path):
+        if unspeakable(path):
+            left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
+            return None
+
+        def of_file(folder: Path, n_mode: int):
+            file = read_subdyn(folder / _at_draw(path), folder)
+            return superelement(file, n_mode=n_mode), f"interface joints {[i.joint for i in file.interfaces]}"
+
+        return of_file
+    if path.suffix != ".toml" or "matrices" in read_toml(path):
+        left_out.append("superelements: matrices do not say where the tower stands")
+        return None
+
+    def of_turbine(folder: Path, n_mode: int):
+        return reduced(turbine_substructure(read_turbine(folder / "model.toml")), n_mode=n_mode), "the tower's foot"
+
+    return of_turbine
 
 
 def _verify(out: Path) -> None:

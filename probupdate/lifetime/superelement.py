@@ -1,14 +1,15 @@
-"""Guyan and Craig-Bampton superelements of a SubDyn structure at its transition piece, as .npz and for OpenFAST's
-ExtPtfm.
+"""Guyan and Craig-Bampton superelements of a structure at its transition piece, as .npz and for OpenFAST's ExtPtfm.
 
 u_L = Phi_R u_TP + Phi_m q: static shapes of the interface's six rigid motions and the lowest modes with it held
-(Craig & Bampton 1968), as SubDyn reduces; damping is what the input file says (JDampings, GuyanDampMod).
+(Craig & Bampton 1968), as SubDyn reduces; damping is what a SubDyn file says (JDampings, GuyanDampMod), none otherwise.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ from probupdate.io.fortran_text import number, read_lines
 from probupdate.io.subdyn_file import SubDynFile
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
-from probupdate.structure.subdyn_frame import cross_matrix
 from probupdate.structure.subdyn_model import assembled_file
+from probupdate.structure.substructure import Substructure, subdyn_substructure
 
 # frequencies of what is read back and those written: text keeps 17 digits
 READ_BACK = 1e-6
@@ -52,22 +53,24 @@ class Superelement:
 
 def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: int = 6) -> Superelement:
     """Reduce a structure to its interface joints, taken as rigidly fixed to the reference point (their mean where none
-    is given), and `n_mode` modes; 0 is Guyan's reduction. Raises InputError where there is no interface."""
-    if not file.interfaces:
-        raise InputError(file.where, "has no interface joints", "list them (NInterf): the superelement ends there")
-    frame, K, M = assembled_file(file)
-    nodes = [frame.node_of[i.joint] for i in file.interfaces]
-    if any(frame.translation[node, 3] < 0 for node in nodes):
-        raise InputError(file.where, "an interface joint turns", "take rigid joints (type 1)")
-    reference = np.mean(frame.node_m[nodes], axis=0) if reference_m is None else np.asarray(reference_m, float)
+    is given), and `n_mode` modes; 0 is Guyan's reduction. Damping is what the file says. Raises InputError where there
+    is no interface."""
+    whole = subdyn_substructure(*assembled_file(file), reference_m)
+    return reduced(whole, n_mode=n_mode, compared=compared, damping=partial(_damping, file))
+
+
+def reduced(
+    whole: Substructure, *, n_mode: int, compared: int = 6,
+    damping: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Superelement:
+    """The same of any structure. `damping`: from stiffness and mass (6 + n_mode,) squared and the modes' angular
+    frequencies (n_mode,); None: zero."""
+    K, M, rows, rigid = whole.stiffness, whole.mass, whole.interface, whole.rigid
     # rows of the interface in what is left after constraints, and their rigid motion with the reference point
-    rows = frame.reduction[np.concatenate([frame.translation[node] for node in nodes])]
-    rigid = np.vstack([np.block([[np.eye(3), -cross_matrix(frame.node_m[node] - reference)],
-                                 [np.zeros((3, 3)), np.eye(3)]]) for node in nodes])
     boundary = np.unique(sparse.coo_array(rows).coords[1])
-    motion, left, *_ = np.linalg.lstsq(rows[:, boundary].toarray(), rigid, rcond=None)
-    if np.abs(rows[:, boundary] @ motion - rigid).max() > 1e-8 * max(1.0, np.abs(rigid).max()):
-        raise InputError(file.where, "the interface cannot move as a rigid body: a reaction holds it",
+    motion, *_ = np.linalg.lstsq(rows[:, boundary].toarray(), rigid, rcond=None)
+    if np.abs(rows[:, boundary] @ motion - rigid).max() > 1e-8 * np.abs(rigid).max():
+        raise InputError(whole.where, "the interface cannot move as a rigid body: a reaction holds it",
                          "free the interface joints at the reactions")
     inner = np.setdiff1d(np.arange(K.shape[0]), boundary)
     KLL, MLL = (sparse.csc_array(X[inner][:, inner]) for X in (K, M))
@@ -77,23 +80,22 @@ def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: i
     guyan = -sparse_linalg.splu(sparse.csc_matrix(KLL)).solve(np.asarray(load))
     value, shape = (np.zeros(0), np.zeros((len(inner), 0)))
     if n_mode:
-        value, shape = lowest_modes(KLL, MLL, n_mode, file.where)
+        value, shape = lowest_modes(KLL, MLL, n_mode, whole.where)
     basis = np.zeros((K.shape[0], 6 + n_mode))
     basis[boundary, :6], basis[inner, :6], basis[inner, 6:] = motion, guyan, shape
     stiffness, mass = (_symmetric(basis.T @ (X @ basis)) for X in (K, M))
     # what is zero and one by construction
     stiffness[:6, 6:], stiffness[6:, :6], stiffness[6:, 6:] = 0.0, 0.0, np.diag(value)
     mass[6:, 6:] = np.eye(n_mode)
-    full = np.sqrt(_positive(lowest_modes(K, M, min(compared, K.shape[0] - 2), file.where)[0])) / (2 * np.pi)
+    full = np.sqrt(_positive(lowest_modes(K, M, min(compared, K.shape[0] - 2), whole.where)[0])) / (2 * np.pi)
     own = frequencies(stiffness, mass)[: len(full)]
-    node_dofs = frame.translation[: len(file.joints)]
-    recovery = np.full((len(file.joints), 6, 6 + n_mode), np.nan)
-    there = node_dofs >= 0
-    recovery[there] = frame.reduction[node_dofs[there]] @ basis
+    recovery = (whole.joint_motion @ basis).reshape(len(whole.joints), 6, 6 + n_mode)
+    recovery[~whole.there] = np.nan
+    damped = np.zeros_like(stiffness) if damping is None else damping(stiffness, mass, np.sqrt(value))
     return Superelement(
-        reference_m=frozen_array(reference), stiffness=frozen_array(stiffness), mass=frozen_array(mass),
-        damping=frozen_array(_damping(file, stiffness, mass, np.sqrt(value))), recovery=frozen_array(recovery),
-        joints=tuple(j.id for j in file.joints), frequency_hz=frozen_array(own), full_hz=frozen_array(full[: len(own)]),
+        reference_m=frozen_array(whole.reference_m), stiffness=frozen_array(stiffness), mass=frozen_array(mass),
+        damping=frozen_array(damped), recovery=frozen_array(recovery), joints=whole.joints,
+        frequency_hz=frozen_array(own), full_hz=frozen_array(full[: len(own)]),
     )
 
 
@@ -152,7 +154,7 @@ def write_superelement(one: Superelement, folder: Path, name: str, remark: str) 
 def _compare(path: Path, one: Superelement, stiffness, mass) -> None:
     found = frequencies(stiffness, mass)[: len(one.frequency_hz)]
     # a free structure has motions of 0 Hz, which have no relative error
-    error = np.abs(found - one.frequency_hz) / np.maximum(one.frequency_hz, 1e-3)
+    error = np.abs(found - one.frequency_hz) / np.maximum(one.frequency_hz, 1e-3 * one.frequency_hz.max())
     if not error.max() < READ_BACK:
         raise InputError(str(path), f"what was read back has frequencies that differ by {error.max():.1e}",
                          "check the disk it was written to")

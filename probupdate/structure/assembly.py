@@ -386,6 +386,31 @@ def assemble(
     )
 
 
+def supporting_matrices(
+    frame: Frame, values: Mapping[str, float], kept: np.ndarray, *, theory: str, gravity_mps2: float | None
+) -> tuple[sparse.csc_array, sparse.csc_array, sparse.csr_array]:
+    """K, M (n, n) at parameter values (all by name) of what acts between the nodes `kept` (n_node,) alone, and the
+    motions of all nodes (6 n_node, n), zero for the others. Member forces of prestress are those of the whole frame."""
+    transform = transformation(frame)
+    stiffness = list(_stiffness(frame, theory))
+    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
+    loads = (*own_weight, *frame.prestress)
+    if loads:
+        forces = axial_forces(frame, values, theory, loads)
+        stiffness += list(_geometric_stiffness(frame, forces, [load.coefficient for load in loads]))
+    released = [bool(kept[tie.node]) for tie in frame.ties for _ in tie.released]
+    inside = np.concatenate([np.repeat(kept, 6), np.array(released, bool)])
+    transform = sparse.diags_array(inside.astype(float)) @ transform
+    columns = np.flatnonzero(abs(transform).sum(axis=0) > 0)
+    transform = sparse.csr_array(transform)[:, columns]
+    matrices = []
+    for contributions in (stiffness, list(_mass(frame, theory))):
+        own = [part for part in contributions if inside[part[0]].all()]
+        (matrix,) = _sum_terms(_collect(own, (), values), transform)
+        matrices.append(matrix)
+    return matrices[0], matrices[1], transform[: 6 * len(frame.node_m)]
+
+
 def _geometric_stiffness(
     frame: Frame, forces: np.ndarray, coefficients: Sequence[Coefficient]
 ) -> Iterator[Contribution]:

@@ -1,0 +1,86 @@
+"""What of a structure stands below its tower: stiffness and mass with the motion of the place the tower stands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.runtime.arrays import frozen_array
+from probupdate.structure.assembly import rigid_motion, supporting_matrices
+from probupdate.structure.description import Description
+from probupdate.structure.frame import Frame
+from probupdate.structure.subdyn_frame import SubDynFrame
+from probupdate.structure.turbine_frame import build_frame
+
+TOWER = "tower"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Substructure:
+    """stiffness, mass (n, n). interface (6 k, n): motions of the k nodes that the transition piece joins, and rigid
+    (6 k, 6) what they are when it moves by its six motions about `reference_m`. joints (n_joint,) numbers, joint_motion
+    (6 n_joint, n) with `there` (n_joint, 6) False for rotations a joint does not have."""
+
+    where: str
+    stiffness: sparse.csc_array
+    mass: sparse.csc_array
+    interface: sparse.csr_array
+    rigid: np.ndarray
+    reference_m: np.ndarray
+    joints: tuple[int, ...]
+    joint_motion: sparse.csr_array
+    there: np.ndarray
+
+
+def subdyn_substructure(frame: SubDynFrame, stiffness, mass, reference_m=None) -> Substructure:
+    """Of a SubDyn file, as it is assembled, at its interface joints; about their mean where no place is given."""
+    file = frame.file
+    if not file.interfaces:
+        raise InputError(file.where, "has no interface joints", "list them (NInterf): the superelement ends there")
+    nodes = [frame.node_of[i.joint] for i in file.interfaces]
+    if any(frame.translation[node, 3] < 0 for node in nodes):
+        raise InputError(file.where, "an interface joint turns", "take rigid joints (type 1)")
+    reference = np.mean(frame.node_m[nodes], axis=0) if reference_m is None else np.asarray(reference_m, float)
+    own = frame.translation[: len(file.joints)]
+    return Substructure(
+        where=file.where, stiffness=stiffness, mass=mass,
+        interface=frame.reduction[np.concatenate([frame.translation[node] for node in nodes])],
+        rigid=np.vstack([rigid_motion(frame.node_m[node] - reference) for node in nodes]),
+        reference_m=frozen_array(reference), joints=tuple(j.id for j in file.joints),
+        joint_motion=sparse.csr_array(frame.reduction[np.maximum(own, 0).ravel()]), there=own >= 0)
+
+
+class NothingBelow(Exception):
+    """A tower that stands on the ground, or on several places."""
+
+
+def turbine_substructure(d: Description) -> Substructure:
+    """Of a turbine at its parameters' values: everything but the tower above its foot, with the soil, the water's added
+    mass and the member forces that the whole turbine's weight makes. The foot's flange is in it. `joints` count the
+    nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
+    frame, where = build_frame(d), d.name
+    above, foot = _split(frame, where)
+    gravity = d.site.gravity_mps2 if d.mesh.geometric_stiffness else None
+    K, M, motion = supporting_matrices(frame, d.values, ~above, theory=d.mesh.theory, gravity_mps2=gravity)
+    below = np.flatnonzero(~above)
+    return Substructure(
+        where=where, stiffness=K, mass=M, interface=motion[6 * foot : 6 * foot + 6], rigid=np.eye(6),
+        reference_m=frozen_array(frame.node_m[foot]), joints=tuple(int(k) + 1 for k in below),
+        joint_motion=motion[(6 * below[:, None] + np.arange(6)).ravel()], there=np.ones((len(below), 6), bool))
+
+
+def _split(frame: Frame, where: str) -> tuple[np.ndarray, int]:
+    """(n_node,) which nodes are above the tower's foot, and the foot."""
+    tower = {node for beam in frame.beams if beam.group == TOWER for node in (beam.start, beam.end)}
+    others = {node for beam in frame.beams if beam.group != TOWER for node in (beam.start, beam.end)}
+    foot = sorted(tower & others)
+    if len(foot) != 1:
+        raise NothingBelow(f"{where} has no structure below its tower" if not foot else
+                           f"{where} meets its tower at several places")
+    above = np.isin(np.arange(len(frame.node_m)), sorted(tower - set(foot)))
+    for tie in frame.ties:
+        above[tie.node] |= bool(above[tie.master])
+    return above, foot[0]
