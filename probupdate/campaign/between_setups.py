@@ -15,12 +15,13 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.blocks import block_files, read_block
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import LOWEST_HZ
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import Group, WrongGain, natural_groups, rigid_candidates, words_of, wrong_gains
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import SEGMENT_S
+from probupdate.campaign.spectra import SEGMENT_S, enough
 from probupdate.errors import InputError
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import Sensor
@@ -159,8 +160,8 @@ def _spectra(campaign: Campaign, most_bytes: int) -> _Spectra | None:
         data = read_block(campaign, start, touching).data
         for first in range(0, len(data) - length + 1, length // 2):
             piece = data[first: first + length]
-            if np.isfinite(piece).all() and np.all(np.ptp(piece, axis=0) > 0):
-                segments.append(fft.rfft((piece - piece.mean(axis=0)).T * window, axis=1)[:, kept].T * factor)
+            if enough(piece) and np.all(np.ptp(zero_filled(piece), axis=0) > 0):
+                segments.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, kept].T * factor)
     if len(segments) < FEWEST_SEGMENTS:
         return None
     density = []

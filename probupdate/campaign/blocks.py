@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign import parquet_records, zarr_records
+from probupdate.campaign import gaps, parquet_records, zarr_records
 from probupdate.campaign.parquet_records import parquet_rows
 from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
 from probupdate.campaign.zarr_records import zarr_rows
@@ -18,9 +18,11 @@ from probupdate.io.hdf5_file import refuse_outside
 from probupdate.io.result_table import plural
 from probupdate.runtime.arrays import frozen_array
 
-# a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
-LONGEST_REPAIR_S = 1.0
-REPAIRED_NS = round(1e9 * LONGEST_REPAIR_S)
+# files that part by less are one recording, and a recording may lack as much of a block at its ends
+LONGEST_BREAK_S = 1.0
+BREAK_NS = round(1e9 * LONGEST_BREAK_S)
+# share of a block in which a channel was measured, below which the block is not used
+LEAST_MEASURED = 0.2
 # why a block at the start or the end of a recording cannot be used
 PART = "part of a recording"
 # samples beyond it, in SI units, count as lost
@@ -31,11 +33,12 @@ CHUNK_CACHE_BYTES = 32 * 2**20
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Block:
-    """data (n_sample, n_channel) in SI units, short gaps interpolated, longer ones NaN.
+    """data (n_sample, n_channel) in SI units, NaN for every sample that was not measured: nothing is drawn over gaps.
 
-    missing (n_channel,) share of samples lost before the repair; impossible (n_channel,) number of those that were
-    there but beyond LARGEST_SI; repaired (n_channel,) number of samples interpolated; excluded: why the block cannot
-    be used, empty where it can; notes: what was done to it.
+    missing (n_channel,) share of samples lost; impossible (n_channel,) number of those that were there but beyond
+    LARGEST_SI; repeated, filled (n_channel,) share of samples that only repeat the one before, or lie on a straight
+    line drawn over a gap (`gaps`), lost too; excluded: why the block cannot be used, empty where it can; notes: what
+    was done to it.
     """
 
     start: pd.Timestamp
@@ -44,9 +47,15 @@ class Block:
     data: np.ndarray
     missing: np.ndarray
     impossible: np.ndarray
-    repaired: np.ndarray
+    repeated: np.ndarray
+    filled: np.ndarray
     excluded: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(n_channel,) share of samples that were measured."""
+        return 1 - self.missing - self.repeated - self.filled
 
     @property
     def id(self) -> str:
@@ -63,7 +72,7 @@ def block_id(start: pd.Timestamp, minutes: float = 1.0) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """Files that follow each other without a gap that would not be repaired, from the first sample to the end of the
+    """Files that follow each other without a gap of more than a second, from the first sample to the end of the
     last one."""
 
     files: tuple[RecordFile, ...]
@@ -77,7 +86,7 @@ def recordings(campaign: Campaign) -> list[Recording]:
     found: list[tuple[list[RecordFile], pd.Timestamp]] = []
     for file in campaign.files:
         end = file.start + file.n_sample * step
-        if found and file.start <= found[-1][1] + pd.Timedelta(seconds=LONGEST_REPAIR_S):
+        if found and file.start <= found[-1][1] + pd.Timedelta(seconds=LONGEST_BREAK_S):
             files, reached = found[-1]
             files.append(file)
             found[-1] = files, max(reached, end)
@@ -114,14 +123,14 @@ def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Tim
 
 
 def held_blocks(recording: Recording, length: int) -> int:
-    """Blocks of `length` ns from its start on, the last of which may lack what is repaired."""
-    return (recording.end.value - recording.start.value + REPAIRED_NS) // length
+    """Blocks of `length` ns from its start on, the last of which may lack a second."""
+    return (recording.end.value - recording.start.value + BREAK_NS) // length
 
 
 def _origin(recording: Recording, length: int) -> int:
     """From where blocks of this length are counted, in ns of the clock: 0, or the recording's start."""
     start, end, held = recording.start.value, recording.end.value, held_blocks(recording, length)
-    on_clock = max((end + REPAIRED_NS) // length + (REPAIRED_NS - start) // length, 0)
+    on_clock = max((end + BREAK_NS) // length + (BREAK_NS - start) // length, 0)
     return start if held and 2 * on_clock <= held else 0
 
 
@@ -210,55 +219,57 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
                          "measures: counted as lost")
     data[lost] = np.nan
-    repaired, longest = _repair(data, lost, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
-    if repaired.any():
-        names = [c for c, k in zip(campaign.channels, repaired, strict=True) if k]
-        who = "all channels" if len(names) == len(campaign.channels) else ", ".join(names)
-        most = int(repaired.max())
-        notes.append(f"gaps of up to {LONGEST_REPAIR_S:g} s interpolated in {who}: {most} samples at most")
-    excluded = ""
-    if longest.any():
-        seconds, bad = longest.max() / campaign.sampling_rate_hz, np.flatnonzero(longest)
-        who = "all channels" if len(bad) == len(longest) else ", ".join(campaign.channels[k] for k in bad)
-        excluded = f"gap of {seconds:.1f} s in {who}"
-        there = np.flatnonzero(covered)
-        # before the first file of it or after the last one nothing was recorded, and nothing is missing
-        if there.size and max(there[0], n_sample - 1 - there[-1]) >= longest.max():
-            excluded = f"{PART}: {(np.ptp(there) + 1) / campaign.sampling_rate_hz / 60:.3g} min in it"
+    again, drawn = _not_measured(data, lost, campaign.sampling_rate_hz)
+    repeated, line = again.mean(axis=0), drawn.mean(axis=0)
+    data[again | drawn] = np.nan
+    notes += _unmeasured_notes(campaign.channels, missing, repeated, line)
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
         data=_sealed(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
-        repaired=frozen_array(repaired, int), excluded=excluded, notes=tuple(notes),
+        repeated=frozen_array(repeated), filled=frozen_array(line), notes=tuple(notes),
+        excluded=_excluded(campaign, covered, 1 - missing - repeated - line),
     )
+
+
+def _not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """(n_sample, n_channel) bool each: samples that repeat the one before, and those on lines drawn over gaps."""
+    again, drawn = np.zeros_like(lost), np.zeros_like(lost)
+    for c in range(data.shape[1]):
+        column = np.ascontiguousarray(data[:, c])
+        if not lost[:, c].all():
+            again[:, c] = gaps.repeated(column, rate_hz)
+            drawn[:, c] = gaps.filled(column)
+    return again, drawn
+
+
+def _unmeasured_notes(channels: tuple[str, ...], *shares: np.ndarray) -> list[str]:
+    """Shares (n_channel,) of samples that are lost, repeated and filled, in words."""
+    words = ("lost", "only repeat the one before", "on straight lines drawn over gaps")
+    notes = []
+    for word, share in zip(words, shares, strict=True):
+        some = [f"{name} {100 * x:.2g} %" for name, x in zip(channels, share, strict=True) if x > 0]
+        if len(some) == len(channels) and np.ptp(share) == 0 and len(some) > 1:
+            some = [f"all channels {100 * share[0]:.2g} %"]
+        if some:
+            notes.append(f"samples {word}: {', '.join(some)}")
+    return notes
+
+
+def _excluded(campaign: Campaign, covered: np.ndarray, measured: np.ndarray) -> str:
+    """Why a block cannot be used: it is but a part of one, or a channel was hardly measured in it."""
+    there = np.flatnonzero(covered)
+    n_sample, rate = len(covered), campaign.sampling_rate_hz
+    # before the first file of it or after the last one nothing was recorded, and nothing is missing
+    if there.size and max(there[0], n_sample - 1 - there[-1]) > round(LONGEST_BREAK_S * rate):
+        return f"{PART}: {(np.ptp(there) + 1) / rate / 60:.3g} min in it"
+    bad = np.flatnonzero(measured < LEAST_MEASURED)
+    if not bad.size:
+        return ""
+    who = "all channels" if len(bad) == len(measured) else ", ".join(campaign.channels[k] for k in bad)
+    return f"gaps: only {100 * measured[bad].min():.2g} % of the samples were measured in {who}"
 
 
 def _sealed(data: np.ndarray) -> np.ndarray:
     """Read-only without a copy: nobody else holds it."""
     data.setflags(write=False)
     return data
-
-
-def _repair(data: np.ndarray, lost: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate, in place, inner gaps of up to `longest` samples and hold the value at an edge.
-
-    Returns (n_channel,) samples repaired and (n_channel,) length of the longest gap left, 0 for none.
-    """
-    repaired, left = np.zeros(data.shape[1], int), np.zeros(data.shape[1], int)
-    for c in np.flatnonzero(lost.any(axis=0)):
-        starts, ends = runs(lost[:, c])
-        short = ends - starts <= longest
-        left[c] = int(np.max((ends - starts)[~short], initial=0))
-        column, known = data[:, c], ~lost[:, c]
-        if not known.any():
-            continue
-        good = np.flatnonzero(known)
-        for a, b in zip(starts[short], ends[short], strict=True):
-            column[a:b] = np.interp(np.arange(a, b), good, column[good])
-            repaired[c] += b - a
-    return repaired, left
-
-
-def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends (one past the last) of the runs of True in (n,) bool."""
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return edge[::2], edge[1::2]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import PART, Block, block_files, block_starts, read_block
+from probupdate.campaign.blocks import LEAST_MEASURED, PART, Block, block_files, block_starts, read_block
 from probupdate.campaign.clocks import delays
 from probupdate.campaign.findings import (
     Compared,
@@ -54,6 +54,8 @@ USES = {
 MOST_COMPARED = 240
 # the units of channels in so many, as each block says the same
 MOST_SPECTRA = 24
+# of a channel's samples, from which it is compared with others
+HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,7 +119,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
             if campaign.scada is not None and len(timed) < MOST_ROWS:
                 timed += record_rows(block)
             if campaign.scada is not None:
-                usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+                usable = (block.measured >= HALF) & ~rows["flat"].to_numpy(bool)
                 sway = block_sway(block, campaign.sensors, usable, conditions)
                 sways += [] if sway is None else [sway]
         tables.append(rows)
@@ -150,11 +152,11 @@ def compare_block(
     campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame, *, pieces: int = 0,
     n_compared: int = MOST_COMPARED,
 ) -> Compared | None:
-    """One block's channels against one another; None where the block's samples do not allow it. Channels with
-    lost samples, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0: none), as one
+    """One block's channels against one another; None where the block's samples do not allow it. Channels of which
+    more than half is lost, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0: none), as one
     of n_compared blocks."""
     n = len(campaign.sensors)
-    usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+    usable = (block.measured >= HALF) & ~rows["flat"].to_numpy(bool)
     if usable.sum() < 2:
         return None
     rate = block.sampling_rate_hz
@@ -222,7 +224,7 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
     if advice := uncovered(campaign):
         found.append(f"no record covers a whole block: {advice}")
     elif gone.any():
-        found.append(f"{plural(int(gone.sum()), 'block')} with gaps too long to repair: "
+        found.append(f"{plural(int(gone.sum()), 'block')} in which a channel was hardly measured, not used: "
                      f"{', '.join(head['id'][gone][:6])}" + (" and more" if gone.sum() > 6 else ""))
     if part.any() and not advice:
         found.append(f"{plural(int(part.sum()), 'block')} at the ends of recordings, shorter than the others, not used")
@@ -233,7 +235,8 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
 
 def _per_channel(table: pd.DataFrame) -> pd.DataFrame:
     grouped = table.groupby("channel", sort=False)
-    return grouped.agg(missing=("missing", "mean"), impossible=("impossible", "sum"), repaired=("repaired", "sum"),
+    return grouped.agg(missing=("missing", "mean"), impossible=("impossible", "sum"),
+                       repeated=("repeated", "mean"), filled=("filled", "mean"),
                        rms=("rms", "median"), offset=("offset", "median"), spikes=("spikes", "sum"),
                        clipped=("clipped", "sum"), flat_blocks=("flat", "sum")).reset_index()
 
@@ -273,8 +276,9 @@ def _scada_findings(campaign: Campaign) -> list[str]:
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:
-    # as identification takes them: no long gap and no channel without any signal
-    spoilt = table[(table["longest_gap_s"] > 0) | table["flat"]]
+    # as identification takes them: every channel measured, and none without any signal
+    known = 1 - table["missing"] - table["repeated"] - table["filled"]
+    spoilt = table[(known < LEAST_MEASURED) | table["flat"]]
     good = (head["excluded"] == "") & ~head["id"].isin(spoilt["id"][spoilt["flat"]])
     uses = [f"identify {plural(int(good.sum()), 'block')}"]
     few = max(1, len(campaign.channels) // 3)

@@ -29,7 +29,7 @@ SCALE_FACTOR = 8.0
 UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mm and m", 1e2: "cm and m", 10.0: "cm and mm", 9806.65: "mg and m/s2",
                 980.665: "g and cm/s2"}
 # lost samples that are mentioned, as a share
-MISSING = 0.02
+MISSING = 0.005
 # slow wandering of a channel's mean within a block, in its own standard deviations: of anything; of one alone among its
 # like
 WANDER, WANDER_ALONE = 5.0, 2.0
@@ -102,7 +102,18 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> 
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())
     if share - common > MISSING:
-        found.append(f"{name} lacks {100 * share:.1f} % of its samples")
+        found.append(f"{name} lacks {100 * share:.1f} % of its samples: modes are identified from the pairs that were "
+                     "measured")
+    again, drawn = (float(rows[kind].mean()) for kind in ("repeated", "filled"))
+    if again > 0:
+        each = 1 / max(1 - again, 1e-9)
+        found.append(f"{name} repeats: {100 * again:.2g} % of its samples are the one before once more"
+                     + (f" (each value stands {each:.3g} times: a converter slower than the table, or a radio that "
+                        "sends the last value again)" if again > 0.1 else "")
+                     + ": only the first of each counts as measured")
+    if drawn > 0:
+        found.append(f"{name} was filled: {100 * drawn:.2g} % of its samples lie on straight lines between others: "
+                     "they count as lost")
     return found
 
 

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.rigid_bodies import same_place
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra
+from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra, enough
 from probupdate.modal.modes import Sensor
 
 # by so much (one standard deviation) the gains of sound sensors and the structure's own shapes may change
@@ -76,8 +77,8 @@ def parts_of_block(
         stack = []
         for first in range(0, len(own) - length + 1, length // 2):
             piece = own[first: first + length]
-            if np.isfinite(piece).all():
-                stack.append(fft.rfft((piece - piece.mean(axis=0)).T * window, axis=1)[:, kept].T * factor)
+            if enough(piece):
+                stack.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, kept].T * factor)
         if not stack:
             continue
         lines = np.array(stack).transpose(1, 0, 2)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.blocks import Block
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import LOWEST_HZ, is_upright
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
@@ -73,7 +74,7 @@ def block_sway(block: Block, sensors: Sequence[Sensor], usable: np.ndarray, cond
         return None
     rows, back = chosen
     data = block.data[:, rows]
-    spectrum = fft.rfft((data - data.mean(axis=0)) * np.hanning(len(data))[:, None], axis=0)
+    spectrum = fft.rfft(zero_filled(data) * np.hanning(len(data))[:, None], axis=0)
     frequency = fft.rfftfreq(len(data), 1 / block.sampling_rate_hz)
     kept = (frequency > LOWEST_HZ) & (frequency < HIGHEST_HZ)
     times = np.array([TO_ACCELERATION[sensors[i].quantity] for i in rows])

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from probupdate.campaign.blocks import Block
+from probupdate.campaign.gaps import zero_filled
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
 
@@ -26,6 +27,8 @@ LINES, FEWEST_SEGMENTS = 256, 8
 # vibration (m/s2, standard deviation) of a structure that is not shaken on purpose; only records stated in g are asked
 # for, as it is there that numbers of m/s2 come out ten times too large
 STRONG_MPS2 = 2.0
+# share of its samples that a channel must have for its spectrum to be held against others
+LEAST_KNOWN = 0.99
 
 
 def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
@@ -36,11 +39,13 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
         return
     some = np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)
     few = data[some]
-    for c in np.flatnonzero(_straight(few, some)):
-        column = data[:, c]
-        if _straight(column[:, None], np.arange(n))[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
-                few[-1, c] - few[0, c]) >= 0):
-            step = (column[-1] - column[0]) / (n - 1)
+    for c in np.flatnonzero(_straight(few, some) | ~np.isfinite(few).all(axis=0)):
+        row = np.flatnonzero(np.isfinite(data[:, c]))
+        if len(row) < FEWEST:
+            continue
+        column, rise = data[row, c], data[row[-1], c] - data[row[0], c]
+        if _straight(column[:, None], row - row[0])[0] and np.all(np.diff(column) * np.sign(rise) >= 0):
+            step = rise / (row[-1] - row[0])
             raise InputError(f"{where}, channel {channels[int(c)]}", f"its samples rise evenly, by {step:.6g} each: it "
                              "looks like the column of time, not like a record", "name another column for it "
                              "(convert.toml, [columns]), or mend the order of [[sensor]]")
@@ -61,16 +66,16 @@ def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
 
 def amplitude_spectrum(block: Block) -> np.ndarray | None:
     """ln of each channel's amplitude spectrum (n_line, n_channel), on few lines. NaN for channels that stand still or
-    have lost samples; None where the block is too short."""
+    lack more than a hundredth of their samples, which would be noise in it; None where the block is too short."""
     from scipy import signal
 
     data = block.data
-    whole = np.isfinite(data).all(axis=0)
+    whole = block.measured >= LEAST_KNOWN
     length = min(4 * LINES, 2 * len(data) // (FEWEST_SEGMENTS + 1))
     if length < 32 or whole.sum() < 2:
         return None
     density = np.full((length // 2, data.shape[1]), np.nan)
-    found = signal.welch(data[:, whole], block.sampling_rate_hz, nperseg=length, axis=0)[1]
+    found = signal.welch(zero_filled(data[:, whole]), block.sampling_rate_hz, nperseg=length, axis=0)[1]
     # the last quarter is what an anti-aliasing filter leaves, the first line what the window does to the mean
     density[:, whole] = found[1 : length // 2 + 1]
     density = density[1 : int(0.75 * len(density))]

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from probupdate.campaign.blocks import Block
+from probupdate.campaign.blocks import LONGEST_BREAK_S, Block
+from probupdate.campaign.gaps import interpolated
 from probupdate.errors import InputError
 from probupdate.modal.modes import QUANTITIES, Sensor
 from probupdate.runtime.arrays import frozen_array
@@ -45,8 +46,9 @@ def as_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, ban
     """The block with every channel in `quantity`, SI units; the very block where that is so already.
 
     block.data (n_sample, n_channel) in the sensors' quantities. Where one channel is converted, all are cut to the
-    same band, so that no channel holds what its neighbours have lost; a note says which and between which limits. A
-    channel with lost samples (the block is excluded then) is lost as a whole. Raises InputError for an unknown
+    same band, so that no channel holds what its neighbours have lost; a note says which and between which limits.
+    Differences and integrals ask for whole records: gaps of up to a second are bridged by straight lines, which the
+    note says too, and a channel with a longer one is lost as a whole. Raises InputError for an unknown
     quantity, another number of channels, or a block shorter than ten periods of the lowest frequency.
     """
     if quantity not in QUANTITIES:
@@ -61,9 +63,13 @@ def as_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, ban
     if len(block.data) < 10 * block.sampling_rate_hz / low:
         raise InputError(f"block {block.id}", f"is shorter than ten periods of {low:g} Hz, the band's lower limit",
                          "convert between a higher limit, or take longer blocks")
-    data = differentiated(block.data, block.sampling_rate_hz, times, (low, high))
+    whole, left = interpolated(block.data, round(LONGEST_BREAK_S * block.sampling_rate_hz))
+    data = differentiated(whole, block.sampling_rate_hz, times, (low, high))
     changed = ", ".join(s.channel for s, k in zip(sensors, times, strict=True) if k)
     note = f"{changed} converted to {quantity}; all channels cut to {low:g}-{high:g} Hz"
+    drawn = [s.channel for s, k, m in zip(sensors, left, block.measured, strict=True) if not k and m < 1]
+    if drawn:
+        note += f"; for that, gaps of up to {LONGEST_BREAK_S:g} s were bridged by straight lines in {', '.join(drawn)}"
     return replace(block, data=frozen_array(data), notes=(*block.notes, note))
 
 

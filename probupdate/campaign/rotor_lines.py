@@ -13,6 +13,7 @@ import pandas as pd
 from scipy import fft
 
 from probupdate.campaign.blocks import Block, block_files, read_block
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.reading import Campaign
 from probupdate.runtime.progress import Progress, silent
 
@@ -72,7 +73,7 @@ def rotor_lines_against_scada(campaign: Campaign, *, progress: Progress = silent
 
 def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
     """(n_ratio,) height of the spectrum along each ratio, one for every ten-minute row in which the rotor turned; of a
-    shorter block one, of the row that it lies in. Channels with lost samples are left out of that row."""
+    shorter block one, of the row that it lies in. Channels that were measured for less than half of a row are left out of it."""
     found: list[np.ndarray] = []
     if "rotor_speed_rpm" not in scada:
         return found
@@ -92,7 +93,7 @@ def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
         piece = block.data[first: first + n]
         if not rpm >= SLOWEST_RPM or unsteady > STEADIEST or len(piece) < n:
             continue
-        piece = piece[:, np.isfinite(piece).all(axis=0)]
+        piece = zero_filled(piece[:, 2 * np.isfinite(piece).sum(axis=0) >= n])
         if not piece.shape[1]:
             continue
         found.append(_score(piece, rate, rpm / 60, 0.01 if np.isnan(unsteady) else unsteady))

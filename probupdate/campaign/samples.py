@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, runs
+from probupdate.campaign.blocks import Block
+from probupdate.campaign.gaps import runs
 
 # a spike stands this many robust standard deviations above its channel's median or its neighbours' second differences,
 # and this many times above what surrounds it within half a second: an impact rings, a logger's fault does not
@@ -21,8 +22,7 @@ PARTS = 10
 
 
 def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
-    """A row per channel: missing (share), impossible and repaired (samples, see `Block`), longest_gap_s (left
-    after the repair), rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI:
+    """A row per channel: missing, repeated, filled (shares) and impossible (samples, see `Block`), longest_gap_s, rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI:
     the mean of the last tenth less that of the first, the range of the tenths' means, the standard deviation about
     them), spikes and clipped (samples), still_s (longest run of one value), flat."""
     data, rate = block.data, block.sampling_rate_hz
@@ -55,7 +55,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
     return pd.DataFrame({
         "id": block.id, "channel": channels, "missing": block.missing, "impossible": block.impossible,
-        "repaired": block.repaired, "longest_gap_s": gap,
+        "repeated": block.repeated, "filled": block.filled, "longest_gap_s": gap,
         **columns, **counts, "still_s": still, "flat": flat,
     })
 
@@ -126,13 +126,16 @@ def _still(column: np.ndarray, rate_hz: float) -> float:
 
 
 def _drift(column: np.ndarray) -> tuple[float, float, float]:
-    """Last tenth's mean less the first's, range of the tenths' means, standard deviation about them; tenths with lost
-    samples are left out, NaN where fewer than three remain or the first or last is lost."""
+    """Last tenth's mean less the first's, range of the tenths' means, standard deviation about them; tenths of which
+    more than half is lost are left out, NaN where fewer than three remain or the first or last is lost."""
     size = len(column) // PARTS
     parts = column[: size * PARTS].reshape(PARTS, size)
-    means = parts.mean(axis=1)
-    whole = np.isfinite(means)
-    if whole.sum() < 3:
+    known = np.isfinite(parts)
+    count = known.sum(axis=1)
+    enough = count > size / 2
+    if enough.sum() < 3:
         return float("nan"), float("nan"), float("nan")
-    vibration = np.sqrt(np.mean(parts[whole].var(axis=1)))
-    return float(means[-1] - means[0]), float(np.ptp(means[whole])), float(vibration)
+    value = np.where(known, parts, 0.0)
+    means = np.where(enough, value.sum(axis=1) / np.maximum(count, 1), np.nan)
+    squares = np.sum(np.where(known, parts - means[:, None], 0.0)[enough] ** 2, axis=1) / count[enough]
+    return float(means[-1] - means[0]), float(np.ptp(means[enough])), float(np.sqrt(np.mean(squares)))

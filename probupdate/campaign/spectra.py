@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
@@ -37,9 +38,9 @@ def most_channels(rate_hz: float, highest_hz: float) -> int:
 
 def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossSpectra | None:
     """Welch's estimate from segments of 40 s (shorter where a block holds fewer than eight), Hann windows, half
-    overlap, up to highest_hz. data (n_sample, n_channel); segments with lost samples are left out; None where fewer
-    than eight are whole, and where there are more channels than `most_channels`. A channel that does not move has a
-    density of zero."""
+    overlap, up to highest_hz. data (n_sample, n_channel), NaN where lost (`gaps.zero_filled`); segments in which less
+    than half of a channel was measured are left out; None where fewer than eight are left, and where there are more
+    channels than `most_channels`. A channel that does not move has a density of zero."""
     n_sample = len(data)
     if data.shape[1] > most_channels(rate_hz, highest_hz):
         return None
@@ -55,14 +56,19 @@ def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossS
     spectra = []
     for first in range(0, n_sample - length + 1, step):
         piece = data[first: first + length]
-        if np.isfinite(piece).all():
-            spectra.append(fft.rfft((piece - piece.mean(axis=0)).T * window, axis=1)[:, wanted])
+        if enough(piece):
+            spectra.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, wanted])
     if len(spectra) < FEWEST_SEGMENTS:
         return None
     stack = np.array(spectra).transpose(2, 1, 0)
     density = stack.conj() @ stack.transpose(0, 2, 1) * (2 / (rate_hz * np.sum(window**2) * len(spectra)))
     return CrossSpectra(frequency_hz=frozen_array(frequency[wanted]), density=frozen_array(density, complex),
                         n_segment=len(spectra))
+
+
+def enough(piece: np.ndarray) -> bool:
+    """Whether at least half of every channel's samples (n, n_channel) were measured."""
+    return bool(np.all(2 * np.isfinite(piece).sum(axis=0) >= len(piece)))
 
 
 def in_acceleration(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> CrossSpectra:

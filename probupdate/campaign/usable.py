@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, block_files, held_blocks, read_block, recordings
+from probupdate.campaign.blocks import LEAST_MEASURED, Block, block_files, held_blocks, read_block, recordings
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.reading import Campaign
 
 # blocks that are read again for the advice, evenly over the campaign
@@ -36,10 +37,10 @@ def remedy(campaign: Campaign) -> str:
 
 
 def _spoilt(block: Block) -> tuple[int, ...]:
-    """Columns with a gap too long to repair or without any signal."""
-    lost = np.any(np.isnan(block.data), axis=0)
+    """Columns that were hardly measured, or without any signal."""
+    lost = block.measured < LEAST_MEASURED
     still = np.zeros(len(lost), bool)
-    still[~lost] = np.ptp(block.data[:, ~lost], axis=0) == 0
+    still[~lost] = np.ptp(zero_filled(block.data[:, ~lost]), axis=0) == 0
     return tuple(int(k) for k in np.flatnonzero(lost | still))
 
 

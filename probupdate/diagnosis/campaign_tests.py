@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import block_files, read_block
-from probupdate.campaign.checking import FEWEST_PIECES, Compared, compare_block
+from probupdate.campaign.checking import FEWEST_PIECES, HALF, Compared, compare_block
 from probupdate.campaign.findings import (
     RATE_LIMIT,
     SIGMA,
@@ -75,7 +75,7 @@ def _block_tests(
     sway = None
     if campaign.scada is not None:
         lines = line_scores(block, campaign.scada)
-        usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+        usable = (block.measured >= HALF) & ~rows["flat"].to_numpy(bool)
         sway = block_sway(block, campaign.sensors, usable, conditions)
     return _BlockTests(id=block.id, state=state, channels=rows, compared=found, lines=lines, sway=sway)
 

@@ -7,20 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, read_block
+from probupdate.campaign.blocks import LONGEST_BREAK_S, Block, read_block
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
 from probupdate.identification.harmonics import without_harmonics
+from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
 from probupdate.identification.preprocessing import resampled
-from probupdate.identification.record import IdentifiedRecord, identify_record, references_within
+from probupdate.identification.record import IdentifiedRecord, references_within
 from probupdate.identification.ssi import Poles
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
-# segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
-SPECTRUM_SAMPLES = 512
 # samples after which a channel that moves has moved
 FEW = 256
 
@@ -63,6 +62,7 @@ class BlockPoles:
 
     rms: root mean square over samples and channels of the motion about its mean, in SI units of `quantity`; line_hz
     and spectrum (n_line,): one-sided power spectral density summed over channels, at the rate of identification.
+    unmeasured (3, n_channel): shares of samples that are lost, repeated and filled (`Block`).
     """
 
     id: str
@@ -76,6 +76,7 @@ class BlockPoles:
     others: tuple[Poles, ...]
     line_hz: np.ndarray
     spectrum: np.ndarray
+    unmeasured: np.ndarray
 
     @property
     def every_order(self) -> tuple[Poles, ...]:
@@ -111,15 +112,15 @@ def identify_block(
     quantity = common_quantity(campaign.sensors)
     if reason:
         return _left_out(block, quantity, reason)
-    rms = float(np.sqrt(np.mean(np.var(block.data, axis=0))))
+    rms = float(np.sqrt(np.mean(np.nanvar(block.data, axis=0))))
     record, remark = _prepared(block, campaign, settings, rotor_rpm)
     found = _identified(record, block, settings, sub_records=0)
-    line, spectrum = summed_spectrum(record, settings.target_rate_hz)
+    line, spectrum = record.summed_spectrum()
     return BlockPoles(
         id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded="",
         notes=(*block.notes, *remark), rms=rms, poles=found.poles,
         others=tuple(p for p in found.by_order if p.order != settings.order),
-        line_hz=line, spectrum=spectrum,
+        line_hz=line, spectrum=spectrum, unmeasured=frozen_array([block.missing, block.repeated, block.filled]),
     )
 
 
@@ -166,33 +167,46 @@ def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFil
     """The block in one quantity, and why it cannot be used; empty where it can."""
     block = read_block(campaign, start, files)
     refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
-    reason = block.excluded or _silent_channels(block, campaign.channels)
-    return (block, reason) if reason else (as_quantity(block, campaign.sensors, common_quantity(campaign.sensors)), "")
+    if reason := block.excluded or _silent_channels(block, campaign.channels):
+        return block, reason
+    block = as_quantity(block, campaign.sensors, common_quantity(campaign.sensors))
+    gone = [c for c, lost in zip(campaign.channels, np.isnan(block.data).all(axis=0), strict=True) if lost]
+    if gone:
+        return block, f"gaps of more than {LONGEST_BREAK_S:g} s in {', '.join(gone)}, which no conversion bridges"
+    known = np.isfinite(block.data)
+    return block, "" if known.all() else without_pairs(known, block.repeated, block.sampling_rate_hz)
 
 
 def _prepared(
     block: Block, campaign: Campaign, settings: BlockSettings, rotor_rpm: tuple[float, float] | None
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The record at the rate of identification, without harmonics if so asked, and what was done about them."""
-    record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
+) -> tuple[WholeRecord | LossyRecord, tuple[str, ...]]:
+    """The record as it is identified, without harmonics if so asked, and what was done about them."""
+    rate, target = campaign.sampling_rate_hz, settings.target_rate_hz
+    lossy = LossyRecord(data=block.data, rate_hz=rate, target_hz=target) if np.isnan(block.data).any() else None
+    record = WholeRecord(data=resampled(block.data, rate, target), target_hz=target) if lossy is None else lossy
     if settings.harmonics == "keep":
         return record, ()
-    cleaned = without_harmonics(record, settings.target_rate_hz, rotor_rpm or (np.nan, np.nan))
+    thin = record.data if lossy is None else lossy.bridged()
+    cleaned = without_harmonics(thin, target, rotor_rpm or (np.nan, np.nan))
     if not cleaned.followed:
         return record, (f"{STAY}{cleaned.reason}",)
-    return cleaned.record, (f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}",)
+    said = f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}"
+    if lossy is None:
+        return WholeRecord(data=cleaned.record, target_hz=target), (said,)
+    return lossy.less(thin - cleaned.record), (said,)
 
 
 def _identified(
-    record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int, orders: tuple[int, ...] | None = None
+    record: WholeRecord | LossyRecord, block: Block, settings: BlockSettings, sub_records: int,
+    orders: tuple[int, ...] | None = None,
 ) -> IdentifiedRecord:
-    if len(record) < 4 * settings.block_rows:
-        raise InputError(f"block {block.id}", f"{len(record)} samples at {settings.target_rate_hz:g} Hz are less than "
+    n_sample = int(block.minutes * 60 * settings.target_rate_hz)
+    if n_sample < 4 * settings.block_rows:
+        raise InputError(f"block {block.id}", f"{n_sample} samples at {settings.target_rate_hz:g} Hz are less than "
                          f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
-    return identify_record(
-        record, settings.target_rate_hz, order=settings.order if orders is None else orders[-1],
-        block_rows=settings.block_rows, spread=settings.spread, sub_records=sub_records, orders=orders,
-        limited=block_references(record.shape[1], settings))
+    return record.identified(
+        order=settings.order if orders is None else orders[-1], block_rows=settings.block_rows, spread=settings.spread,
+        sub_records=sub_records, orders=orders, limited=block_references(block.data.shape[1], settings))
 
 
 def block_references(n_channel: int, settings: BlockSettings) -> int | None:
@@ -204,8 +218,13 @@ def block_references(n_channel: int, settings: BlockSettings) -> int | None:
 
 def _silent_channels(block: Block, channels: tuple[str, ...]) -> str:
     # most move within a few samples
-    still = [c for k, c in enumerate(channels) if np.ptp(block.data[:FEW, k]) == 0 and np.ptp(block.data[:, k]) == 0]
+    still = [c for k, c in enumerate(channels) if _level(block.data[:FEW, k]) and _level(block.data[:, k])]
     return f"no signal in {', '.join(still)}" if still else ""
+
+
+def _level(column: np.ndarray) -> bool:
+    known = column[np.isfinite(column)]
+    return len(known) == 0 or bool(known.min() == known.max())
 
 
 def _left_out(block: Block, quantity: str, reason: str) -> BlockPoles:
@@ -213,13 +232,5 @@ def _left_out(block: Block, quantity: str, reason: str) -> BlockPoles:
     return BlockPoles(
         id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded=reason, notes=block.notes,
         rms=np.nan, poles=None, others=(), line_hz=nothing, spectrum=nothing,
+        unmeasured=frozen_array([block.missing, block.repeated, block.filled]),
     )
-
-
-def summed_spectrum(record: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (n_line,) in Hz and the sum over channels of the power spectral densities, in SI units squared per
-    Hz; Welch's mean over half-overlapping Hann windows. record (n_sample, n_channel)."""
-    from scipy import signal
-
-    line, density = signal.welch(record, fs=rate_hz, nperseg=min(SPECTRUM_SAMPLES, len(record)), axis=0)
-    return frozen_array(line), frozen_array(density.sum(axis=1))

@@ -35,7 +35,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, completed
 from probupdate.runtime.progress import Progress, silent
 
-FORMAT = 1
+FORMAT = 2
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the covariance factors of some of them
 POLES, FACTORS = ".poles.npz", ".deviations.npz"
@@ -315,7 +315,7 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
     head = {
         "id": block.id, "start": block.start.isoformat(), "minutes": block.minutes, "quantity": block.quantity,
         "excluded": block.excluded, "notes": list(block.notes), "rms": None if np.isnan(block.rms) else block.rms,
-        "sources": origin,
+        "sources": origin, "unmeasured": block.unmeasured.tolist(),
     }
     content = {
         "head": np.frombuffer(json.dumps(head).encode(), np.uint8),
@@ -339,6 +339,7 @@ def read_block_poles(path: Path) -> BlockPoles:
             rms=np.nan if head["rms"] is None else head["rms"],
             poles=every[0] if every else None, others=tuple(every[1:]),
             line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
+            unmeasured=frozen_array(head["unmeasured"]),
         )
 
 

@@ -21,11 +21,35 @@ def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     get the same one, so that shapes are untouched. Up to 0.9 of the new Nyquist frequency it is flat within 0.03 %.
     Raises InputError where the target is above the recorded rate or no simple ratio of it.
     """
+    centred = data - data.mean(axis=0)
+    up, down, taps = _design(rate_hz, target_hz)
+    return centred if taps is None else _filtered(centred, up, down, taps)
+
+
+def covariance_weights(rate_hz: float, target_hz: float, n_lag: int) -> tuple[int, np.ndarray]:
+    """What `resampled` does to covariances: the first lag k0 at rate_hz, and W (n_lag + 1, n) so that W R, with R (n,)
+    the covariances at lags k0, k0 + 1, ... at rate_hz, are those at lags 0..n_lag at target_hz.
+
+    The filter's autocorrelation, averaged over the phases at which a rational rate takes its outputs.
+    """
     from scipy import signal
 
-    centred = data - data.mean(axis=0)
+    up, down, taps = _design(rate_hz, target_hz)
+    if taps is None:
+        return 0, np.eye(n_lag + 1)
+    response = signal.correlate(taps, taps) / up
+    middle = len(taps) - 1
+    first, last = -(middle // up), (n_lag * down + middle) // up
+    place = np.arange(n_lag + 1)[:, None] * down - np.arange(first, last + 1) * up
+    return first, np.where(np.abs(place) <= middle, response[np.clip(place + middle, 0, 2 * middle)], 0.0)
+
+
+def _design(rate_hz: float, target_hz: float) -> tuple[int, int, np.ndarray | None]:
+    """Up, down, and taps of the filter at `up` times the recorded rate; no taps where the rate stays."""
+    from scipy import signal
+
     if abs(target_hz - rate_hz) <= 1e-9 * rate_hz:
-        return centred
+        return 1, 1, None
     if not 0 < target_hz < rate_hz:
         raise InputError("target rate", f"{target_hz:g} Hz is not in (0, {rate_hz:g}]", "records are only thinned out")
     ratio = Fraction(target_hz / rate_hz).limit_denominator(1000)
@@ -37,7 +61,7 @@ def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     width = 2 * (1 - PASS_SHARE) * target_hz / 2
     n_tap, beta = signal.kaiserord(STOP_DB, width / (fine_hz / 2))
     taps = signal.firwin(n_tap | 1, target_hz / 2, window=("kaiser", beta), fs=fine_hz)
-    return _filtered(centred, up, down, up * taps)
+    return up, down, up * taps
 
 
 def _filtered(data: np.ndarray, up: int, down: int, taps: np.ndarray) -> np.ndarray:

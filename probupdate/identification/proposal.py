@@ -17,6 +17,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import usable_block
+from probupdate.identification.lost_samples import pair_spectra
 from probupdate.identification.settings import CONSTANTS
 
 PARTS, STANDS_OUT, LEAST_LOG = CONSTANTS.proposal_parts, CONSTANTS.stands_out, CONSTANTS.least_log
@@ -113,16 +114,21 @@ def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
     from scipy import signal
 
     size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))
-    data = signal.detrend(data, axis=0)
-    data = data / data.std(axis=0)
-    line, _, transform = signal.stft(data.T, fs=rate_hz, nperseg=size, boundary=None, padded=False)
-    # (n_line, n_channel, n_part)
-    part = transform.transpose(1, 0, 2)
-    spectrum = np.log(np.maximum(np.linalg.svd(part, compute_uv=False)[:, 0] ** 2, 1e-300))
+    n_part = 2 * len(data) // size - 1
+    if np.isfinite(data).all():
+        data = signal.detrend(data, axis=0)
+        data = data / data.std(axis=0)
+        line, _, transform = signal.stft(data.T, fs=rate_hz, nperseg=size, boundary=None, padded=False)
+        # (n_line, n_channel, n_part)
+        largest = np.linalg.svd(transform.transpose(1, 0, 2), compute_uv=False)[:, 0] ** 2
+    else:
+        line, density = pair_spectra(data, rate_hz, size)
+        largest = np.linalg.eigvalsh(density)[:, -1]
+    spectrum = np.log(np.maximum(largest, 1e-300))
     usable = (line > 2 * rate_hz / size) & (line < 0.45 * rate_hz)
     excess = spectrum - _running_median(line, spectrum)
     # neighbours of half-overlapping Hann windows share about a fifth of their variance
-    threshold = max(STANDS_OUT / np.sqrt(part.shape[2] * 0.8), LEAST_LOG)
+    threshold = max(STANDS_OUT / np.sqrt(n_part * 0.8), LEAST_LOG)
     found, _ = signal.find_peaks(np.where(usable, excess, -10.0), height=threshold, prominence=threshold)
     return [float(f) for f in line[found]]
 

@@ -206,16 +206,26 @@ def identify_record(
         covariance, scatter = sub_record_covariances(data, n_lag, sub_records, projection)
     elif covariance is None:
         covariance = output_covariances(data, n_lag)
+    return identify_covariances(covariance, scatter, rate_hz, order=order, block_rows=block_rows, spread=spread,
+                                orders=orders)
+
+
+def identify_covariances(
+    covariance: np.ndarray, changes: np.ndarray | None, rate_hz: float, *, order: int, block_rows: int,
+    spread: int = 0, orders: tuple[int, ...] | None = None,
+) -> IdentifiedRecord:
+    """The same from output covariances (2 block_rows, n_channel, n_reference) and their changes by sub-records
+    (`uncertainty.sub_record_covariances`), None for none."""
     n_channel, n_reference = covariance.shape[1:]
     highest = max(order, min(order + spread, n_channel * (block_rows - 1), n_reference * block_rows))
     asked = tuple(range(2 + order % 2, highest + 1, 2)) if orders is None else tuple(sorted(orders))
-    factorisation = factorise(covariance, block_rows, max(asked), rate_hz, whole=scatter is not None)
+    factorisation = factorise(covariance, block_rows, max(asked), rate_hz, whole=changes is not None)
     by_order = poles(factorisation, asked)
     chosen = next(one for one in by_order if one.order == order)
     around = tuple(one for one in by_order if one is not chosen and abs(one.order - order) <= spread)
     return IdentifiedRecord(
         poles=chosen, by_order=by_order, factorisation=factorisation,
         stability=stability(chosen, around) if around else np.ones(len(chosen.frequency_hz)),
-        observability_change=None if scatter is None else observability_change(
-            covariance, scatter, factorisation, block_rows),
+        observability_change=None if changes is None else observability_change(
+            covariance, changes, factorisation, block_rows),
     )

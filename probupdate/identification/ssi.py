@@ -110,7 +110,7 @@ def product_sums(
     whole = np.zeros((data.shape[1], edges[-1] + span))
     whole[:, : len(data)] = data.T
     start = np.zeros((reference.shape[1], edges[-1] + span))
-    start[:, : len(data)] = reference.T
+    start[:, : len(reference)] = reference.T
     window = np.lib.stride_tricks.sliding_window_view
     sums = np.empty((len(edges) - 1, n_lag + 1, data.shape[1], reference.shape[1]))
     for j, (first, after) in enumerate(pairwise(edges)):

@@ -12,7 +12,7 @@ import pandas as pd
 from probupdate.campaign.blocks import PART
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
-from probupdate.identification.block_poles import STAY, TAKEN_OUT, common_quantity
+from probupdate.identification.block_poles import STAY, TAKEN_OUT, BlockPoles, common_quantity
 from probupdate.identification.chosen_poles import StoredBlock
 from probupdate.io.result_table import plural
 from probupdate.modal.labels import TURBINE, family
@@ -31,6 +31,7 @@ def summarise(
                       for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
+    lines += _of_samples(found, campaign.channels)
     lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
               for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
@@ -44,6 +45,22 @@ def summarise(
     elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
+
+
+def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list[str]:
+    """What was not measured of each channel, in the blocks that were used, and what was done about it."""
+    used = [b.unmeasured for b in blocks if not b.excluded]
+    if not used or not np.any(share := np.mean(used, axis=0)):
+        return []
+    words = []
+    for what, of_kind in zip(("lost", "repeats", "on straight lines drawn over gaps"), share, strict=True):
+        some = [f"{name} {100 * x:.2g} %" for name, x in zip(channels, of_kind, strict=True) if x > 0]
+        if len(some) == len(channels) > 1 and np.ptp(of_kind) < 1e-3 * of_kind.max():
+            some = [f"all channels {100 * of_kind[0]:.2g} %"]
+        if some:
+            words.append(f"{what}: {', '.join(some)}")
+    return [f"samples that were not measured ({'; '.join(words)}): covariances are of the pairs that were, and standard "
+            "deviations grow by what is missing"]
 
 
 def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:

@@ -1,0 +1,101 @@
+"""Samples that were not measured: lost ones, values that a converter or a radio repeated, straight lines drawn over gaps.
+
+A number that stands in a file need not be a sample. A converter slower than the table repeats its values, a radio that
+loses a packet sends the last one again, and who exports a record may draw straight lines over what is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# values equal to the one before (or on the line between their neighbours) are no chance where they are so many, and so
+# many times more than those that miss it by the next step of the converter
+FEWEST, PILE = 20, 10.0
+# rounding of four-byte numbers, as a share of the largest
+ROUNDING = 4e-7
+# one value for longer is a sensor that stands still, a finding of its own
+LONGEST_REPEAT_S, LONGEST_REPEAT = 1.0, 20
+# a channel of which more lies on lines was made so, and is no record with gaps
+MOST_FILLED = 0.9
+
+
+def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends (one past the last) of the runs of True in (n,) bool."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return edge[::2], edge[1::2]
+
+
+def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(n,) bool: samples that only repeat the one before; column (n,), NaN where lost.
+
+    Steps of zero are held against those of the smallest size there is: a coarse converter has both. What stands at the
+    record's largest or smallest value is clipped, and what stands for a second stands still: neither is a repeat.
+    """
+    none = np.zeros(len(column), bool)
+    step = np.abs(np.diff(column))
+    if np.count_nonzero(step == 0) < FEWEST or not _beyond_chance(step, 0.0):
+        return none
+    same = np.concatenate([[False], step == 0])
+    same &= (column != np.nanmax(column)) & (column != np.nanmin(column))
+    starts, ends = runs(same)
+    for a, b in zip(starts, ends, strict=True):
+        if b - a >= max(LONGEST_REPEAT_S * rate_hz, LONGEST_REPEAT):
+            same[a:b] = False
+    return same
+
+
+def filled(column: np.ndarray) -> np.ndarray:
+    """(n,) bool: samples on the straight line between their neighbours, beyond chance; column (n,), NaN where lost."""
+    none = np.zeros(len(column), bool)
+    if len(column) < 3:
+        return none
+    step = np.diff(column)
+    kink = np.abs(np.diff(step))
+    # a value that stands, or is a repeat, lies on no line that anybody drew
+    kink[(step[:-1] == 0) | (step[1:] == 0)] = np.nan
+    tolerance = ROUNDING * float(np.nanmax(np.abs(column), initial=0.0))
+    on = kink <= tolerance
+    count = np.count_nonzero(on)
+    if not FEWEST <= count <= MOST_FILLED * len(column) or not _beyond_chance(kink, tolerance):
+        return none
+    return np.concatenate([[False], on, [False]])
+
+
+def _beyond_chance(size: np.ndarray, tolerance: float) -> bool:
+    """Whether far more of `size` are within the tolerance of zero than at the smallest size beyond it."""
+    known = size[np.isfinite(size)]
+    beyond = known[known > tolerance]
+    if not len(beyond):
+        return False
+    near = np.count_nonzero(beyond <= 1.5 * beyond.min())
+    return len(known) - len(beyond) > PILE * near and near < 0.5 * len(beyond)
+
+
+def zero_filled(piece: np.ndarray) -> np.ndarray:
+    """piece (n, n_channel) about its mean, zero where a sample is missing, and divided by the share that was measured:
+    cross-spectra with other channels are right on average, and what was lost is noise of the channel's own."""
+    known = np.isfinite(piece)
+    if known.all():
+        return piece - piece.mean(axis=0)
+    share = np.maximum(known.mean(axis=0), 1 / len(piece))
+    centred = np.where(known, piece, 0.0)
+    centred -= centred.mean(axis=0) / share
+    return np.where(known, centred, 0.0) / share
+
+
+def interpolated(data: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+    """data (n, n_channel) with straight lines over gaps of up to `longest` samples, values held at the ends; and
+    (n_channel,) the longest gap left, 0 for none. For what needs a whole record and says so."""
+    found, left = np.array(data), np.zeros(data.shape[1], int)
+    for c in np.flatnonzero(~np.isfinite(data).all(axis=0)):
+        lost = ~np.isfinite(data[:, c])
+        starts, ends = runs(lost)
+        short = ends - starts <= longest
+        left[c] = int(np.max((ends - starts)[~short], initial=0))
+        good = np.flatnonzero(~lost)
+        if len(good):
+            drawn = np.zeros(len(lost), bool)
+            for a, b in zip(starts[short], ends[short], strict=True):
+                drawn[a:b] = True
+            found[drawn, c] = np.interp(np.flatnonzero(drawn), good, data[good, c])
+    return found, left

@@ -1,0 +1,219 @@
+"""Covariances of records that lack samples: over the pairs that were measured, at every lag.
+
+E[y_i(t + k) y_j(t)] is estimated by the mean over those t at which both were measured, at the rate of the record; what
+decimation does to a record, its filter's autocorrelation does to the covariance function, which is then taken at the
+lags of the lower rate. Nothing is filled in. A channel that has no pairs at some lag, such as one of which every second
+sample was measured, is no reference: its past is left out, its row stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from scipy import fft
+
+from probupdate.campaign.gaps import interpolated, zero_filled
+from probupdate.errors import InputError
+from probupdate.identification.preprocessing import covariance_weights, resampled
+from probupdate.identification.record import IdentifiedRecord, identify_covariances, identify_record
+from probupdate.identification.ssi import product_sums
+from probupdate.runtime.arrays import frozen_array
+
+# a reference has this share of all pairs with each channel, at every lag, at least
+LEAST_PAIRS = 0.05
+# numbers of lagged products in memory at a time
+LARGEST_PRODUCTS = 2**25
+# segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
+SPECTRUM_SAMPLES = 512
+# distances of samples at which it is asked whether a channel has pairs at all
+NEAR_LAGS = 64
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WholeRecord:
+    """data (n_sample, n_channel) at target_hz, nothing missing."""
+
+    data: np.ndarray
+    target_hz: float
+
+    def identified(self, *, limited: int | None, sub_records: int, **settings) -> IdentifiedRecord:
+        """`record.identify_record` of it."""
+        return identify_record(self.data, self.target_hz, limited=limited, sub_records=sub_records, **settings)
+
+    def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (n_line,) in Hz and the sum over channels of the power spectral densities, in SI units squared
+        per Hz; Welch's mean over half-overlapping Hann windows."""
+        from scipy import signal
+
+        line, density = signal.welch(
+            self.data, fs=self.target_hz, nperseg=min(SPECTRUM_SAMPLES, len(self.data)), axis=0)
+        return frozen_array(line), frozen_array(density.sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LossyRecord:
+    """data (n_sample, n_channel) at rate_hz, NaN where a sample is missing, to be identified at target_hz."""
+
+    data: np.ndarray
+    rate_hz: float
+    target_hz: float
+
+    def identified(self, *, limited: int | None, sub_records: int, block_rows: int, **settings) -> IdentifiedRecord:
+        """`record.identify_covariances` of the pairs that were measured."""
+        found = pair_covariances(self.data, self.rate_hz, self.target_hz, 2 * block_rows - 1, sub_records=sub_records,
+                                 limited=limited)
+        return identify_covariances(found.covariance, found.changes, self.target_hz, block_rows=block_rows, **settings)
+
+    def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """As of a whole record, with what is lost as noise (`gaps.zero_filled`)."""
+        return WholeRecord(data=resampled(zero_filled(self.data), self.rate_hz, self.target_hz),
+                           target_hz=self.target_hz).summed_spectrum()
+
+    def bridged(self) -> np.ndarray:
+        """(n_sample, n_channel) at target_hz with straight lines over gaps: good for following a rotor's angle."""
+        return resampled(interpolated(self.data, len(self.data))[0], self.rate_hz, self.target_hz)
+
+    def less(self, part: np.ndarray) -> LossyRecord:
+        """Without a part (n_sample, n_channel) that was found at target_hz and is slow beside it."""
+        from scipy import signal
+
+        ratio = Fraction(self.target_hz / self.rate_hz).limit_denominator(1000)
+        if ratio != 1:
+            part = signal.resample_poly(part, ratio.denominator, ratio.numerator, axis=0)
+        return replace(self, data=self.data - part[: len(self.data)])
+
+
+def without_pairs(known: np.ndarray, repeated: np.ndarray, rate_hz: float) -> str:
+    """Why covariances of a record cannot be estimated, where no channel has pairs with all others at every small
+    distance in time; empty where one has. known (n_sample, n_channel) bool, repeated (n_channel,) share."""
+    mask = np.where(known, 1.0, np.nan)
+    if len(_Pairs(mask, 0, min(NEAR_LAGS, len(mask))).references()):
+        return ""
+    if repeated.min() > 0.1:
+        own = rate_hz * (1 - repeated.max())
+        return (f"gaps: every channel repeats its values, so that no two samples are {1 / rate_hz:g} s apart: convert "
+                f"every {1 / (1 - repeated.max()):.3g}th row, with a sampling rate of {own:.4g} Hz")
+    return ("gaps: at some distances in time no two samples of any channel were measured: convert the record at the "
+            "rate at which it was measured")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairCovariances:
+    """covariance (n_lag + 1, n_channel, n_reference), and its changes (n_sub, ...) scaled as those of
+    `uncertainty.sub_record_covariances`; None where none were asked for."""
+
+    covariance: np.ndarray
+    changes: np.ndarray | None
+
+
+class _Pairs:
+    """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel), NaN where lost.
+    Channels that lack the same samples share a mask."""
+
+    def __init__(self, data: np.ndarray, first_lag: int, n_lag: int):
+        known = np.isfinite(data)
+        self.n_sample, self.n_lag, self.ahead = len(data), n_lag, -first_lag
+        packed = np.packbits(known, axis=0)
+        _, one, self.kind = np.unique(packed, axis=1, return_index=True, return_inverse=True)
+        self.kind = self.kind.reshape(-1)
+        mean = np.nanmean(data, axis=0)
+        self.value, self.mask = self._led(np.where(known, data - mean, 0.0)), self._led(known[:, one].astype(float))
+        self.number = self.counts(0, self.n_sample)
+
+    def _led(self, columns: np.ndarray) -> np.ndarray:
+        """Zeros before the first sample, so that lags may be negative."""
+        return np.concatenate([np.zeros((self.ahead, columns.shape[1])), columns])
+
+    def _sums(self, columns: np.ndarray, past: np.ndarray, first: int, after: int) -> np.ndarray:
+        return product_sums(columns[first: after + self.n_lag], past[self.ahead + first: self.ahead + after],
+                            self.n_lag - 1, np.array([0, after - first]))[0]
+
+    def counts(self, first: int, after: int) -> np.ndarray:
+        """(n_lag, n_kind, n_kind) pairs with the earlier sample in [first, after)."""
+        return np.round(self._sums(self.mask, self.mask, first, after))
+
+    def products(self, references: np.ndarray, first: int, after: int) -> np.ndarray:
+        """(n_lag, n_channel, n_reference) their sums of products."""
+        return self._sums(self.value, self.value[:, references], first, after)
+
+    def of(self, number: np.ndarray, references: np.ndarray) -> np.ndarray:
+        """Numbers by kinds as numbers by channels and references."""
+        return number[:, self.kind[:, None], self.kind[references]]
+
+    def references(self) -> np.ndarray:
+        """Channels that were measured together with every channel at every lag; a channel's own lack of pairs costs
+        that channel alone."""
+        lag = np.abs(np.arange(self.n_lag) - self.ahead)
+        share = np.min(self.number / np.maximum(self.n_sample - lag, 1)[:, None, None], axis=0)
+        return np.flatnonzero((share >= LEAST_PAIRS).all(axis=0)[self.kind])
+
+
+def pair_covariances(
+    data: np.ndarray, rate_hz: float, target_hz: float, n_lag: int, *, sub_records: int = 0, limited: int | None = None,
+) -> PairCovariances:
+    """Output covariances to `n_lag` at target_hz of a record (n_sample, n_channel) at rate_hz, NaN where lost.
+
+    sub_records: parts whose scatter gives standard deviations, 0 for none. limited: combinations of channels to take
+    the past of (`ssi.reference_projection`), where memory asks for it. Raises InputError where no channel was measured
+    at all lags. The change of a part is what its products have beyond the record's covariance, each over the number of
+    all pairs: parts that lost more weigh less.
+    """
+    first_lag, weights = covariance_weights(rate_hz, target_hz, n_lag)
+    pairs = _Pairs(data, first_lag, weights.shape[1])
+    references = pairs.references()
+    if not len(references):
+        raise InputError("record", "at some distance in time no two samples of a channel were measured",
+                         "convert the record at the rate at which it was measured, or leave channels out")
+    n_full, n_channel = weights.shape[1], data.shape[1]
+    chunk = max(LARGEST_PRODUCTS // (n_full * n_channel), 1)
+    chunks = [references[k: k + chunk] for k in range(0, len(references), chunk)]
+    means = [pairs.products(some, 0, pairs.n_sample) / pairs.of(pairs.number, some) for some in chunks]
+    covariance = np.concatenate([_at_lags(weights, mean) for mean in means], axis=2)
+    projection = None
+    if limited is not None and limited < len(references):
+        past = covariance[1:].reshape(-1, len(references))
+        projection = np.linalg.eigh(past.T @ past)[1][:, ::-1][:, :limited]
+        covariance = covariance @ projection
+    if not sub_records:
+        return PairCovariances(covariance=frozen_array(covariance), changes=None)
+    edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
+    changes = np.empty((sub_records, *covariance.shape))
+    for j in range(sub_records):
+        number = pairs.counts(edges[j], edges[j + 1])
+        found = []
+        for some, mean in zip(chunks, means, strict=True):
+            sums = pairs.products(some, edges[j], edges[j + 1])
+            sums -= mean * pairs.of(number, some)
+            found.append(_at_lags(weights, sums / pairs.of(pairs.number, some)))
+        whole = np.concatenate(found, axis=2)
+        changes[j] = whole if projection is None else whole @ projection
+    changes *= np.sqrt(sub_records / (sub_records - 1))
+    return PairCovariances(covariance=frozen_array(covariance), changes=frozen_array(changes))
+
+
+def _at_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    return (weights @ covariance.reshape(len(covariance), -1)).reshape(len(weights), *covariance.shape[1:])
+
+
+def pair_spectra(data: np.ndarray, rate_hz: float, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (n_line,) in Hz and cross-spectra (n_line, n, n) of the channels that can be references, as Welch's
+    of Hann windows of `length` samples are on average (a transform of the covariances in the windows' autocorrelation),
+    each channel over its variance. data (n_sample, n_channel), NaN where lost; what a loss adds as noise stands as a
+    white floor, above which alone a line stands out."""
+    from scipy import signal
+
+    window = np.hanning(length + 1)[:-1]
+    taper = signal.correlate(window, window)[length - 1:]
+    pairs = _Pairs(data, 0, length)
+    some = pairs.references()
+    number = pairs.of(pairs.number, some)[:, some]
+    covariance = pairs.products(some, 0, pairs.n_sample)[:, some] / number
+    scale = np.sqrt(covariance[0].diagonal())
+    covariance *= (taper / taper[0])[:, None, None] / np.outer(scale, scale)
+    half = fft.fft(covariance, 2 * length, axis=0)[: length + 1: 2]
+    density = half + half.conj().transpose(0, 2, 1) - covariance[0]
+    lost = 1 - np.isfinite(data[:, some]).mean(axis=0)
+    density[:, np.arange(len(some)), np.arange(len(some))] += lost / (1 - lost)
+    return fft.rfftfreq(length, 1 / rate_hz), density
