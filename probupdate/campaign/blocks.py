@@ -234,11 +234,11 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
 def _not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """(n_sample, n_channel) bool each: samples that repeat the one before, and those on lines drawn over gaps."""
     again, drawn = np.zeros_like(lost), np.zeros_like(lost)
-    for c in range(data.shape[1]):
-        column = np.ascontiguousarray(data[:, c])
-        if not lost[:, c].all():
-            again[:, c] = gaps.repeated(column, rate_hz)
-            drawn[:, c] = gaps.filled(column)
+    repeating, straight = gaps.suspected(data)
+    for c in repeating:
+        again[:, c] = gaps.repeated(np.ascontiguousarray(data[:, c]), rate_hz)
+    for c in straight:
+        drawn[:, c] = gaps.filled(np.ascontiguousarray(data[:, c]))
     return again, drawn
 
 

@@ -153,8 +153,8 @@ def compare_block(
     n_compared: int = MOST_COMPARED,
 ) -> Compared | None:
     """One block's channels against one another; None where the block's samples do not allow it. Channels of which
-    more than half is lost, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0: none), as one
-    of n_compared blocks."""
+    more than half is lost, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0:
+    none), as one of n_compared blocks."""
     n = len(campaign.sensors)
     usable = (block.measured >= HALF) & ~rows["flat"].to_numpy(bool)
     if usable.sum() < 2:

@@ -1,4 +1,4 @@
-"""Samples that were not measured: lost ones, values that a converter or a radio repeated, straight lines drawn over gaps.
+"""Samples that were not measured: lost ones, values that a converter or a radio repeated, straight lines over gaps.
 
 A number that stands in a file need not be a sample. A converter slower than the table repeats its values, a radio that
 loses a packet sends the last one again, and who exports a record may draw straight lines over what is missing.
@@ -17,12 +17,24 @@ ROUNDING = 4e-7
 LONGEST_REPEAT_S, LONGEST_REPEAT = 1.0, 20
 # a channel of which more lies on lines was made so, and is no record with gaps
 MOST_FILLED = 0.9
+# smallest step of a converter, in standard deviations of the record, from which lines are no sign of anything
+COARSE = 0.05
+# of so many samples one is looked at before all are
+EACH = 12
 
 
 def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends (one past the last) of the runs of True in (n,) bool."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return edge[::2], edge[1::2]
+
+
+def suspected(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of data (n, n_channel) worth a look by `repeated` and by `filled`, in one quick pass each; a twelfth of a
+    record is enough to see whether any samples lie on lines."""
+    again = np.count_nonzero(data[1:] == data[:-1], axis=0) >= FEWEST
+    kink = np.abs(data[2::EACH] - 2 * data[1:-1:EACH] + data[:-2:EACH])
+    return np.flatnonzero(again), np.flatnonzero((kink <= ROUNDING * np.abs(data[1:-1:EACH])).any(axis=0))
 
 
 def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -54,6 +66,10 @@ def filled(column: np.ndarray) -> np.ndarray:
     # a value that stands, or is a repeat, lies on no line that anybody drew
     kink[(step[:-1] == 0) | (step[1:] == 0)] = np.nan
     tolerance = ROUNDING * float(np.nanmax(np.abs(column), initial=0.0))
+    size = np.abs(step[np.abs(step) > tolerance])
+    # on few levels many samples lie on lines
+    if not len(size) or size.min() > COARSE * np.nanstd(column):
+        return none
     on = kink <= tolerance
     count = np.count_nonzero(on)
     if not FEWEST <= count <= MOST_FILLED * len(column) or not _beyond_chance(kink, tolerance):

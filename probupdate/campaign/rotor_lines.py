@@ -73,7 +73,7 @@ def rotor_lines_against_scada(campaign: Campaign, *, progress: Progress = silent
 
 def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
     """(n_ratio,) height of the spectrum along each ratio, one for every ten-minute row in which the rotor turned; of a
-    shorter block one, of the row that it lies in. Channels that were measured for less than half of a row are left out of it."""
+    shorter block one, of the row that it lies in. Channels measured for less than half of a row are left out."""
     found: list[np.ndarray] = []
     if "rotor_speed_rpm" not in scada:
         return found

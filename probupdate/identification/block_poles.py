@@ -112,7 +112,8 @@ def identify_block(
     quantity = common_quantity(campaign.sensors)
     if reason:
         return _left_out(block, quantity, reason)
-    rms = float(np.sqrt(np.mean(np.nanvar(block.data, axis=0))))
+    variance = np.var if (block.measured == 1).all() else np.nanvar
+    rms = float(np.sqrt(np.mean(variance(block.data, axis=0))))
     record, remark = _prepared(block, campaign, settings, rotor_rpm)
     found = _identified(record, block, settings, sub_records=0)
     line, spectrum = record.summed_spectrum()
@@ -170,11 +171,13 @@ def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFil
     if reason := block.excluded or _silent_channels(block, campaign.channels):
         return block, reason
     block = as_quantity(block, campaign.sensors, common_quantity(campaign.sensors))
-    gone = [c for c, lost in zip(campaign.channels, np.isnan(block.data).all(axis=0), strict=True) if lost]
+    gone = [c for c, lost in zip(campaign.channels, np.isnan(block.data[0]), strict=True)
+            if lost and np.isnan(block.data[:, campaign.channels.index(c)]).all()]
     if gone:
         return block, f"gaps of more than {LONGEST_BREAK_S:g} s in {', '.join(gone)}, which no conversion bridges"
-    known = np.isfinite(block.data)
-    return block, "" if known.all() else without_pairs(known, block.repeated, block.sampling_rate_hz)
+    if (block.measured == 1).all():
+        return block, ""
+    return block, without_pairs(np.isfinite(block.data), block.repeated, block.sampling_rate_hz)
 
 
 def _prepared(
@@ -182,7 +185,8 @@ def _prepared(
 ) -> tuple[WholeRecord | LossyRecord, tuple[str, ...]]:
     """The record as it is identified, without harmonics if so asked, and what was done about them."""
     rate, target = campaign.sampling_rate_hz, settings.target_rate_hz
-    lossy = LossyRecord(data=block.data, rate_hz=rate, target_hz=target) if np.isnan(block.data).any() else None
+    whole = (block.measured == 1).all() or np.isfinite(block.data).all()
+    lossy = None if whole else LossyRecord(data=block.data, rate_hz=rate, target_hz=target)
     record = WholeRecord(data=resampled(block.data, rate, target), target_hz=target) if lossy is None else lossy
     if settings.harmonics == "keep":
         return record, ()

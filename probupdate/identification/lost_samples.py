@@ -2,8 +2,10 @@
 
 E[y_i(t + k) y_j(t)] is estimated by the mean over those t at which both were measured, at the rate of the record; what
 decimation does to a record, its filter's autocorrelation does to the covariance function, which is then taken at the
-lags of the lower rate. Nothing is filled in. A channel that has no pairs at some lag, such as one of which every second
-sample was measured, is no reference: its past is left out, its row stays.
+lags of the lower rate. Nothing is filled in. Of a channel that lacks samples only what is new in it is taken so: its
+regression on the channels that lack none of these is subtracted before and added after, as a control variate is; what
+a pattern of losses would fold to other frequencies is little then. A channel that has no pairs at some lag, such as
+one of which every second sample was measured, is no reference: its past is left out, its row stays.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from probupdate.campaign.gaps import interpolated, zero_filled
 from probupdate.errors import InputError
 from probupdate.identification.preprocessing import covariance_weights, resampled
 from probupdate.identification.record import IdentifiedRecord, identify_covariances, identify_record
-from probupdate.identification.ssi import product_sums
+from probupdate.identification.ssi import output_covariances, product_sums, reference_projection
+from probupdate.identification.uncertainty import sub_record_covariances
 from probupdate.runtime.arrays import frozen_array
 
 # a reference has this share of all pairs with each channel, at every lag, at least
@@ -108,39 +111,57 @@ class PairCovariances:
     changes: np.ndarray | None
 
 
+def _control(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every channel less its regression on those that were measured wherever it was, and elsewhere too: (n_sample,
+    n_channel) with the same samples missing, and B (n_channel, n_channel), so that the channels are B times these."""
+    known = np.isfinite(data)
+    centred = data - np.nanmean(data, axis=0)
+    measured = known.sum(axis=0)
+    slope = np.zeros((data.shape[1],) * 2)
+    for c in np.flatnonzero(measured < len(data)):
+        mine = known[:, c]
+        wider = [j for j in np.flatnonzero(measured > measured[c]) if known[mine, j].all()]
+        if wider:
+            others = centred[:, wider][mine]
+            slope[c, wider] = np.linalg.lstsq(others.T @ others, others.T @ centred[mine, c], rcond=None)[0]
+    rest = centred - np.nan_to_num(centred) @ slope.T
+    return rest, np.linalg.inv(np.eye(len(slope)) - slope)
+
+
 class _Pairs:
-    """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel), NaN where lost.
-    Channels that lack the same samples share a mask."""
+    """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel) about its mean,
+    NaN where lost. Channels that lack the same samples share a mask."""
 
     def __init__(self, data: np.ndarray, first_lag: int, n_lag: int):
         known = np.isfinite(data)
         self.n_sample, self.n_lag, self.ahead = len(data), n_lag, -first_lag
-        packed = np.packbits(known, axis=0)
-        _, one, self.kind = np.unique(packed, axis=1, return_index=True, return_inverse=True)
-        self.kind = self.kind.reshape(-1)
-        mean = np.nanmean(data, axis=0)
-        self.value, self.mask = self._led(np.where(known, data - mean, 0.0)), self._led(known[:, one].astype(float))
+        columns = [column.tobytes() for column in np.packbits(known, axis=0).T]
+        kinds = list(dict.fromkeys(columns))
+        self.kind, one = np.array([kinds.index(x) for x in columns]), [columns.index(x) for x in kinds]
+        self.value, self.mask = self._led(np.where(known, data, 0.0)), self._led(known[:, one].astype(float))
         self.number = self.counts(0, self.n_sample)
 
     def _led(self, columns: np.ndarray) -> np.ndarray:
         """Zeros before the first sample, so that lags may be negative."""
         return np.concatenate([np.zeros((self.ahead, columns.shape[1])), columns])
 
-    def _sums(self, columns: np.ndarray, past: np.ndarray, first: int, after: int) -> np.ndarray:
-        return product_sums(columns[first: after + self.n_lag], past[self.ahead + first: self.ahead + after],
+    def _sums(self, of: np.ndarray, rows: np.ndarray, references: np.ndarray, first: int, after: int) -> np.ndarray:
+        return product_sums(of[first: after + self.n_lag][:, rows],
+                            of[self.ahead + first: self.ahead + after][:, references],
                             self.n_lag - 1, np.array([0, after - first]))[0]
 
     def counts(self, first: int, after: int) -> np.ndarray:
         """(n_lag, n_kind, n_kind) pairs with the earlier sample in [first, after)."""
-        return np.round(self._sums(self.mask, self.mask, first, after))
+        every = np.arange(self.mask.shape[1])
+        return np.round(self._sums(self.mask, every, every, first, after))
 
-    def products(self, references: np.ndarray, first: int, after: int) -> np.ndarray:
-        """(n_lag, n_channel, n_reference) their sums of products."""
-        return self._sums(self.value, self.value[:, references], first, after)
+    def products(self, rows: np.ndarray, references: np.ndarray, first: int, after: int) -> np.ndarray:
+        """(n_lag, n_row, n_reference) their sums of products."""
+        return self._sums(self.value, rows, references, first, after)
 
-    def of(self, number: np.ndarray, references: np.ndarray) -> np.ndarray:
+    def of(self, number: np.ndarray, rows: np.ndarray, references: np.ndarray) -> np.ndarray:
         """Numbers by kinds as numbers by channels and references."""
-        return number[:, self.kind[:, None], self.kind[references]]
+        return number[:, self.kind[rows][:, None], self.kind[references]]
 
     def references(self) -> np.ndarray:
         """Channels that were measured together with every channel at every lag; a channel's own lack of pairs costs
@@ -161,36 +182,54 @@ def pair_covariances(
     all pairs: parts that lost more weigh less.
     """
     first_lag, weights = covariance_weights(rate_hz, target_hz, n_lag)
-    pairs = _Pairs(data, first_lag, weights.shape[1])
+    rest, back = _control(data)
+    pairs = _Pairs(rest, first_lag, weights.shape[1])
     references = pairs.references()
     if not len(references):
         raise InputError("record", "at some distance in time no two samples of a channel were measured",
                          "convert the record at the rate at which it was measured, or leave channels out")
-    n_full, n_channel = weights.shape[1], data.shape[1]
-    chunk = max(LARGEST_PRODUCTS // (n_full * n_channel), 1)
-    chunks = [references[k: k + chunk] for k in range(0, len(references), chunk)]
-    means = [pairs.products(some, 0, pairs.n_sample) / pairs.of(pairs.number, some) for some in chunks]
-    covariance = np.concatenate([_at_lags(weights, mean) for mean in means], axis=2)
-    projection = None
-    if limited is not None and limited < len(references):
-        past = covariance[1:].reshape(-1, len(references))
-        projection = np.linalg.eigh(past.T @ past)[1][:, ::-1][:, :limited]
-        covariance = covariance @ projection
-    if not sub_records:
-        return PairCovariances(covariance=frozen_array(covariance), changes=None)
-    edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
+    n_channel = data.shape[1]
+    covariance = np.empty((n_lag + 1, n_channel, len(references)))
     changes = np.empty((sub_records, *covariance.shape))
+    lossy = np.isnan(data).any(axis=0)
+    whole = np.flatnonzero(~lossy)
+    if len(whole):
+        # as of any record; where all channels are so that is less work by far
+        place = np.ix_(np.arange(n_lag + 1), whole, ~lossy[references])
+        thin = resampled(rest[:, whole], rate_hz, target_hz)
+        if sub_records:
+            covariance[place], found = sub_record_covariances(thin, n_lag, sub_records)
+            changes[(np.arange(sub_records)[:, None, None, None], *(x[None] for x in place))] = found
+        else:
+            covariance[place] = output_covariances(thin, n_lag)
+    every, of_lossy = np.arange(n_channel), np.flatnonzero(lossy[references])
+    for rows, columns in ((np.flatnonzero(lossy), np.flatnonzero(~lossy[references])), (every, of_lossy)):
+        size = max(LARGEST_PRODUCTS // (weights.shape[1] * max(len(rows), 1)), 1)
+        for some in (columns[k: k + size] for k in range(0, len(columns), size)):
+            found, moved = _of_pairs(pairs, weights, rows, references[some], sub_records)
+            covariance[:, rows[:, None], some] = found
+            changes[:, :, rows[:, None], some] = moved
+    # the past may be of any combinations of channels
+    covariance, changes = back @ covariance, back @ changes
+    if limited is not None and limited < len(references):
+        projection = reference_projection(covariance, limited)
+        covariance, changes = covariance @ projection, changes @ projection
+    return PairCovariances(covariance=frozen_array(covariance), changes=frozen_array(changes) if sub_records else None)
+
+
+def _of_pairs(
+    pairs: _Pairs, weights: np.ndarray, rows: np.ndarray, references: np.ndarray, sub_records: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances (n_lag, n_row, n_reference) of some channels with some references, and their changes (n_sub, ...)."""
+    number = pairs.of(pairs.number, rows, references)
+    mean = pairs.products(rows, references, 0, pairs.n_sample) / number
+    edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
+    changes = np.empty((sub_records, len(weights), len(rows), len(references)))
     for j in range(sub_records):
-        number = pairs.counts(edges[j], edges[j + 1])
-        found = []
-        for some, mean in zip(chunks, means, strict=True):
-            sums = pairs.products(some, edges[j], edges[j + 1])
-            sums -= mean * pairs.of(number, some)
-            found.append(_at_lags(weights, sums / pairs.of(pairs.number, some)))
-        whole = np.concatenate(found, axis=2)
-        changes[j] = whole if projection is None else whole @ projection
-    changes *= np.sqrt(sub_records / (sub_records - 1))
-    return PairCovariances(covariance=frozen_array(covariance), changes=frozen_array(changes))
+        sums = pairs.products(rows, references, edges[j], edges[j + 1])
+        sums -= mean * pairs.of(pairs.counts(edges[j], edges[j + 1]), rows, references)
+        changes[j] = _at_lags(weights, sums / number)
+    return _at_lags(weights, mean), changes * np.sqrt(sub_records / max(sub_records - 1, 1))
 
 
 def _at_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -206,10 +245,9 @@ def pair_spectra(data: np.ndarray, rate_hz: float, length: int) -> tuple[np.ndar
 
     window = np.hanning(length + 1)[:-1]
     taper = signal.correlate(window, window)[length - 1:]
-    pairs = _Pairs(data, 0, length)
+    pairs = _Pairs(data - np.nanmean(data, axis=0), 0, length)
     some = pairs.references()
-    number = pairs.of(pairs.number, some)[:, some]
-    covariance = pairs.products(some, 0, pairs.n_sample)[:, some] / number
+    covariance = pairs.products(some, some, 0, pairs.n_sample) / pairs.of(pairs.number, some, some)
     scale = np.sqrt(covariance[0].diagonal())
     covariance *= (taper / taper[0])[:, None, None] / np.outer(scale, scale)
     half = fft.fft(covariance, 2 * length, axis=0)[: length + 1: 2]

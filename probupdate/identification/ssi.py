@@ -143,12 +143,13 @@ def output_covariances(
 
 
 def reference_projection(covariance: np.ndarray, references: int | tuple[int, ...]) -> np.ndarray:
-    """(n_channel, n_reference), of covariance (n_lag + 1, n_channel, n_channel): the past of those channels alone, or,
-    for a number, of the so many orthonormal combinations of channels that keep most of sum_k |R_k|^2, k > 0.
+    """(n_past, n_reference), of covariance (n_lag + 1, n_channel, n_past), n_past usually all channels: the past of
+    those channels alone, or, for a number, of the so many orthonormal combinations of channels that keep most of
+    sum_k |R_k|^2, k > 0.
 
     Lag 0 is left out, in which the noise of channels is.
     """
-    n_channel = covariance.shape[1]
+    n_channel = covariance.shape[2]
     if isinstance(references, int | np.integer):
         if not 1 <= references <= n_channel:
             raise InputError("references", f"{references} of {n_channel} channels", f"choose 1 to {n_channel}")

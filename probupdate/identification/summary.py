@@ -59,8 +59,8 @@ def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list
             some = [f"all channels {100 * of_kind[0]:.2g} %"]
         if some:
             words.append(f"{what}: {', '.join(some)}")
-    return [f"samples that were not measured ({'; '.join(words)}): covariances are of the pairs that were, and standard "
-            "deviations grow by what is missing"]
+    return [f"samples that were not measured ({'; '.join(words)}): covariances are of the pairs that were, and "
+            "standard deviations grow by what is missing"]
 
 
 def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:

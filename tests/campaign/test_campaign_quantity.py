@@ -32,7 +32,7 @@ def block_of(*columns) -> Block:
     data = np.column_stack(columns)
     return Block(start=pd.Timestamp("2019-06-03T10:00Z"), minutes=30.0, sampling_rate_hz=RATE, data=data,
                  missing=np.zeros(data.shape[1]), impossible=np.zeros(data.shape[1], int),
-                 repaired=np.zeros(data.shape[1], int))
+                 repeated=np.zeros(data.shape[1]), filled=np.zeros(data.shape[1]))
 
 
 @pytest.mark.parametrize("wanted", QUANTITY)

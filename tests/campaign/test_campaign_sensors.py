@@ -221,7 +221,7 @@ def test_channels_are_compared_with_those_at_their_height():
     data = np.random.default_rng(2).standard_normal((5000, len(size))) * size
     block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=10.0, data=data,
                   missing=np.zeros(len(size)), impossible=np.zeros(len(size), int),
-                  repaired=np.zeros(len(size), int))
+                  repeated=np.zeros(len(size)), filled=np.zeros(len(size)))
     sensors = [*tower, *deck]
     table = channel_table(block, tuple(s.channel for s in sensors)).assign(id="one")
     found = [sentence for sentence in channel_findings(table, sensors) if "beside it" in sentence]
@@ -326,7 +326,7 @@ def test_oblique_sensors_give_the_horizontal_motion():
                                     for k, d in enumerate(directions)]
         data = np.column_stack([np.zeros((12000, 2)), true @ np.array(directions).T])
         block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=RATE, data=data,
-                      missing=np.zeros(5), impossible=np.zeros(5, int), repaired=np.zeros(5, int))
+                      missing=np.zeros(5), impossible=np.zeros(5, int), repeated=np.zeros(5), filled=np.zeros(5))
         return block_sway(block, sensors, np.ones(5, bool),
                           {"nacelle_heading_deg": 10.0, "rotor_speed_rpm": 9.0})
 

@@ -70,15 +70,15 @@ def test_a_mode_that_is_not_excited_is_nan_and_the_rest_stays(jacket, reference,
 
 def test_blocks_that_cannot_be_used_stay_with_their_reason(jacket, reference, write_campaign, tmp_path):
     records = [jacket.record(9000, seed=k) for k in range(3)]
-    records[1][100:120] = np.nan
+    records[1][100:8000] = np.nan
     records[2][:, 4] = 0.125
     result = identify(read_campaign(write_campaign(records)), reference)
     good, gap, flat = result.data.sets
     assert good.measured.all() and not gap.measured.any() and not flat.measured.any()
-    assert gap.environment["excluded"] == "gap of 4.0 s in all channels"
+    assert gap.environment["excluded"] == "gaps: only 12 % of the samples were measured in all channels"
     assert flat.environment["excluded"] == "no signal in TP-B-y"
     assert "1 of 3 blocks identified" in result.summary
-    assert any("gap of 4.0 s" in note for note in result.notes)
+    assert any("gaps: only 12 %" in note for note in result.notes)
     files = result.write(tmp_path / "modes.json")
     assert [f.name for f in files] == ["modes.json", "modes.deviations.h5", "modes.poles.csv"]
     again = read_modes(files[0])
@@ -95,7 +95,7 @@ def test_blocks_that_cannot_be_used_stay_with_their_reason(jacket, reference, wr
 
 def test_no_usable_block_is_an_error(reference, write_campaign):
     campaign = read_campaign(write_campaign([np.full((9000, 18), np.nan)]))
-    with pytest.raises(InputError, match=r"none of 1 blocks can be used; the first: gap of 1800\.0 s"):
+    with pytest.raises(InputError, match=r"none of 1 blocks can be used; the first: gaps: only 0 % of the samples"):
         identify(campaign, reference)
 
 

@@ -1,0 +1,93 @@
+"""Samples that a file holds and nobody measured: repeats, lines drawn over gaps; what a converter does by itself is none.
+"""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from probupdate.campaign.blocks import blocks
+from probupdate.campaign.checking import check
+from probupdate.campaign.gaps import filled, repeated, zero_filled
+from probupdate.campaign.reading import read_campaign
+
+RATE = 20.0
+
+
+def vibration(n=12000, seed=0):
+    t, rng = np.arange(n) / RATE, np.random.default_rng(seed)
+    return np.sin(2 * np.pi * 0.9 * t) + 0.3 * np.sin(2 * np.pi * 2.7 * t + 1) + 0.05 * rng.standard_normal(n)
+
+
+def of_four_bytes(column):
+    return column.astype("f4").astype(float)
+
+
+@pytest.mark.parametrize("ratio", [2, 3, 1.6])
+def test_a_slower_converter_repeats_and_first_values_count(ratio):
+    own = np.floor(np.arange(12000) / ratio)
+    first = np.concatenate([[True], np.diff(own) > 0])
+    column = of_four_bytes(vibration()[np.maximum.accumulate(np.where(first, np.arange(12000), 0))])
+    found = repeated(column, RATE)
+    # but for the record's two extremes
+    assert np.count_nonzero(found != ~first) <= 4
+
+
+def test_a_radio_that_sends_the_last_value_again_is_found():
+    again = np.random.default_rng(1).random(12000) < 0.03
+    again[0] = False
+    column = of_four_bytes(vibration()[np.maximum.accumulate(np.where(again, 0, np.arange(12000)))])
+    assert np.count_nonzero(repeated(column, RATE) != again) <= 4
+
+
+def test_lines_drawn_over_gaps_are_found():
+    lost = np.random.default_rng(1).random(12000) < 0.1
+    lost[[0, -1]] = False
+    column = vibration()
+    column[lost] = np.interp(np.flatnonzero(lost), np.flatnonzero(~lost), column[~lost])
+    found = filled(of_four_bytes(column))
+    assert np.count_nonzero(found != lost) <= 0.001 * len(lost)
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.02, 0.1, 0.5, 1.0])
+def test_a_coarse_converter_measures_all_its_samples(step):
+    column = np.round(vibration() / step) * step
+    assert not repeated(column, RATE).any() and not filled(column).any()
+
+
+def test_clipped_or_still_samples_are_no_repeats():
+    clipped = np.clip(vibration(), -0.8, 0.8)
+    still = of_four_bytes(vibration())
+    still[3000:3100] = still[3000]
+    assert not repeated(clipped, RATE).any() and not repeated(still, RATE).any()
+
+
+def test_cross_spectra_with_lost_samples_are_right_on_average():
+    rng = np.random.default_rng(4)
+    one = rng.standard_normal(200000)
+    two = 0.7 * one
+    two[rng.random(len(one)) < 0.3] = np.nan
+    piece = zero_filled(np.column_stack([one, two]))
+    assert piece[:, 0] @ piece[:, 1] / (one @ one) == pytest.approx(0.7, abs=0.01)
+
+
+def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
+    data = np.column_stack([vibration(36000, k) + vibration(36000, 9) for k in range(3)])
+    data[:, 1] = np.repeat(data[::2, 1], 2)
+    lines = ['name = "held"', f"sampling_rate_hz = {RATE}", "block_minutes = 10"]
+    for k in range(3):
+        lines += ["[[sensor]]", f'channel = "F{k}"', f'level = "F{k}"', f"position_m = [0.0, 0.0, {3.0 * k}]",
+                  "direction = [1.0, 0.0, 0.0]", 'quantity = "acceleration"', 'unit = "m/s2"']
+    (tmp_path / "campaign.toml").write_text("\n".join(lines))
+    (tmp_path / "acceleration").mkdir()
+    with h5py.File(tmp_path / "acceleration/a.h5", "w") as file:
+        stored = file.create_dataset("data", data=(0.01 * data).astype("f4"))
+        stored.attrs.update(start="2024-05-01T00:00:00Z", sampling_rate_hz=RATE,
+                            channels=json.dumps(["F0", "F1", "F2"]))
+    campaign = read_campaign(tmp_path)
+    text = "\n".join(check(campaign).findings)
+    assert "F1 repeats: 50 % of its samples are the one before once more (each value stands 2 times" in text
+    assert "clock" not in text
+    first = next(blocks(campaign))
+    assert first.repeated == pytest.approx([0, 0.5, 0], abs=1e-3) and np.isnan(first.data[1::2, 1]).mean() > 0.999
