@@ -1,5 +1,4 @@
-"""Samples that a file holds and nobody measured: repeats, lines drawn over gaps; what a converter does by itself is none.
-"""
+"""Samples in a file that nobody measured: repeats, lines drawn over gaps; what a converter does itself is neither."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Records that lack samples: covariances over measured pairs, standard deviations that grow, nothing drawn over gaps."""
+"""Records that lack samples: covariances over measured pairs, standard deviations that grow, no lines over gaps."""
 
 import numpy as np
 import pytest
