@@ -155,6 +155,7 @@ def read_block(
     pieces = []
     n = round(length.total_seconds() * campaign.sampling_rate_hz)
     for file in files:
+        file.refuse_changed()
         first, source = _placing(file, start, campaign.sampling_rate_hz)
         if file.path.suffix == parquet_records.ENDING:
             pieces.append((first, parquet_rows(file.path, campaign.channels, source, source + n - first)))
@@ -163,9 +164,13 @@ def read_block(
             rows = zarr_rows(file.path, source, source + n - first)
             pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
             continue
-        with h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened:
+        with (parsing(str(file.path), "cannot be read", "the file was cut or damaged: copy it again, or remove it"),
+              h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened):
             rows = _rows(opened, file.path, source, source + n - first)
-            pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
+        pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
+    for file in files:
+        # once more: it may have been replaced while it was read
+        file.refuse_changed()
     return _assemble(campaign, start, length, pieces)
 
 

@@ -27,6 +27,8 @@ from probupdate.modal.modes import Sensor
 # be of seconds; what is longer than a day is no block
 FEWEST_SAMPLES, LONGEST_BLOCK_MINUTES = 100, 1440.0
 HIGHEST_RATE_HZ = 1e5
+# of one file: ten years
+LONGEST_RECORD_S = 3.2e8
 # what one block may take in memory, at eight bytes a sample; reading and checking hold a few copies of it
 LARGEST_BLOCK_BYTES = 128 * 2**20
 CAMPAIGN_KEYS = (
@@ -38,11 +40,24 @@ SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFile:
-    """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC."""
+    """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC. size, changed_ns: of the file (of an
+    array, of its head) when it was scanned."""
 
     path: Path
     start: pd.Timestamp
     n_sample: int
+    size: int
+    changed_ns: int
+
+    def refuse_changed(self) -> None:
+        """Raises InputError where the file is no more the one that was scanned: a copy or a sync that goes on would
+        put another hour's samples in its place."""
+        with parsing(str(self.path), "was there when the campaign was scanned and cannot be read now",
+                     "wait until what copies or moves records is done, and run again"):
+            found = _head_of(self.path).stat()
+        if (found.st_size, found.st_mtime_ns) != (self.size, self.changed_ns):
+            raise InputError(str(self.path), "changed while it was used: it is not the file that was scanned at the "
+                             "start of this run", "wait until what copies or moves records is done, and run again")
 
     @property
     def parts(self) -> tuple[Path, ...]:
@@ -50,6 +65,11 @@ class RecordFile:
         if self.path.suffix != zarr_records.ENDING:
             return (self.path,)
         return tuple(self.path / name for name in zarr_records.zarr_files(self.path))
+
+
+def _head_of(path: Path) -> Path:
+    """The file that is scanned: of an array, the one that says what it is."""
+    return path / "zarr.json" if path.suffix == zarr_records.ENDING else path
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -312,7 +332,13 @@ def _checked(path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: f
         raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
                          "correct the one that is wrong")
     text = start.decode() if isinstance(start, bytes) else str(start)
-    return RecordFile(path=path, start=parse_time(text, f"{path}, start"), n_sample=n_sample)
+    begins = parse_time(text, f"{path}, start")
+    # whatever the format, before anything of the length that is declared is made
+    if n_sample / rate_hz > LONGEST_RECORD_S:
+        raise InputError(str(path), f"declares {n_sample} samples, {n_sample / rate_hz / 86400:.3g} days at "
+                         f"{rate_hz:g} Hz", "the file is damaged: write it again, or remove it")
+    found = _head_of(path).stat()
+    return RecordFile(path=path, start=begins, n_sample=n_sample, size=found.st_size, changed_ns=found.st_mtime_ns)
 
 
 def parse_time(text: str, where: str) -> pd.Timestamp:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,6 +19,8 @@ from probupdate.modal.modes import Sensor
 ENDING = ".zarr"
 # a chunk as eight-byte numbers: it is read whole
 LARGEST_CHUNK = 256 * 2**20
+# ten years at 100 kHz
+MOST_SAMPLES = 2**45
 HEAD_KEYS = ("start", "sampling_rate_hz")
 # what turns chunks into numbers; others are the file's own choice of code to run
 CODECS = frozenset({"bytes", "transpose", "blosc", "gzip", "zstd", "crc32c", "sharding_indexed"})
@@ -32,14 +35,18 @@ def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int
         raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
     head = read_json_table(path / "zarr.json", AGAIN, nan=True)
     attributes = _checked(path, head)
+    shape = head.get("shape")
+    if not isinstance(shape, list) or len(shape) != 2 or not all(
+            type(n) is int and 0 <= n <= MOST_SAMPLES for n in shape):
+        raise InputError(f"{path}, zarr.json", f"its shape is {shape!r:.60}", "write samples by channels")
     array = _opened(path)
     if array.ndim != 2 or array.shape[1] != n_channel:
         raise InputError(str(path), f"is {array.shape}, campaign.toml lists {n_channel} channels",
                          "give one column per [[sensor]], in that order")
     if array.dtype.kind not in "iuf":
         raise InputError(str(path), f"holds {array.dtype}, not numbers", "write float32")
-    if 8 * np.prod(array.chunks) > LARGEST_CHUNK:
-        raise InputError(str(path), f"has chunks {array.chunks}, {8e-6 * np.prod(array.chunks):.0f} MB",
+    if 8 * math.prod(array.chunks) > LARGEST_CHUNK:
+        raise InputError(str(path), f"has chunks {array.chunks}, {8e-6 * math.prod(array.chunks):.0f} MB",
                          "write smaller chunks, such as half an hour each")
     for key in HEAD_KEYS:
         if key not in attributes:

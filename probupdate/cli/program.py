@@ -9,7 +9,7 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from probupdate.cli.parser import build_parser, parsed
@@ -20,6 +20,8 @@ from probupdate.io.outputs import refuse_overwriting
 
 # verbs whose result is a directory; the others write files
 WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
+# what they wrote stands, and is not made again; so it is with blocks and chains
+KEEPING = (*WRITE_FOLDERS, "identify", "sample")
 
 
 def writes_folder(a: argparse.Namespace) -> bool:
@@ -86,6 +88,29 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _kept(program: str) -> str:
+    """Of a command whose parts stand as they are finished, and of the others."""
+    return "what was finished is kept" if program.split(" ")[-1] in KEEPING else "nothing of this run is kept"
+
+
+@contextlib.contextmanager
+def _warned(program: str) -> Iterator[None]:
+    """Warnings of this program in one line, as its errors are."""
+    before = warnings.showwarning
+
+    def shown(message, category, *where, **more) -> None:
+        if category is UserWarning:
+            complain(f"{program}: {message}")
+        else:
+            before(message, category, *where, **more)
+
+    warnings.showwarning = shown
+    try:
+        yield
+    finally:
+        warnings.showwarning = before
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     program = "probupdate"
     try:
@@ -99,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if a.out:
                 refuse_unwritable(a.out, folder=writes_folder(a))
                 refuse_overwriting(a.verb, a.out, given_paths(a))
-            with terminal_progress() as progress:
+            with terminal_progress() as progress, _warned(program):
                 a.action(a, progress)
     except InputError as error:
         complain(f"{program}: {error}")
@@ -112,15 +137,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"{program}: interrupted; what was finished is kept")
+        complain(f"{program}: interrupted; {_kept(program)}")
         return 130
     except OSError as error:
         complain(f"{program}: {_os_words(error)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"{program}: out of memory; give less at a time, or a machine with more; what was finished "
-                 "is kept")
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; {_kept(program)}")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
     return 0

@@ -43,7 +43,9 @@ POLES, FACTORS = ".poles.npz", ".deviations.npz"
 LARGEST_BLOCK = 512 * 2**20
 # a record up to this size is known by all its bytes, a larger one by so many pieces of that size, head and tail too
 WHOLE_BYTES, PIECES, PIECE_BYTES = 16 * 2**20, 64, 64 * 2**10
-TIMED = ", changed "
+CHECKSUM = "checksum"
+# blocks shorter than that (minutes) may begin several in a second
+SECOND_MIN = 1 / 60
 ANEW = "give another --out, or delete that folder to start anew"
 
 
@@ -110,11 +112,6 @@ def _words(file: RecordFile) -> str:
     return f"{file.path.name}, {file.start.isoformat()}, {file.n_sample} samples, {size} bytes"
 
 
-def _timed(files: tuple[RecordFile, ...]) -> list[str]:
-    """As stores of earlier versions have it: by the time of the last change."""
-    return [f"{_words(f)}, changed {pd.Timestamp(f.path.stat().st_mtime_ns, tz='UTC').isoformat()}" for f in files]
-
-
 def rotor_range(campaign: Campaign, start: pd.Timestamp) -> tuple[float, float] | None:
     """Lowest and highest rotor speed in a block by SCADA, rpm; None where it was not recorded."""
     found = block_conditions(campaign.scada, start, campaign.block_minutes, StateRule())
@@ -142,17 +139,21 @@ class BlockStore:
         else:
             write_json(path, head)
 
+    def _stem(self, start: pd.Timestamp) -> str:
+        return _stem(start, self._campaign.block_minutes)
+
     @property
     def starts(self) -> tuple[pd.Timestamp, ...]:
         """Every block of the campaign, in order."""
         return tuple(self._files)
 
     def pending(self) -> list[pd.Timestamp]:
-        """Blocks still to be identified: those without a file, and those for which a record came since.
+        """Blocks still to be identified: those without a file, or with a damaged one, and those for which a record came
+        since.
 
         Raises InputError where a stored block was made of records that have changed or gone.
         """
-        names = {_stem(start): start for start in self._files}
+        names = {self._stem(start): start for start in self._files}
         found = {path.name.split(".")[0] for path in self.folder.glob("*.npz")}
         stray = sorted(found - set(names))
         if stray:
@@ -160,11 +161,11 @@ class BlockStore:
         todo = []
         for name, start in names.items():
             path = self.folder / (name + POLES)
-            if not path.exists():
+            if not path.exists() or not _is_whole(path):
                 todo.append(start)
                 continue
             before = _read_sources(path)
-            now = self._origin(start, timed=any(TIMED in text for text in before))
+            now = self._origin(start)
             if before == now:
                 continue
             gone = [text for text in before if text not in now]
@@ -182,7 +183,7 @@ class BlockStore:
         algebra in one thread each.
         """
         todo = self._of_shard(self.pending(), shard)
-        tasks = [(self.folder / (_stem(t) + POLES), *self._task(t)) for t in todo]
+        tasks = [(self.folder / (self._stem(t) + POLES), *self._task(t)) for t in todo]
         self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)
 
@@ -197,7 +198,7 @@ class BlockStore:
             stored = self._factors_there(start)
             if set(wanted[start]) - stored:
                 keys = tuple(sorted(set(wanted[start]) | stored))
-                poles, path = (self.folder / (_stem(start) + ending) for ending in (POLES, FACTORS))
+                poles, path = (self.folder / (self._stem(start) + ending) for ending in (POLES, FACTORS))
                 tasks.append((path, poles, *self._task(start), keys))
         self._run("standard deviations of modes", _make_factors, tasks, len(wanted), jobs, progress)
         return len(tasks)
@@ -207,8 +208,8 @@ class BlockStore:
         return sum(bool(set(some) - self._factors_there(start)) for start, some in wanted.items())
 
     def _factors_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
-        path = self.folder / (_stem(start) + FACTORS)
-        return _stored_keys(path) if path.exists() else set()
+        path = self.folder / (self._stem(start) + FACTORS)
+        return _stored_keys(path) if path.exists() and _is_whole(path) else set()
 
     def _of_shard(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
         """Those of a shard's share of all blocks, whatever is there already."""
@@ -225,8 +226,8 @@ class BlockStore:
     def _rotor(self, start: pd.Timestamp) -> tuple[float, float] | None:
         return rotor_range(self._campaign, start) if self._settings.harmonics == "remove" else None
 
-    def _origin(self, start: pd.Timestamp, *, timed: bool = False) -> list[str]:
-        return [*(_timed if timed else sources)(self._files[start]), *_rotor_words(self._rotor(start))]
+    def _origin(self, start: pd.Timestamp) -> list[str]:
+        return [*sources(self._files[start]), *_rotor_words(self._rotor(start))]
 
     def _run(self, what: str, function, tasks: list, total: int, jobs: int | Executor, progress: Progress) -> None:
         done = total - len(tasks)
@@ -237,10 +238,10 @@ class BlockStore:
         remove_stale(self.folder)
 
     def read(self, start: pd.Timestamp) -> BlockPoles:
-        return read_block_poles(self.folder / (_stem(start) + POLES))
+        return read_block_poles(self.folder / (self._stem(start) + POLES))
 
     def read_factors(self, start: pd.Timestamp) -> BlockFactors:
-        return read_block_factors(self.folder / (_stem(start) + FACTORS))
+        return read_block_factors(self.folder / (self._stem(start) + FACTORS))
 
 
 def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
@@ -251,7 +252,8 @@ def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
         return None
     if start is pd.NaT:
         return None
-    path = folder / (_stem(start) + POLES)
+    # ids have a fraction where blocks are shorter than a second
+    path = folder / (_stem(start, 0.0 if start.microsecond else SECOND_MIN) + POLES)
     return read_block_poles(path) if path.exists() else None
 
 
@@ -265,7 +267,7 @@ def _make_poles(
 ) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
     origin = [*sources(files), *_rotor_words(rotor_rpm)]
-    if path.exists() and _read_sources(path) == origin:
+    if path.exists() and _is_whole(path) and _read_sources(path) == origin:
         # by another run on this folder, or by a worker that was lost before it could say so
         return
     block = identify_block(campaign, start, files, settings, rotor_rpm)
@@ -277,14 +279,15 @@ def _make_poles(
 def _make_factors(
     path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
-    if path.exists() and set(keys) <= _stored_keys(path):
+    if path.exists() and _is_whole(path) and set(keys) <= _stored_keys(path):
         return
     known = read_block_poles(poles)
     write_block_factors(path, identify_factors(campaign, start, files, settings, rotor_rpm, known, keys))
 
 
-def _stem(start: pd.Timestamp) -> str:
-    return f"{start:%Y%m%dT%H%M%SZ}"
+def _stem(start: pd.Timestamp, minutes: float) -> str:
+    """Name of a block's files: its start to the second, to the microsecond where several blocks begin in one."""
+    return f"{start:%Y%m%dT%H%M%SZ}" if minutes >= SECOND_MIN else f"{start:%Y%m%dT%H%M%S%fZ}"
 
 
 def write_block_factors(path: Path, found: BlockFactors) -> None:
@@ -292,7 +295,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
         "key": np.array(found.key, np.int32).reshape(-1, 2), "ln_frequency": found.ln_frequency.astype(np.float32),
         "damping_ratio": found.damping_ratio.astype(np.float32), "shape": found.shape.astype(np.complex64),
     }
-    write_arrays(path, content)
+    write_arrays(path, content | {CHECKSUM: _checksum(content)})
 
 
 def read_block_factors(path: Path) -> BlockFactors:
@@ -326,7 +329,27 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
         "shape": np.concatenate([p.shape.T for p in every]).astype(np.complex64) if every else np.zeros((0, 0)),
         "line_hz": block.line_hz, "spectrum": block.spectrum.astype(np.float32),
     }
-    write_arrays(path, content)
+    write_arrays(path, content | {CHECKSUM: _checksum(content)})
+
+
+def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Of the arrays' names, kinds, shapes and numbers."""
+    found = hashlib.blake2b(digest_size=16)
+    for name in sorted(n for n in content if n != CHECKSUM):
+        array = np.ascontiguousarray(content[name])
+        found.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        found.update(array.tobytes())
+    return np.frombuffer(found.digest(), np.uint8)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a stored file can be read and holds what was written; what is damaged is made anew."""
+    try:
+        with _opened(path) as content:
+            arrays = {name: content[name] for name in content}
+    except InputError:
+        return False
+    return CHECKSUM in arrays and np.array_equal(arrays[CHECKSUM], _checksum(arrays))
 
 
 def read_block_poles(path: Path) -> BlockPoles:

@@ -15,6 +15,7 @@ import pandas as pd
 
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
+from probupdate.errors import ProbupdateError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
 from probupdate.identification.block_poles import BlockPoles, BlockSettings
@@ -181,7 +182,8 @@ def without_uncertain(
     """What stands again in blocks where a chosen pole's standard deviations are beyond the classifier's limits, by
     start.
 
-    Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends.
+    Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends: a round that
+    takes none, and one whose standard deviations are no numbers, is an error of the program.
     """
     place = {one.block.start: k for k, one in enumerate(first.usable)}
     known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
@@ -196,8 +198,14 @@ def without_uncertain(
                 row = kept.key.index(key)
                 found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
                                float(np.linalg.norm(kept.damping_ratio[row])))
+            if not np.all(np.isfinite(list(found.values()))):
+                raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: standard deviations of its poles are not "
+                                      "finite; please report it, with the block's record")
             if all(f <= settings.frequency_std and zeta <= settings.damping_std for f, zeta in found.values()):
                 continue
+            if found.keys() <= known.get(start, {}).keys():
+                raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: poles with too large standard deviations are "
+                                      "chosen again and again; please report it, with the block's record")
             known[start] = known.get(start, {}) | found
             judged = first.judge(first.usable[place[start]])
             std = np.full((2, len(judged.poles.poles.order)), np.nan)

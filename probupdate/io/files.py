@@ -49,6 +49,14 @@ MOST_NAMES = 1000
 FORMULA = re.compile(r"\s*[=@]|\s*[+\-](?![\d.]|inf|nan)|[\t\r]", re.IGNORECASE)
 
 
+# strings and comments of TOML, and what stands between its keys and values
+TOML_STRING = re.compile("|".join((
+    r'"""(?:[^\\"]|\\.|"(?!""))*"""', r"\'\'\'(?:[^']|'(?!''))*\'\'\'", r'"(?:[^"\\\n]|\\.)*"', r"'[^'\n]*'",
+    r"#[^\n]*",
+)), re.DOTALL)
+TOML_SIGN = re.compile(r"[=,\[\]{}\n]")
+
+
 # Writing ------------------------------------------------------------------------------------------------------------
 
 
@@ -379,7 +387,9 @@ def read_toml(path: str | Path, remedy: str = "mend the file at that place", *, 
     """The content of a TOML file: at most DEEPEST levels, integers of 64 bit, no number that overflows."""
     path = input_file(path, absent, largest=LARGEST_TOML)
     with _format(path, "TOML", remedy):
-        content = tomllib.loads(read_bytes(path, absent, largest=LARGEST_TOML).decode("utf-8"), parse_float=_float)
+        text = read_bytes(path, absent, largest=LARGEST_TOML).decode("utf-8")
+        _refuse_deep_toml(text)
+        content = tomllib.loads(text, parse_float=_float)
         _refuse_deep(content, integers=True)
     return content
 
@@ -461,6 +471,14 @@ def _refuse_deep(content: object, *, integers: bool = False) -> None:
             return
         level = nested
     raise ValueError(f"nested deeper than {DEEPEST} levels")
+
+
+def _refuse_deep_toml(text: str) -> None:
+    """Dotted keys, before the parser, which takes their number squared, and brackets, which it follows by calling
+    itself. Between strings and signs a key is one piece."""
+    for piece in TOML_SIGN.split(TOML_STRING.sub("s", text)):
+        if piece.count(".") > DEEPEST:
+            raise ValueError(f"nested deeper than {DEEPEST} levels")
 
 
 def _integer(text: str) -> int:

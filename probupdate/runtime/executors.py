@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import threading
+import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -34,8 +35,10 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 LEAST_TASKS = 40
 # tasks that wait at a worker beside the one that it runs
 WAITING = 2
-# how long a scheduler is given to answer, s
-ANSWER_S = 10
+# how long a scheduler is given to answer, how long it may have no worker before that is said, and at all, s
+ANSWER_S, SAID_S, NO_WORKER_S = 10, 10, 900
+# how often is looked whether a task came back, s
+LOOKS_S = 0.02
 START_WORKERS = ("start them in this environment with `OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 dask worker ADDRESS "
                  "--nworkers N --nthreads 1`")
 
@@ -246,6 +249,7 @@ class _DaskCluster(Executor):
         distributed = _distributed()
         if not re.fullmatch(r"(?:[a-z]+://)?[\w.\-\[\]:]+:\d{1,5}/?", address):
             raise InputError("scheduler", f"'{address}' is no address", "write it as tcp://10.0.0.1:8786")
+        self._address = address
         try:
             self._client = distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
@@ -259,7 +263,9 @@ class _DaskCluster(Executor):
         running = distributed.as_completed(loop=self._client.loop)
         try:
             self._submit(running, function, waiting, self._room(), given)
-            for future in running:
+            while not running.is_empty():
+                self._await_one(running)
+                future = next(running)
                 task = given.pop(future.key)
                 yield self._result(future, task, lost)
                 # what came back is dropped at the worker; as many follow as have room
@@ -270,14 +276,39 @@ class _DaskCluster(Executor):
             if left:
                 self._client.cancel(left)
 
+    def _await_one(self, running: Any) -> None:
+        """Until a task has come back. A cluster without a worker is said after a while, and ended after a longer
+        one."""
+        looked, idle, said = time.monotonic(), 0.0, False
+        while not running.has_ready():
+            time.sleep(LOOKS_S)
+            now = time.monotonic()
+            if now - looked < 1.0:
+                continue
+            idle = 0.0 if self._workers() else idle + now - looked
+            looked = now
+            if idle > SAID_S and not said:
+                said = True
+                warnings.warn(f"the scheduler at {self._address} has no worker: waiting up to {NO_WORKER_S} s for one; "
+                              f"{START_WORKERS.replace('ADDRESS', self._address)}", stacklevel=2)
+            if idle > NO_WORKER_S:
+                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; what was finished "
+                                 "is kept", START_WORKERS.replace("ADDRESS", self._address))
+
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold
         held = self._client.scatter([_Held(shared, tasks)], hash=False)[0]
         return self.completed(_one_of, [(number, function, held) for number in range(len(tasks))])
 
+    def _workers(self) -> int:
+        try:
+            return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        except (OSError, TimeoutError, ValueError):
+            # while it is started again
+            return 0
+
     def _room(self) -> int:
-        workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        return (1 + WAITING) * max(len(workers), 1)
+        return (1 + WAITING) * max(self._workers(), 1)
 
     def _submit(
         self, running: Any, function: Callable, waiting: Iterator[tuple], count: int, given: dict[str, tuple]

@@ -97,7 +97,7 @@ def test_a_signal_that_falls_into_an_exec_keeps_the_exit_code(tmp_path):
             "beginning.run_modes = action\nsys.argv = ['probupdate', 'modes', 'design']\nsys.exit(__main__.main())")
     (tmp_path / "run.py").write_text(code)
     ended = subprocess.run([sys.executable, tmp_path / "run.py"], capture_output=True, text=True)
-    assert ended.returncode == 130 and ended.stderr == "probupdate modes: interrupted; what was finished is kept\n"
+    assert ended.returncode == 130 and ended.stderr == "probupdate modes: interrupted; nothing of this run is kept\n"
 
 
 def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):

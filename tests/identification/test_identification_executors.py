@@ -231,6 +231,20 @@ def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
         list(runs.completed(square, [(1,)]))
 
 
+@needs_dask
+@of_dask
+def test_a_scheduler_without_a_worker_is_said_and_ended(monkeypatch):
+    """In silence it waited for ever."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "SAID_S", 1)
+    monkeypatch.setattr(executors, "NO_WORKER_S", 3)
+    with (distributed.LocalCluster(n_workers=0, dashboard_address=":0", processes=True) as empty,
+          dask_cluster(empty.scheduler_address) as runs,
+          pytest.warns(UserWarning, match=f"{empty.scheduler_address} has no worker: waiting up to 3 s"),
+          pytest.raises(InputError, match="had no worker for 3 s; what was finished is kept; start them")):
+        list(runs.completed(square, [(1,)]))
+
+
 def test_without_dask_its_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"needs the package distributed, .* pip install probupdate\[dask\]"):
