@@ -1,8 +1,8 @@
-"""Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
+"""Finite-element model updating of wind turbines and other structures: update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, modes, export, farm; beside them stand the settings that they take. All are loaded when first
-used, so that importing the package stays light.
+compare, report, demo, template, modes, export, farm; beside them stand the settings that they take. All are loaded
+when first used, so that importing the package stays light.
 """
 
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         select,
         sets,
         simulate,
+        template,
         update,
     )
     from probupdate.verbs import model_modes as modes
@@ -44,7 +45,7 @@ __all__ = [
     "IdentificationSettings", "LikelihoodSettings", "SamplerSettings", "UpdateSettings", "__version__", "check",
     "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
     "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress", "report", "sample",
-    "select", "sets", "simulate", "update",
+    "select", "sets", "simulate", "template", "update",
 ]
 # where those are that do not go by their name in `verbs`: module, name there
 _ELSEWHERE = {

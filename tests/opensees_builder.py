@@ -37,7 +37,9 @@ def build(ops: ModuleType, frame: Frame, values: Mapping[str, float], *, water: 
         _member(ops, number, beam, frame, values, line_mass(beam, values, water=water))
     tag = len(frame.beams)
     for tie in frame.ties:
-        if len(tie.released):
+        if len(tie.released) and set(np.abs(tie.released).sum(axis=1)) == {1.0}:
+            tag = _connection(ops, tag, tie, values)
+        elif len(tie.released):
             tag = _joint(ops, tag, tie, values)
         else:
             ops.rigidLink("beam", tie.master, tie.node)
@@ -71,6 +73,18 @@ def _joint(ops, tag, tie, values) -> int:
     return tag + 1
 
 
+def _connection(ops, tag, tie, values) -> int:
+    """A zero-length element in global axes: springs in some directions, stiff in the others."""
+    springs = np.full(6, PENALTY)
+    for direction, coefficient in zip(tie.released, tie.stiffness, strict=True):
+        springs[int(np.argmax(direction))] = float(coefficient.value(values))
+    for k, stiffness in enumerate(springs):
+        ops.uniaxialMaterial("Elastic", 10 * tag + k + 1, float(stiffness))
+    ops.element("zeroLength", tag + 1, tie.master, tie.node, "-mat", *[10 * tag + k + 1 for k in range(6)],
+                "-dir", 1, 2, 3, 4, 5, 6)
+    return tag + 1
+
+
 def _point_masses(frame: Frame, values) -> dict[int, np.ndarray]:
     masses: dict[int, np.ndarray] = {}
     for body in frame.bodies:
@@ -86,8 +100,9 @@ def _soil(ops, tag, frame: Frame, values) -> None:
     for beam in frame.beams:
         if beam.springs is not None:
             lateral, axial = (float(c[0].value(values)) for c in (beam.springs.lateral, beam.springs.axial))
+            around = float(beam.springs.torsional[0].value(values)) if beam.springs.torsional else 0.0
             for node in (beam.start, beam.end):
-                total[node] = total.get(node, np.zeros(6)) + 0.5 * np.array([lateral, lateral, axial, 0, 0, 0])
+                total[node] = total.get(node, np.zeros(6)) + 0.5 * np.array([lateral, lateral, axial, 0, 0, around])
     for spring in frame.springs:
         stiffness = float(spring.stiffness.value(values)) * np.abs(spring.direction)
         total[spring.node] = total.get(spring.node, np.zeros(6)) + stiffness

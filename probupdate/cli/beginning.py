@@ -1,4 +1,4 @@
-"""Commands to begin with: the demonstration, a virtual campaign, the modes of a model."""
+"""Commands to begin with: the demonstration, a virtual campaign, a model to fill in, the modes of a model."""
 
 from __future__ import annotations
 
@@ -24,6 +24,13 @@ def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
 
     answer(a, probupdate.simulate(
         a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress))
+
+
+def run_template(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    done = probupdate.template(a.kind, a.out)
+    answer(a, done, done.files)
 
 
 def run_modes(a: argparse.Namespace, progress: Progress) -> None:
@@ -55,6 +62,13 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")
     seeded(p)
+
+    p = verb("template", run_template, "a model to fill in, that runs as it is: a turbine on a monopile or a jacket, a "
+             "tower on land, matrices")
+    p.add_argument("kind", metavar="KIND", choices=("monopile", "jacket", "tower", "matrices"),
+                   help="monopile, jacket, tower (on land) or matrices")
+    p.add_argument("out", metavar="OUT", help="folder for model.toml (model.npz and parameters.toml of matrices) and "
+                   "campaign/campaign.toml, or a file's name for the model alone; nothing is written over")
 
     p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
     p.add_argument("model", metavar="MODEL", help=MODEL_HELP)

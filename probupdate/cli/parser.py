@@ -13,7 +13,7 @@ from probupdate.cli import beginning, estimates, records, results
 
 # the commands as --help lists them, in the order in which a job needs them
 GROUPS = {
-    "to begin with": ("demo", "simulate", "modes"),
+    "to begin with": ("demo", "simulate", "template", "modes"),
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
@@ -52,6 +52,7 @@ JSON_MORE = {
 EXAMPLES = {
     "demo": "demo out",
     "simulate": "simulate run/campaign --days 1 --seed 1",
+    "template": "template monopile run",
     "modes": "modes as_built --count 8",
     "convert": "convert records run/campaign",
     "check": "check run/campaign --out run/check.json",
@@ -75,7 +76,7 @@ EXAMPLES = {
 def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="probupdate",
-        description="Update a jacket's finite-element model from measured vibration, deterministically and as a\n"
+        description="Update a finite-element model from measured vibration, deterministically and as a\n"
         "posterior, and compare the two. Each step reads and writes files: enter at any of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

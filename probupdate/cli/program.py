@@ -28,6 +28,8 @@ def writes_folder(a: argparse.Namespace) -> bool:
     """Whether --out, or OUT, is a directory: of `convert` where records come out."""
     if a.verb == "convert" and a.to != "campaign":
         return a.to == "uff" and Path(a.sources).is_dir()
+    if a.verb == "template":
+        return Path(a.out).suffix.lower() not in (".toml", ".npz")
     return a.verb in WRITE_FOLDERS
 
 

@@ -1,4 +1,4 @@
-"""How a finding changes fatigue: stress ranges in legs and braces per measured motion, with the effect over without.
+"""How a finding changes fatigue: stress ranges in members per measured motion, with the effect over without.
 
 Both models see the same tower-top motion in the first pair of bending modes, as that is measured; they differ in what
 stress goes with it. Damage goes with stress^m, m = 3 and 5 as in the two-slope S-N curves of DNV-RP-C203. Nominal
@@ -27,7 +27,8 @@ from probupdate.structure.extend import extended_description
 from probupdate.structure.turbine_frame import build_frame
 
 SLOPES = (3, 5)
-GROUPS = ("leg", "brace")
+# members whose stress is compared, by what the turbine stands on
+GROUPS = {"jacket": ("leg", "brace"), "monopile": ("pile", "column", "tower"), "foundation": ("tower",)}
 # spots with less stress than this share of their group's largest hardly decide a life
 LOADED = 0.5
 
@@ -35,7 +36,7 @@ LOADED = 0.5
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stresses:
     """Nominal stress (n_spot,) in Pa per metre of tower-top motion, both directions of the pair together, at the ends
-    of legs and braces; `group`, `place` of each; frequency_hz of the pair's mean."""
+    of members; `group`, `place` of each; frequency_hz of the pair's mean."""
 
     stress: np.ndarray
     group: tuple[str, ...]
@@ -49,9 +50,9 @@ def member_stresses(
     """Of the first two modes, scaled so that the highest sensors move by one metre in each direction: root of the sum
     of squares over both, which does not depend on how the pair is turned."""
     frame = build_frame(description)
-    site, theory = description.site, description.mesh.theory
+    theory = description.mesh.theory
     built = assemble(frame, updated=(), values=values, theory=theory,
-                     gravity_mps2=site.gravity_mps2 if description.mesh.geometric_stiffness else None)
+                     gravity_mps2=description.gravity_mps2 if description.mesh.geometric_stiffness else None)
     weights = built.coefficients(np.zeros(0))
     K, M = (sum(c * term for c, term in zip(w, terms, strict=True))
             for w, terms in zip(weights, (built.stiffness, built.mass), strict=True))
@@ -66,7 +67,7 @@ def member_stresses(
     u = (built.transform @ phi) @ np.linalg.inv(motion)
     stress, group, place = [], [], []
     for one in frame.beams:
-        if one.group not in GROUPS:
+        if one.group not in GROUPS[description.stands_on]:
             continue
         start, end = frame.node_m[one.start], frame.node_m[one.end]
         dofs = node_dofs(one.start, one.end)
@@ -93,8 +94,9 @@ def _bare(one):
 
 
 def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new: Fit) -> dict:
-    """Plain numbers for diagnosis.json: of legs and of braces the most stressed spot, and the loaded spot whose stress
-    grows most, each with its ratio of stress and of damage. Effects are as after their step; covariates at their mean.
+    """Plain numbers for diagnosis.json: of each group of members (legs and braces of a jacket) the most stressed spot,
+    and the loaded spot whose stress grows most, each with its ratio of stress and of damage. Effects are as after their
+    step; covariates at their mean.
 
     Empty for a model without members.
     """
@@ -107,7 +109,7 @@ def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new:
     before, after = sides
     faster = after.frequency_hz / before.frequency_hz
     result = {"per": "tower-top motion in the first pair of modes", "slopes": list(SLOPES)}
-    for name in GROUPS:
+    for name in GROUPS[prepared.description.stands_on]:
         rows = np.array([g == name for g in before.group])
         if not rows.any():
             continue

@@ -24,7 +24,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ErrorSource
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description, described_sensors
+from probupdate.structure.description import Description, Offshore, described_sensors
 from probupdate.structure.description_file import read_description
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter, extended_model
@@ -39,7 +39,7 @@ SOIL_BANDS = 3
 SHEAR, SHEAR_STD = 1.0, 0.2
 GROUP_OF_CAUSE = {
     "scour": "soil", "lateral soil stiffness": "soil", "axial soil stiffness": "soil",
-    "pile tip's soil stiffness": "soil",
+    "pile tip's soil stiffness": "soil", "foundation stiffness": "soil",
     "marine growth": "water and growth", "corrosion": "water and growth", "nacelle mass": "rotor-nacelle assembly",
     "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
 }
@@ -69,10 +69,12 @@ def _common(d: Description) -> list[Tolerance]:
     if d.mesh.theory == "bernoulli-euler":
         add("tolerance_shear", "shear", "shear deformation of all members", "theory", SHEAR_STD,
             'set mesh.theory = "timoshenko" in the model file', mean=SHEAR)
-    for group in ("tower", "leg", "brace", "pile"):
+    for group in (group for group in ("tower", "leg", "brace", "pile") if group in d.groups):
         add(f"tolerance_wall_{group}", "stiffness", f"{group} walls, all alike", "structure", WALL,
             "wall thicknesses as measured", on={"group": group})
-    top, bottom = d.site.mudline_m, d.pile.tip_m
+    if not isinstance(d, Offshore):
+        return rows
+    top, bottom = d.site.mudline_m, d.pile_tip_m
     edges = np.linspace(top, bottom, SOIL_BANDS + 1)
     for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "tip")):
         add(f"tolerance_law_{curve}", "soil", f"{word} soil law, initial stiffness", "soil", SOIL_LAW,

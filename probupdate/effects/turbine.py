@@ -21,7 +21,15 @@ from probupdate.effects.gravity import gravity_effects
 from probupdate.modal.modes import Sensor
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attachments, line_of
-from probupdate.structure.description import Description, described_sensors
+from probupdate.structure.description import (
+    Description,
+    Offshore,
+    OnFoundation,
+    OnJacket,
+    OnMonopile,
+    TubeEntry,
+    described_sensors,
+)
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter
 from probupdate.structure.joints import joint_law
@@ -49,9 +57,18 @@ def turbine_effects(
     distinguishes from their face's only where it is long."""
     placed = described_sensors(d) if sensors is None else sensors
     level = [(s.channel, bool(s.gravity)) for s in placed if across_gravity(s.direction).any()]
-    rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d),
-            *_heights(d, placed), *gravity_effects(level, [p.name for p in d.parameter])]
-    return (*rows, *(_single(d) if single_members else ()))
+    rows = [*_theory(d)]
+    if isinstance(d, OnJacket):
+        rows += [*_jacket(d), *_transition_piece(d), *_flanges(d), *_pile_heads(d)]
+    elif isinstance(d, OnMonopile):
+        rows += [*_monopile(d), *_sleeve(d), *_flanges(d)]
+    else:
+        rows += [*_foundation(d), *_flanges(d)]
+    if isinstance(d, Offshore):
+        rows += [*_soil(d), *_water(d)]
+    rows += [*_masses(d), *_environment(d), *_heights(d, placed),
+             *gravity_effects(level, [p.name for p in d.parameter])]
+    return (*rows, *(_single(d) if single_members and isinstance(d, OnJacket) else ()))
 
 
 def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settings=None, group="structural", unit="",
@@ -65,12 +82,22 @@ def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settin
                   lower=low, upper=high, adds=adds, **row)
 
 
-def _faces(d: Description) -> dict[str, tuple[str, str]]:
+def _legs(d: Description) -> tuple[str, ...]:
+    """Of a jacket; a single pile has no rows beside those of the whole."""
+    return d.jacket.leg_names if isinstance(d, OnJacket) else ()
+
+
+def _all(d: Description) -> str:
+    """What stands in the soil."""
+    return "all legs" if isinstance(d, OnJacket) else d.stands_on
+
+
+def _faces(d: OnJacket) -> dict[str, tuple[str, str]]:
     names = d.jacket.leg_names
     return {a + b: (a, b) for a, b in zip(names, (*names[1:], names[0]), strict=True)}
 
 
-def _bays(d: Description) -> range:
+def _bays(d: OnJacket) -> range:
     return range(1, len(d.jacket.bay) + 1)
 
 
@@ -86,7 +113,7 @@ def _joint(name: str, location: str, on: dict) -> Effect:
                 signature="as the braces there, weaker", check="inspect the weld toes of these nodes")
 
 
-def _jacket(d: Description) -> Iterator[Effect]:
+def _jacket(d: OnJacket) -> Iterator[Effect]:
     for bay in _bays(d):
         for face in _faces(d):
             yield _brace(f"brace_{face}_{bay}", f"face {face}, bay {bay}", {"group": "brace", "face": face, "bay": bay})
@@ -101,7 +128,7 @@ def _jacket(d: Description) -> Iterator[Effect]:
                        signature="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
 
 
-def _single(d: Description) -> Iterator[Effect]:
+def _single(d: OnJacket) -> Iterator[Effect]:
     for bay in _bays(d):
         for face, legs in _faces(d).items():
             for first, second in (legs, legs[::-1]):
@@ -127,14 +154,16 @@ def _theory(d: Description) -> Iterator[Effect]:
     """Bernoulli-Euler members do not deform in shear, real ones do: normal, and far from nothing where they are
     stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
     if d.mesh.theory == "bernoulli-euler":
-        stout = {"level_m": (d.jacket.top.z_m, d.tower.station[-1].z_m)}
-        yield _row("shear", "shear", "shear deformation", "above the jacket", on=stout, low=0.0, high=3.0,
+        foot = d.jacket.top.z_m if isinstance(d, OnJacket) else -np.inf
+        stout = {"level_m": (foot, d.tower.station[-1].z_m)} if isinstance(d, OnJacket) else {}
+        where = "above the jacket" if stout else "all members"
+        yield _row("shear", "shear", "shear deformation", where, on=stout, low=0.0, high=3.0,
                    tolerance=1.0, prior_scale=1.0, time_profiles=("constant",),
                    signature="stout members give way: transition piece, tower's foot",
                    check='set mesh.theory = "timoshenko" in the model file and update again')
 
 
-def _connections(d: Description) -> Iterator[Effect]:
+def _transition_piece(d: OnJacket) -> Iterator[Effect]:
     for group in ("strut", "tie"):
         for leg in d.jacket.leg_names:
             yield _row(f"{group}_{leg}", "stiffness", "transition-piece flexibility", f"{group} {leg}",
@@ -143,6 +172,9 @@ def _connections(d: Description) -> Iterator[Effect]:
     yield _row("column", "stiffness", "transition-piece flexibility", "column", on={"group": "column"}, low=-0.95,
                high=1.0, tolerance=0.01, prior_scale=0.3, signature="slope jumps at the transition piece",
                check="inspect the column's welds")
+
+
+def _flanges(d: Description) -> Iterator[Effect]:
     for number, station in enumerate(d.tower.station[:-1]):
         soft, _ = _three_diameters(d, station.diameter_m, station.thickness_m)
         yield _row(f"hinge_{station.z_m:g}".replace(".", "_"), "hinge", "tower flange flexibility",
@@ -150,6 +182,9 @@ def _connections(d: Description) -> Iterator[Effect]:
                    high=5 * soft, tolerance=0.01 * soft, prior_scale=0.25 * soft,
                    signature=f"slope jumps at the tower's {'flange' if number else 'foot'}",
                    check="bolt forces, gap measurement at the flange")
+
+
+def _pile_heads(d: OnJacket) -> Iterator[Effect]:
     head = d.jacket.bottom.z_m
     soft, long = _three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
     for kind, name, words, scale in (("hinge", "hinge_pile", "grout flexibility in bending", soft),
@@ -161,61 +196,130 @@ def _connections(d: Description) -> Iterator[Effect]:
                        signature="as softer soil of one leg", check="inspect the grout seal")
 
 
-def _soil(d: Description) -> Iterator[Effect]:
-    yield _row("scour_all", "scour", "scour", "all legs", low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
+def _bands(d: OnMonopile) -> Iterator[tuple[str, str, tuple[float, float]]]:
+    """Of the monopile between its stations, as far as it stands above the mudline: number, words, levels."""
+    free = [z for z in (d.site.mudline_m, *(s.z_m for s in d.monopile.station)) if z >= d.site.mudline_m]
+    for number, (low, high) in enumerate(pairwise(sorted(set(free))), 1):
+        yield str(number), f"{low:g} to {high:g} m", (low, high)
+
+
+def _monopile(d: OnMonopile) -> Iterator[Effect]:
+    for number, words, band in _bands(d):
+        yield _row(f"monopile_{number}", "stiffness", "monopile stiffness lost", words,
+                   on={"group": "pile", "level_m": band}, low=-0.9, high=1.0, tolerance=0.01, prior_scale=0.2,
+                   signature="curvature of the shapes below the tower", check="wall thicknesses, cracks, dents")
+    section = d.monopile.station[-1]
+    own = _tube_mass(d, section.diameter_m, section.thickness_m, section.z_m - d.site.mudline_m)
+    yield _row("monopile_mass", "mass", "monopile mass", "above the mudline",
+               on={"group": "pile", "level_m": (d.site.mudline_m, section.z_m)}, low=-0.3 * own, high=2.0 * own,
+               tolerance=0.02 * own, prior_scale=0.1 * own, time_profiles=("constant", "step"),
+               signature="second bending falls", check="weight report: anodes, attached structures, ballast")
+
+
+def _sleeve(d: OnMonopile) -> Iterator[Effect]:
+    sleeve = d.transition_piece
+    if sleeve is None:
+        return
+    yield _row("column", "stiffness", "transition-piece flexibility", "transition piece", on={"group": "column"},
+               low=-0.95, high=1.0, tolerance=0.01, prior_scale=0.3, signature="slope jumps at the transition piece",
+               check="wall thicknesses, welds")
+    grouted = sleeve.connection == "grouted"
+    yield _row("connection", "joint", "grouted connection loosened" if grouted else "bolted connection loosened",
+               "monopile to transition piece", on={"part": "transition piece"}, low=-0.98, high=3.0, tolerance=0.1,
+               prior_scale=0.5, time_profiles=("constant", "step", "ramp"),
+               signature="slope jumps at the connection", check="relative displacement at the grout's ends, its cracks"
+               if grouted else "bolt forces, gap measurement at the flange")
+
+
+def _foundation(d: OnFoundation) -> Iterator[Effect]:
+    if d.foundation.support == "clamped":
+        return
+    yield _row("foundation", "joint", "foundation stiffness", "tower's foot", on={"part": "foundation"}, low=-0.95,
+               high=3.0, tolerance=0.1, prior_scale=0.5, time_profiles=("constant", "step", "ramp"),
+               signature="first and second bending fall, the foot moves",
+               check="gaps around the foundation, groundwater")
+
+
+def _soil(d: Offshore) -> Iterator[Effect]:
+    yield _row("scour_all", "scour", "scour", _all(d), low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
                time_profiles=("constant", "step", "ramp"), signature="second bending falls, base turns more",
                check="bathymetric survey")
-    for leg in d.jacket.leg_names:
+    for leg in _legs(d):
         yield _row(f"scour_{leg}", "scour", "scour", f"leg {leg}", on={"leg": leg}, low=0.0, high=6.0, tolerance=0.1,
                    prior_scale=1.5, time_profiles=("constant", "step", "ramp"),
                    signature="second bending falls, one side",
                    check="bathymetric survey")
     for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "pile tip's")):
-        for leg in d.jacket.leg_names:
+        for leg in _legs(d):
             yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
                        settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, prior_scale=0.5,
                        signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
+        if not _legs(d):
+            yield _row(f"soil_{curve}", "soil", f"{word} soil stiffness", _all(d), settings={"curve": curve},
+                       low=-0.95, high=3.0, tolerance=0.06, prior_scale=0.5, time_profiles=("constant", "step", "ramp"),
+                       signature="base softer or stiffer", check="pile records, cone test")
 
 
 def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> float:
     return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
 
 
-def _most_corrosion(d: Description) -> float:
+def _most_corrosion(d: Offshore) -> float:
     """Loss of wall in m that leaves a tenth of the thinnest tube of the splash zone where the file's own parameters
     leave it least; legs may lose as much once more by themselves."""
     low = {p.name: p.lower if p.update else p.initial for p in d.parameter}
     own = max((p.upper if p.update else p.initial for p in d.parameter if p.name == "corr"), default=0.0)
-    band = [bay for bay in d.jacket.bay if bay.bottom_m <= d.corrosion.top_m and bay.top_m >= d.corrosion.bottom_m]
 
     def left(entry, letter: str) -> float:
         return entry.thickness_m * low.get(f"t_{letter}", d.values.get(f"t_{letter}", 1.0)) - own
 
-    walls = [left(d.jacket.leg, "l") / 2, *(left(bay.brace, "b") for bay in band)]
+    if isinstance(d, OnJacket):
+        band = [bay for bay in d.jacket.bay if bay.bottom_m <= d.corrosion.top_m and bay.top_m >= d.corrosion.bottom_m]
+        walls = [left(d.jacket.leg, "l") / 2, *(left(bay.brace, "b") for bay in band)]
+    else:
+        walls = [left(tube, "") for tube in _tubes_of_splash_zone(d)]
     return 0.9 * max(min(walls), 0.0)
 
 
-def _water(d: Description) -> Iterator[Effect]:
+def _tubes_of_splash_zone(d: Offshore) -> list[TubeEntry]:
+    if not isinstance(d, OnMonopile):
+        return []
+    piece = () if d.transition_piece is None else (d.transition_piece.tube,)
+    return [*(TubeEntry(diameter_m=s.diameter_m, thickness_m=s.thickness_m) for s in d.monopile.station
+              if s.z_m > d.site.mudline_m), *piece]
+
+
+def _water(d: Offshore) -> Iterator[Effect]:
     """What the sea brings: growth, corrosion, water inside."""
     growth = {"high": 0.3, "tolerance": 0.005, "prior_scale": 0.05, "time_profiles": ("constant", "ramp"),
               "check": "ROV survey"}
     yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
                signature="second bending falls", **growth)
     # less than assumed on a leg, in a bay and everywhere at once would be less than none
-    for leg in d.jacket.leg_names:
+    for leg in _legs(d):
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
     corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3,
                 "time_profiles": ("constant",), "check": "measure wall thickness"}
-    yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
-               signature="jacket stiffness and mass at the water line", **corroded)
-    for leg in d.jacket.leg_names:
+    yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone" if _legs(d) else
+               "monopile in the splash zone", on={"level_m": band},
+               signature="stiffness and mass at the water line", **corroded)
+    for leg in _legs(d):
         yield _row(f"corrosion_{leg}", "corrosion", "corrosion", f"leg {leg}",
                    on={"group": "leg", "leg": leg, "level_m": band}, signature="as a crack of that leg, small",
                    **corroded)
     flooded = {"tolerance": 0.0, "prior_scale": 0.5, "check": "flooded-member detection by ultrasound"}
+    if isinstance(d, OnJacket):
+        yield from _water_of_bays(d, growth, flooded)
+    elif isinstance(d, OnMonopile) and d.monopile.flooded:
+        yield _row("flood_monopile", "flooding", "monopile not flooded", "monopile",
+                   on={"group": "pile", "level_m": (d.site.mudline_m, d.site.water_level_m)}, low=-1.0, high=0.0,
+                   signature="second bending rises", **(flooded | {"check": "water level inside"}))
+
+
+def _water_of_bays(d: OnJacket, growth: dict, flooded: dict) -> Iterator[Effect]:
     for bay in _bays(d):
         if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
             continue
@@ -265,18 +369,31 @@ def _masses(d: Description) -> Iterator[Effect]:
         yield _row(f"tower_stiffness_{low.z_m:g}".replace(".", "_"), "stiffness", "tower stiffness", where,
                    on={"group": "tower", "level_m": band}, low=-0.8, high=1.0, tolerance=0.01, prior_scale=0.2,
                    time_profiles=("constant",), signature="curvature of the tower's shapes", check="wall thicknesses")
-    top = d.transition_piece
-    own = top.lumped_mass_kg + _tube_mass(
-        d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
-    yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own,
-               high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own, time_profiles=("constant", "step"),
-               signature="second bending falls", check="weight report of the transition piece")
+    own = _transition_piece_mass(d)
+    if own:
+        yield _row("tp_mass", "mass", "transition-piece mass", "column" if isinstance(d, OnJacket) else
+                   "transition piece", on={"group": "column"}, low=-0.5 * own,
+                   high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own, time_profiles=("constant", "step"),
+                   signature="second bending falls", check="weight report of the transition piece")
     if any(body.name == "hub" for body in d.rna):
         yield _row("blades", "oscillator", "blade coupling", "rotor, fore-aft", on={"body": "hub"}, low=0.0, high=0.6,
                    settings={"axis": "x", "frequency_hz": FLAP_HZ}, tolerance=0.01, prior_scale=0.1,
                    time_profiles=("constant",),
                    signature="fore-aft alone, shape at the top",
                    check="the blades' flapwise frequency, edge sensors")
+
+
+def _transition_piece_mass(d: Description) -> float:
+    """kg; 0 without one."""
+    if isinstance(d, OnJacket):
+        top = d.transition_piece
+        return top.lumped_mass_kg + _tube_mass(
+            d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
+    if isinstance(d, OnMonopile) and d.transition_piece is not None:
+        own = d.transition_piece
+        return own.lumped_mass_kg + _tube_mass(d, own.tube.diameter_m, own.tube.thickness_m,
+                                               d.tower.station[0].z_m - own.bottom_m)
+    return 0.0
 
 
 def _ice_inertia(d: Description) -> tuple[float, ...]:
@@ -287,19 +404,25 @@ def _ice_inertia(d: Description) -> tuple[float, ...]:
 
 def _environment(d: Description) -> Iterator[Effect]:
     row = partial(_row, group="environmental")
-    yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0,
-              prior_scale=1.0,
-              time_profiles=("water_level_m",), unit="m", signature="second bending falls with the water level",
-              check="tide gauge against the second bending")
+    if isinstance(d, Offshore):
+        yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0,
+                  prior_scale=1.0, time_profiles=("water_level_m",), unit="m",
+                  signature="second bending falls with the water level",
+                  check="tide gauge against the second bending")
+        dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
+    else:
+        dry = {"level_m": (d.tower.station[0].z_m, d.tower.station[-1].z_m)}
     # steel under water has the sea's temperature, which hardly moves within a month
-    dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
-    yield row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
+    yield row("warm", "temperature", "temperature of the steel",
+              "above the water" if isinstance(d, Offshore) else "tower", on=dry, low=-80.0, high=80.0,
               tolerance=0.0, prior_scale=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
               time_profiles=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
               signature="all frequencies fall with temperature", check="steel temperature sensors")
-    yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, prior_scale=5e5,
-              time_profiles=("thrust_share",), signature="first bending falls with thrust",
-              check="tower bending strain")
+    # along a straight tower a force across it is no axial one: there is nothing whose geometric stiffness it changes
+    if isinstance(d, OnJacket):
+        yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, prior_scale=5e5,
+                  time_profiles=("thrust_share",), signature="first bending falls with thrust",
+                  check="tower bending strain")
     yield row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, prior_scale=0.5,
               time_profiles=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
               signature="first bending falls", check="whether the model's mesh.geometric_stiffness is on")
@@ -310,7 +433,13 @@ def _environment(d: Description) -> Iterator[Effect]:
     yield row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
               low=0.0, high=4e4, tolerance=0.0, prior_scale=5e3, time_profiles=("step", "frost_degc"),
               signature="first bending and torsion fall while it freezes", check="ice detector, power curve")
-    for curve, where in (("all", "all legs"), ("py", "all legs, lateral"), ("tz", "all legs, axial")):
+    if isinstance(d, Offshore):
+        yield from _softening(d)
+
+
+def _softening(d: Offshore) -> Iterator[Effect]:
+    row, whole = partial(_row, group="environmental"), _all(d)
+    for curve, where in (("all", whole), ("py", f"{whole}, lateral"), ("tz", f"{whole}, axial")):
         yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
                   settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, prior_scale=0.3,
                   time_profiles=("rms_mps2", "wave_height_m"),

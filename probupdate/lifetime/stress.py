@@ -32,8 +32,8 @@ from probupdate.structure.affine import STEP, AffineModel
 from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
-from probupdate.structure.description import Description, described_sensors
-from probupdate.structure.frame import Frame
+from probupdate.structure.description import Description, Offshore, OnMonopile, described_sensors
+from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.load import turbine_model
 from probupdate.structure.mode_labels import labels_of_shapes
 from probupdate.structure.subdyn_frame import SubDynFrame
@@ -518,6 +518,9 @@ def stress_model(
     """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names
     them in the frame of any heading; loads are those of the members as the file's values have them. `frame`: that of
     the description at this heading, where it has been built already."""
+    if not isinstance(description, Offshore):
+        raise InputError(where, "fatigue is assessed of turbines in the sea, whose conditions have waves",
+                         "leave the fatigue of a tower on land to another program (export without --fatigue)")
     frame = build_frame(description, heading_deg) if frame is None else frame
     model = turbine_model(
         description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg, frame=frame
@@ -605,7 +608,16 @@ def _hub(d: Description, frame: Frame, transform, heading_deg: float) -> np.ndar
     return frozen_array(transform.T @ force)
 
 
-def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], values: Mapping[str, float]) -> Waves:
+def _in_waves(d: Offshore, b: Beam, z_m: float) -> bool:
+    """Legs and braces, or what of a monopile stands free; where a sleeve is around it, the sleeve."""
+    if not isinstance(d, OnMonopile):
+        return b.group in ("leg", "brace")
+    sleeve = d.transition_piece
+    inside = sleeve is not None and b.group == "pile" and z_m > sleeve.bottom_m
+    return b.group in ("pile", "column") and b.springs is None and not inside
+
+
+def _waves(d: Offshore, frame: Frame, transform, details: Sequence[Detail], values: Mapping[str, float]) -> Waves:
     still, growth = d.site.water_level_m, float(values["mg"])
     of_beam: dict[int, list[int]] = {}
     for row, detail in enumerate(details):
@@ -613,7 +625,7 @@ def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], v
     position, along, diameter, length, blocks, own = [], [], [], [], [], []
     for number, b in enumerate(frame.beams):
         start, end = frame.node_m[b.start], frame.node_m[b.end]
-        if b.group not in ("leg", "brace") or 0.5 * (start[2] + end[2]) >= still:
+        if not _in_waves(d, b, 0.5 * (start[2] + end[2])) or 0.5 * (start[2] + end[2]) >= still:
             continue
         span = end - start
         size = float(np.linalg.norm(span))

@@ -78,4 +78,4 @@ SCATTER = {
 def is_the_jacket(parameter_names: tuple[str, ...]) -> bool:
     """Whether these are the paper's parameters: every name stands in Table 2 and most of Table 5 are there."""
     names = set(parameter_names)
-    return bool(names) and names <= set(SENSITIVITY) and len(names & set(UPDATED)) >= 5
+    return "k_j" in names and names <= set(SENSITIVITY) and len(names & set(UPDATED)) >= 5

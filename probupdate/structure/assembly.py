@@ -164,6 +164,9 @@ def beam_stiffness(beam: Beam, start: np.ndarray, end: np.ndarray, theory: str) 
     if beam.springs is not None:
         yield from _moments(dofs, beams.to_global(beams.transverse_moments(length), frame_axes), beam.springs.lateral)
         yield from _moments(dofs, beams.to_global(beams.axial_moments(length), frame_axes), beam.springs.axial)
+        if beam.springs.torsional:
+            around = beams.to_global(beams.torsional_moments(length), frame_axes)
+            yield from _moments(dofs, around, beam.springs.torsional)
 
 
 def _moments(dofs, matrices: np.ndarray, coefficients: Sequence[Coefficient]) -> Iterator[Contribution]:

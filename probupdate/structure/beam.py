@@ -192,6 +192,14 @@ def axial_moments(length_m: float) -> np.ndarray:
     return np.array([_pair(AXIAL, product[:, :, m]) for m in range(product.shape[2])])
 
 
+@_of_length
+def torsional_moments(length_m: float) -> np.ndarray:
+    """(3, 12, 12): as `axial_moments` for a density about the member's axis."""
+    rod = np.array([[1.0, -1.0], [0.0, 1.0]])
+    product = _product(rod, rod)
+    return np.array([_pair(TORSION, product[:, :, m]) for m in range(product.shape[2])])
+
+
 def interpolation(xi: float, length_m: float) -> np.ndarray:
     """(6, 12): displacement and rotation at xi from the end motions, Bernoulli-Euler shapes."""
     powers = xi ** np.arange(4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, Strict
@@ -15,14 +15,16 @@ from probupdate.structure.schema import NotNegative, Number, Positive, Table, Ve
 
 Group = Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"]
 
-# Table 2 of the paper: name -> the value at which it leaves the described structure as it is; m_h stands for the
-# mass of the body named "hub" and so has no such value
+# Table 2 of the paper: name -> the value at which it leaves the described structure as it is; m_h stands for the mass
+# of the body named "hub" and so has no such value
 NEUTRAL = {
     "k_j": 1.0, "k_t": 1.0, "k_TP": 1.0, "k_p": 1.0, "LJF": 1.0, "D_l": 1.0, "t_l": 1.0, "D_b": 1.0, "t_b": 1.0,
     "sc": 0.0, "corr": 0.0, "mg": 0.0, "a_m": 1.0, "m_h": None, "py": 1.0, "tz": 1.0, "qw": 1.0,
 }
+# and what a monopile's transition piece and a tower's foundation have beside
+WHOLE = NEUTRAL | {"k_c": 1.0, "k_f": 1.0}
 # the lowest value each can take in any structure: factors must stay above zero, depths and thicknesses not below it
-POSITIVE = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "m_h", "py", "tz", "qw")
+POSITIVE = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "m_h", "py", "tz", "qw", "k_c", "k_f")
 
 
 class TubeEntry(Table):
@@ -30,11 +32,14 @@ class TubeEntry(Table):
     thickness_m: Positive
 
 
-class Site(Table):
+class OnLand(Table):
+    gravity_mps2: Positive
+
+
+class Site(OnLand):
     mudline_m: Number
     water_level_m: Number
     water_density_kgpm3: Positive
-    gravity_mps2: Positive
 
 
 class Steel(Table):
@@ -115,16 +120,65 @@ class TransitionPiece(Table):
     lumped_mass_kg: NotNegative
 
 
-class Station(Table):
+class Section(Table):
+    """A tube's size at a level; between levels it changes linearly."""
+
     z_m: Number
     diameter_m: Positive
     thickness_m: Positive
+
+
+class Station(Section):
     flange_kg: NotNegative
 
 
 class Tower(Table):
     secondary_steel_kgpm: NotNegative
     station: Annotated[tuple[Station, ...], Field(min_length=2)]
+
+
+class Monopile(Table):
+    """A pile driven from its lowest station (the tip) to its highest, above the water."""
+
+    flooded: Annotated[bool, Strict()]
+    station: Annotated[tuple[Section, ...], Field(min_length=2)]
+
+
+class Grout(Table):
+    thickness_m: Positive
+    youngs_modulus_pa: Positive
+    poisson_ratio: Annotated[float, Strict(), Field(gt=-1, lt=0.5)]
+    density_kgpm3: Positive
+
+
+class Flange(Table):
+    bending_stiffness_nmprad: Positive
+    mass_kg: NotNegative
+
+
+class Sleeve(Table):
+    """A monopile's transition piece: a tube from bottom_m to the tower's foot, grouted around the pile's top end or
+    bolted on it."""
+
+    connection: Literal["grouted", "bolted"]
+    bottom_m: Number
+    tube: TubeEntry
+    lumped_mass_kg: NotNegative
+    lumped_mass_m: Number
+    grout: Grout | None = None
+    flange: Flange | None = None
+
+
+class Foundation(Table):
+    """What a tower on land stands on: held, or on springs at its foot."""
+
+    support: Literal["clamped", "springs"]
+    mass_kg: NotNegative = 0.0
+    inertia_kgm2: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    horizontal_npm: Positive | None = None
+    vertical_npm: Positive | None = None
+    rocking_nmprad: Positive | None = None
+    torsion_nmprad: Positive | None = None
 
 
 class Body(Table):
@@ -161,24 +215,31 @@ class ParameterEntry(EffectKeys):
 
 
 class Description(Table):
-    """model.toml of a turbine, checked. Lengths in m, z = 0 at mean sea level, masses in kg, stresses in Pa."""
+    """model.toml of a turbine, checked: what every one has. Lengths in m, z = 0 at mean sea level, masses in kg,
+    stresses in Pa. `stands_on`: its substructure, in words."""
 
     format: Literal[1]
     name: str
-    site: Site
     steel: Steel
     mesh: Mesh
-    jacket: Jacket
-    hydrodynamics: Hydrodynamics
-    corrosion: Corrosion
-    pile: Pile
-    soil: Soil
-    transition_piece: TransitionPiece
     tower: Tower
     rna: Annotated[tuple[Body, ...], Field(min_length=1)]
     sensor: tuple[SensorEntry, ...] = ()
     parameter: Annotated[tuple[ParameterEntry, ...], Field(min_length=1)]
     correlation: dict[str, dict[str, Annotated[float, Strict(), Field(ge=-1, le=1)]]] | None = None
+
+    stands_on: ClassVar[str] = ""
+    # groups of its members, of which mesh.elements_per_member says how finely they are cut
+    groups: ClassVar[tuple[Group, ...]] = ("tower",)
+
+    @property
+    def gravity_mps2(self) -> float:
+        raise NotImplementedError
+
+    @property
+    def own_parameters(self) -> tuple[str, ...]:
+        """Parameters of the whole structure that act in this one."""
+        raise NotImplementedError
 
     @property
     def effects(self) -> tuple[ParameterEntry, ...]:
@@ -187,16 +248,88 @@ class Description(Table):
 
     @property
     def values(self) -> dict[str, float]:
-        """All 17 parameters and the effects at the file's initial values; rows not listed act neutrally."""
+        """All parameters and the effects at the file's initial values; rows not listed act neutrally."""
         # a file without a hub is refused by a check, which comes after others that ask for values
         hub = next((body.mass_kg for body in self.rna if body.name == "hub"), 0.0)
-        neutral = {name: hub if value is None else value for name, value in NEUTRAL.items()}
+        neutral = {name: hub if WHOLE[name] is None else WHOLE[name] for name in self.own_parameters}
         return neutral | {p.name: p.initial for p in self.parameter}
 
 
 def described_sensors(description: Description) -> tuple[Sensor, ...]:
     """The file's own sensors, which a campaign's may replace."""
     return tuple(Sensor(**s.model_dump(exclude={"part"})) for s in description.sensor)
+
+
+class Offshore(Description):
+    """A turbine in the sea, on piles."""
+
+    site: Site
+    hydrodynamics: Hydrodynamics
+    corrosion: Corrosion
+    soil: Soil
+
+    @property
+    def gravity_mps2(self) -> float:
+        return self.site.gravity_mps2
+
+    @property
+    def pile_tip_m(self) -> float:
+        raise NotImplementedError
+
+
+class OnJacket(Offshore):
+    jacket: Jacket
+    pile: Pile
+    transition_piece: TransitionPiece
+
+    stands_on: ClassVar[str] = "jacket"
+    groups: ClassVar[tuple[Group, ...]] = ("leg", "brace", "pile", "column", "strut", "tie", "tower")
+
+    @property
+    def own_parameters(self) -> tuple[str, ...]:
+        return tuple(NEUTRAL)
+
+    @property
+    def pile_tip_m(self) -> float:
+        return self.pile.tip_m
+
+
+class OnMonopile(Offshore):
+    monopile: Monopile
+    transition_piece: Sleeve | None = None
+
+    stands_on: ClassVar[str] = "monopile"
+    groups: ClassVar[tuple[Group, ...]] = ("pile", "column", "tower")
+
+    @property
+    def own_parameters(self) -> tuple[str, ...]:
+        piece = () if self.transition_piece is None else ("k_TP", "k_c")
+        return ("k_t", *piece, "k_p", "sc", "corr", "mg", "a_m", "m_h", "py", "tz", "qw")
+
+    @property
+    def pile_tip_m(self) -> float:
+        return self.monopile.station[0].z_m
+
+
+class OnFoundation(Description):
+    """A tower on land."""
+
+    site: OnLand
+    foundation: Foundation
+
+    stands_on: ClassVar[str] = "foundation"
+
+    @property
+    def gravity_mps2(self) -> float:
+        return self.site.gravity_mps2
+
+    @property
+    def own_parameters(self) -> tuple[str, ...]:
+        return ("k_t", "m_h", *(("k_f",) if self.foundation.support == "springs" else ()))
+
+
+# the table of model.toml that says what the turbine stands on
+SUBSTRUCTURES: dict[str, type[Description]] = {kind.stands_on: kind for kind in (OnJacket, OnMonopile, OnFoundation)}
 
 
 def updated(description: Description, where: str) -> Parameters:

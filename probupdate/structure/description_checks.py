@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from probupdate.structure.description import NEUTRAL, POSITIVE, Description, ParameterEntry
-from probupdate.structure.effect_kinds import GROUPS, KINDS, SETTINGS, Kind, On
+from probupdate.structure.description import (
+    POSITIVE,
+    WHOLE,
+    Description,
+    Offshore,
+    OnFoundation,
+    OnJacket,
+    OnMonopile,
+    ParameterEntry,
+    Section,
+    Sleeve,
+    TubeEntry,
+)
+from probupdate.structure.effect_kinds import KINDS, SETTINGS, Kind, On
 from probupdate.structure.effects import ends, faces
 from probupdate.structure.schema import Mistake, nearest
 
 
 def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
-    yield "jacket.leg", d.jacket.leg.diameter_m, d.jacket.leg.thickness_m
-    for k, bay in enumerate(d.jacket.bay):
-        yield f"jacket.bay[{k + 1}].brace", bay.brace.diameter_m, bay.brace.thickness_m
-    yield "pile", d.pile.diameter_m, d.pile.thickness_m
-    for name in ("column", "strut", "tie"):
-        tube = getattr(d.transition_piece, name)
-        yield f"transition_piece.{name}", tube.diameter_m, tube.thickness_m
+    if isinstance(d, OnJacket):
+        yield "jacket.leg", d.jacket.leg.diameter_m, d.jacket.leg.thickness_m
+        for k, bay in enumerate(d.jacket.bay):
+            yield f"jacket.bay[{k + 1}].brace", bay.brace.diameter_m, bay.brace.thickness_m
+        yield "pile", d.pile.diameter_m, d.pile.thickness_m
+        for name in ("column", "strut", "tie"):
+            tube = getattr(d.transition_piece, name)
+            yield f"transition_piece.{name}", tube.diameter_m, tube.thickness_m
+    if isinstance(d, OnMonopile):
+        for k, section in enumerate(d.monopile.station):
+            yield f"monopile.station[{k + 1}]", section.diameter_m, section.thickness_m
+        if d.transition_piece is not None:
+            yield "transition_piece.tube", d.transition_piece.tube.diameter_m, d.transition_piece.tube.thickness_m
     for k, station in enumerate(d.tower.station):
         yield f"tower.station[{k + 1}]", station.diameter_m, station.thickness_m
 
@@ -41,46 +59,121 @@ RANGES = {
 }
 # undrained shear strength ten metres down, Pa: below it no clay stands
 LEAST_STRENGTH_PA = 1000.0
+# tube, grout and pile of a connection fit into one another within this, m
+GAP_M = 0.02
 
 
 def _check_units(d: Description) -> Iterator[Mistake]:
     for key, (low, high, unit) in RANGES.items():
         table, name = key.split(".")
-        value = getattr(getattr(d, table), name)
-        if not low <= value <= high:
+        value = getattr(getattr(d, table, None), name, None)
+        if value is not None and not low <= value <= high:
             yield key, f"{value:g} is outside {low:g} to {high:g}, what there is", f"give it in {unit}"
-    strength = d.soil.undrained_shear_strength_pa
-    if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
-        yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and "
-               f"{strength.gradient_per_m:g} a metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down",
-               "give Pa, not kPa")
+    if isinstance(d, Offshore):
+        strength = d.soil.undrained_shear_strength_pa
+        if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
+            yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and "
+                   f"{strength.gradient_per_m:g} a metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down",
+                   "give Pa, not kPa")
+
+
+def _in_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mistake]:
+    for low_key, low, high_key, high in rows:
+        if not low < high:
+            yield low_key, f"{low} is not below {high_key} = {high}", "put the levels in order, upwards"
+
+
+def _upwards(key: str, stations) -> Iterator[Mistake]:
+    for k, (a, b) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
+        if not a.z_m < b.z_m:
+            yield f"{key}[{k + 2}].z_m", f"{b.z_m} is not above {a.z_m}", "list the stations upwards"
 
 
 def _check_levels(d: Description) -> Iterator[Mistake]:
+    if isinstance(d, Offshore):
+        tip = "pile.tip_m" if isinstance(d, OnJacket) else "monopile.station[1].z_m"
+        yield from _in_order((
+            (tip, d.pile_tip_m, "site.mudline_m", d.site.mudline_m),
+            ("site.mudline_m", d.site.mudline_m, "site.water_level_m", d.site.water_level_m),
+            ("corrosion.bottom_m", d.corrosion.bottom_m, "corrosion.top_m", d.corrosion.top_m),
+        ))
+    if isinstance(d, OnJacket):
+        yield from _jacket_levels(d)
+    if isinstance(d, OnMonopile):
+        yield from _monopile_levels(d)
+    yield from _upwards("tower.station", d.tower.station)
+
+
+def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
     jacket, tp = d.jacket, d.transition_piece
-    ordered = (
-        ("pile.tip_m", d.pile.tip_m, "site.mudline_m", d.site.mudline_m),
-        ("site.mudline_m", d.site.mudline_m, "site.water_level_m", d.site.water_level_m),
+    yield from _in_order((
         ("jacket.bottom.z_m", jacket.bottom.z_m, "jacket.top.z_m", jacket.top.z_m),
-        ("corrosion.bottom_m", d.corrosion.bottom_m, "corrosion.top_m", d.corrosion.top_m),
         ("transition_piece.column_bottom_m", tp.column_bottom_m, "transition_piece.strut_top_m", tp.strut_top_m),
         ("jacket.top.z_m", jacket.top.z_m, "transition_piece.strut_top_m", tp.strut_top_m),
-    )
-    for low_key, low, high_key, high in ordered:
-        if not low < high:
-            yield low_key, f"{low} is not below {high_key} = {high}", "put the levels in order, upwards"
+    ))
     if not d.site.mudline_m <= jacket.bottom.z_m:
         yield ("jacket.bottom.z_m", f"{jacket.bottom.z_m} is below the mudline {d.site.mudline_m}",
                "let the pile heads stand at or above the mudline")
     if not tp.strut_top_m <= d.tower.station[0].z_m:
         yield ("transition_piece.strut_top_m", f"{tp.strut_top_m} is above the tower's foot {d.tower.station[0].z_m}",
                "end the struts on the column")
-    for k, (a, b) in enumerate(zip(d.tower.station[:-1], d.tower.station[1:], strict=True)):
-        if not a.z_m < b.z_m:
-            yield f"tower.station[{k + 2}].z_m", f"{b.z_m} is not above {a.z_m}", "list the stations upwards"
+
+
+def _monopile_levels(d: OnMonopile) -> Iterator[Mistake]:
+    top, foot, sleeve = d.monopile.station[-1], d.tower.station[0].z_m, d.transition_piece
+    yield from _upwards("monopile.station", d.monopile.station)
+    yield from _in_order((("site.water_level_m", d.site.water_level_m, "monopile's top", top.z_m),))
+    if sleeve is None:
+        if top.z_m != foot:
+            yield ("tower.station[1].z_m", f"{foot} is not the monopile's top, {top.z_m}, and there is no transition "
+                   "piece between", "let the tower begin there, or describe [transition_piece]")
+        return
+    yield from _in_order((("transition_piece.bottom_m", sleeve.bottom_m, "tower.station[1].z_m", foot),
+                          ("monopile's top", top.z_m, "tower.station[1].z_m", foot)))
+    if not sleeve.bottom_m <= sleeve.lumped_mass_m <= foot:
+        yield ("transition_piece.lumped_mass_m", f"{sleeve.lumped_mass_m} is not between {sleeve.bottom_m} and {foot}",
+               "let it be a level of the transition piece")
+    yield from _connection(d, sleeve)
+
+
+def _connection(d: OnMonopile, sleeve: Sleeve) -> Iterator[Mistake]:
+    top = d.monopile.station[-1]
+    kind, own, other = ("grout", sleeve.grout, sleeve.flange) if sleeve.connection == "grouted" else (
+        "flange", sleeve.flange, sleeve.grout)
+    if own is None:
+        yield f"transition_piece.{kind}", f"is missing for a {sleeve.connection} connection", "add it"
+    if other is not None:
+        yield (f"transition_piece.{'flange' if kind == 'grout' else 'grout'}",
+               f"means nothing for a {sleeve.connection} connection", "remove it")
+    if sleeve.connection == "bolted":
+        if sleeve.bottom_m != top.z_m:
+            yield ("transition_piece.bottom_m", f"{sleeve.bottom_m} is not the monopile's top, {top.z_m}",
+                   "a bolted transition piece begins at the flange")
+        return
+    if not d.site.mudline_m < sleeve.bottom_m < top.z_m:
+        yield ("transition_piece.bottom_m", f"{sleeve.bottom_m} leaves no overlap with the monopile, whose top is at "
+               f"{top.z_m}", "a grouted one reaches down over the pile")
+    elif own is not None:
+        inside = sleeve.tube.diameter_m - 2 * sleeve.tube.thickness_m - 2 * sleeve.grout.thickness_m  # type: ignore
+        if abs(inside - top.diameter_m) > GAP_M:
+            yield ("transition_piece.grout.thickness_m", f"inside tube and grout is room for {inside:.3f} m, and the "
+                   f"monopile's top has {top.diameter_m:.3f} m", "let tube, grout and pile fit into one another")
+
+
+def _check_foundation(d: Description) -> Iterator[Mistake]:
+    if not isinstance(d, OnFoundation):
+        return
+    for key in ("horizontal_npm", "vertical_npm", "rocking_nmprad", "torsion_nmprad"):
+        value = getattr(d.foundation, key)
+        if d.foundation.support == "springs" and value is None:
+            yield f"foundation.{key}", "is missing for support on springs", "add it"
+        if d.foundation.support == "clamped" and value is not None:
+            yield f"foundation.{key}", "means nothing for a clamped foot", 'remove it, or set support = "springs"'
 
 
 def _check_bays(d: Description) -> Iterator[Mistake]:
+    if not isinstance(d, OnJacket):
+        return
     low, high = d.jacket.bottom.z_m, d.jacket.top.z_m
     for k, bay in enumerate(d.jacket.bay):
         key = f"jacket.bay[{k + 1}]"
@@ -95,12 +188,16 @@ def _check_bays(d: Description) -> Iterator[Mistake]:
                    "list bays upwards, without overlap")
 
 
+def legs_of(d: Description) -> tuple[str, ...]:
+    return d.jacket.leg_names if isinstance(d, OnJacket) else ()
+
+
 def _check_names(d: Description) -> Iterator[Mistake]:
-    missing = sorted(set(GROUPS) - set(d.mesh.elements_per_member))
+    missing = sorted(set(d.groups) - set(d.mesh.elements_per_member))
     if missing:
         yield "mesh.elements_per_member", f"{', '.join(missing)} missing", "give a number for each group"
     for key, names in (
-        ("jacket.leg_names", list(d.jacket.leg_names)),
+        ("jacket.leg_names", list(legs_of(d))),
         ("rna", [body.name for body in d.rna]),
         ("sensor", [sensor.channel for sensor in d.sensor]),
         ("parameter", [p.name for p in d.parameter]),
@@ -123,11 +220,12 @@ def _check_sensors(d: Description) -> Iterator[Mistake]:
 def _check_parameters(d: Description) -> Iterator[Mistake]:
     for k, p in enumerate(d.parameter):
         key = f"parameter[{k + 1}] {p.name}"
-        if p.kind is None and p.name not in NEUTRAL:
-            yield (key, f"'{p.name}' is not a parameter of this model",
-                   nearest(p.name, NEUTRAL) + " (an effect at a place needs a kind)")
+        if p.kind is None and p.name not in d.own_parameters:
+            which = f"this model, which stands on a {d.stands_on}" if p.name in WHOLE else "this model"
+            yield (key, f"'{p.name}' is not a parameter of {which}",
+                   nearest(p.name, d.own_parameters) + " (an effect at a place needs a kind)")
             continue
-        if p.kind is not None and p.name in NEUTRAL:
+        if p.kind is not None and p.name in WHOLE:
             yield f"{key}.kind", f"'{p.name}' is a parameter of the whole structure", "give the effect another name"
             continue
         if p.kind is None and (p.on.given or any(getattr(p, name) is not None for name in SETTINGS)):
@@ -157,24 +255,39 @@ def _check_lowest(p: ParameterEntry, key: str) -> Iterator[Mistake]:
             yield f"{key}.{name}", f"{value} makes no structure: it must be {lowest} 0", "raise it"
 
 
+def _worn(d: Offshore) -> Iterator[tuple[str, str, str, TubeEntry | Section]]:
+    """Names of the factors on diameter and wall ("" without), key and size of the tubes that corr thins."""
+    if isinstance(d, OnJacket):
+        yield "D_l", "t_l", "jacket.leg", d.jacket.leg
+        for k, bay in enumerate(d.jacket.bay):
+            yield "D_b", "t_b", f"jacket.bay[{k + 1}].brace", bay.brace
+    if isinstance(d, OnMonopile):
+        for k, section in enumerate(d.monopile.station):
+            if section.z_m > d.site.mudline_m:
+                yield "", "", f"monopile.station[{k + 1}]", section
+        if d.transition_piece is not None:
+            yield "", "", "transition_piece.tube", d.transition_piece.tube
+
+
 def _check_section_range(d: Description) -> Iterator[Mistake]:
-    """Walls of legs and braces at the ends of the updated parameters' bounds; the pile below the deepest scour."""
+    """Walls of what corrodes at the ends of the updated parameters' bounds; the pile below the deepest scour."""
+    if not isinstance(d, Offshore):
+        return
     low, high = d.values, d.values
     for p in d.parameter:
         if p.update:
             low[p.name], high[p.name] = p.lower, p.upper
-    walls = [("D_l", "t_l", "jacket.leg", d.jacket.leg)]
-    walls += [("D_b", "t_b", f"jacket.bay[{k + 1}].brace", bay.brace) for k, bay in enumerate(d.jacket.bay)]
-    for diameter_name, wall_name, key, tube in walls:
-        thinnest = tube.thickness_m * low[wall_name] - high["corr"]
+    for diameter_name, wall_name, key, tube in _worn(d):
+        thinnest = tube.thickness_m * low.get(wall_name, 1.0) - high["corr"]
         if thinnest <= 0:
-            yield (key, f"{wall_name} and corr at their bounds leave a wall of {1000 * thinnest:.1f} mm",
-                   f"raise the lower bound of {wall_name} or lower the upper bound of corr")
-        bore = tube.diameter_m * low[diameter_name] - 2 * tube.thickness_m * high[wall_name]
+            yield ((key, f"{wall_name} and corr at their bounds leave a wall of {1000 * thinnest:.1f} mm",
+                    f"raise the lower bound of {wall_name} or lower the upper bound of corr") if wall_name else
+                   (key, f"corr at its upper bound leaves a wall of {1000 * thinnest:.1f} mm", "lower that bound"))
+        bore = tube.diameter_m * low.get(diameter_name, 1.0) - 2 * tube.thickness_m * high.get(wall_name, 1.0)
         if bore <= 0:
             yield (key, f"{diameter_name} and {wall_name} at their bounds close the bore",
                    f"lower the upper bound of {wall_name}")
-    if high["sc"] >= d.site.mudline_m - d.pile.tip_m:
+    if high["sc"] >= d.site.mudline_m - d.pile_tip_m:
         yield "parameter sc", f"scour of {high['sc']} m lays the pile tip bare", "lower its upper bound"
 
 
@@ -186,6 +299,8 @@ def check_effect(p, key: str, d: Description) -> Iterator[Mistake]:
     kind = KINDS[p.kind]
     yield from _check_settings(p, key, kind)
     yield from _check_on(p.on, f"{key}.on", p.kind, d)
+    if p.kind in ("scour", "soil", "water_level", "growth") and not isinstance(d, Offshore):
+        yield f"{key}.kind", f"'{p.kind}' means nothing on land", "remove it"
     if p.kind in ("mass", "inertia") and not p.on.given:
         yield f"{key}.on", "says nothing", "name a body" + (" or members" if p.kind == "mass" else "")
     if p.on.body is not None and set(p.on.given) != {"body"}:
@@ -224,13 +339,16 @@ def _check_on(on: On, key: str, name: str, d: Description) -> Iterator[Mistake]:
             yield f"{key}.{part}", f"means nothing for the kind '{name}'", "remove it"
     if on.group is not None and on.group not in kind.groups:
         yield f"{key}.group", f"the kind '{name}' does not act on '{on.group}'", nearest(on.group, kind.groups)
-    known = {"leg": d.jacket.leg_names, "face": faces(d), "body": [body.name for body in d.rna]}
+    known = {"leg": legs_of(d), "face": faces(d), "body": [body.name for body in d.rna]}
     for part, names in known.items():
         value = getattr(on, part)
         if value is not None and value not in names:
-            yield f"{key}.{part}", f"'{value}' is not in this structure", nearest(value, names)
-    if on.bay is not None and on.bay > len(d.jacket.bay):
-        yield f"{key}.bay", f"there is no bay {on.bay}", f"count from the lowest, 1 to {len(d.jacket.bay)}"
+            yield (f"{key}.{part}", f"'{value}' is not in this structure",
+                   nearest(value, names) if names else f"a {d.stands_on} has none: remove it")
+    bays = len(d.jacket.bay) if isinstance(d, OnJacket) else 0
+    if on.bay is not None and on.bay > bays:
+        yield (f"{key}.bay", f"there is no bay {on.bay}",
+               f"count from the lowest, 1 to {bays}" if bays else f"a {d.stands_on} has none: remove it")
     if on.level_m is not None and not on.level_m[0] < on.level_m[1]:
         yield f"{key}.level_m", f"{on.level_m[0]} is not below {on.level_m[1]}", "give the lower end first"
 
@@ -260,12 +378,13 @@ def check_sums(d: Description) -> Iterator[Mistake]:
     """
     rows = {p.name: ends(p) for p in d.parameter}
     scour = [p for p in d.parameter if p.kind == "scour"]
-    for leg in d.jacket.leg_names if scour else ():
+    for leg in (legs_of(d) or ("",)) if scour and isinstance(d, Offshore) else ():
         low, high = (rows.get("sc", (0.0, 0.0))[k] + sum(ends(p)[k] for p in scour if p.on.leg in (None, leg))
                      for k in (0, 1))
-        if low < 0 or high >= d.site.mudline_m - d.pile.tip_m:
+        if low < 0 or high >= d.site.mudline_m - d.pile_tip_m:
             depth, problem = (low, "is none") if low < 0 else (high, "lays the pile tip bare")
-            yield (f"parameter {scour[0].name}", f"with sc, scour of {depth:g} m at leg {leg} {problem}",
+            where = f" at leg {leg}" if leg else ""
+            yield (f"parameter {scour[0].name}", f"with sc, scour of {depth:g} m{where} {problem}",
                    f"{'raise the lower' if low < 0 else 'lower the upper'} bounds")
             return
     for name, kind in (("mg", "growth"), ("corr", "corrosion")):
@@ -277,6 +396,7 @@ def check_sums(d: Description) -> Iterator[Mistake]:
 
 
 CHECKS: tuple[Callable[[Description], Iterator[Mistake]], ...] = (
-    _check_walls, _check_units, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters,
+    _check_walls, _check_units, _check_levels, _check_foundation, _check_bays, _check_names, _check_sensors,
+    _check_parameters,
     _check_section_range, check_sums,
 )

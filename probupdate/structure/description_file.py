@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import get_args
 
@@ -9,7 +10,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from probupdate.errors import InputError
-from probupdate.structure.description import Description
+from probupdate.structure.description import SUBSTRUCTURES, Description
 from probupdate.structure.description_checks import CHECKS
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.schema import Mistake, Table, nearest
@@ -25,14 +26,31 @@ def parse_description(raw: dict, where: str) -> Description:
     if raw and raw.keys() <= {"parameter", "correlation"}:
         raise InputError(where, "states parameters and no model",
                          "give the model that they are of (the model.npz beside it, or a model.toml)")
+    kind = _kind(raw, where)
     try:
-        description = Description.model_validate(raw)
+        description = kind.model_validate(raw)
     except ValidationError as error:
-        raise _first([_translate(e) for e in error.errors()], where) from None
+        raise _first([_translate(e, kind) for e in error.errors()], where) from None
     mistakes = [m for check in CHECKS for m in check(description)]
     if mistakes:
         raise _first(mistakes, where)
     return description
+
+
+def _kind(raw: dict, where: str) -> type[Description]:
+    """Which tables the file has, by what the turbine stands on."""
+    found = [name for name in SUBSTRUCTURES if name in raw]
+    tables = ", ".join(f"[{name}]" for name in SUBSTRUCTURES)
+    if len(found) > 1:
+        raise InputError(f"{where}: {found[1]}", f"stands beside [{found[0]}]", "keep one: a turbine stands on one of "
+                         f"{tables}")
+    if not found:
+        close = [name for key in raw for name in difflib.get_close_matches(key, SUBSTRUCTURES, n=1, cutoff=0.7)]
+        # only a jacket stands on several piles, which have a table of their own
+        missing = close[0] if close else "jacket" if "pile" in raw else "jacket, monopile or foundation"
+        raise InputError(f"{where}: {missing}", "is missing",
+                         f"add it: what the turbine stands on, one of {tables} ('probupdate template' writes each)")
+    return SUBSTRUCTURES[found[0]]
 
 
 def _first(mistakes: list[Mistake], where: str) -> InputError:
@@ -43,9 +61,9 @@ def _first(mistakes: list[Mistake], where: str) -> InputError:
     return InputError(f"{where}: {key}" if key else where, problem, remedy + more)
 
 
-def _known_keys(location: tuple) -> set[str]:
-    """The keys the schema allows in the table that `location` lies in."""
-    model = Description
+def _known_keys(location: tuple, kind: type[Table]) -> set[str]:
+    """The keys the schema of `kind` allows in the table that `location` lies in."""
+    model = kind
     for step in location[:-1]:
         if isinstance(step, int):
             continue
@@ -63,14 +81,14 @@ def _tables(annotation) -> list[type[Table]]:
     return [table for argument in get_args(annotation) for table in _tables(argument)]
 
 
-def _translate(error: ErrorDetails) -> Mistake:
+def _translate(error: ErrorDetails, of: type[Table]) -> Mistake:
     location = tuple(step for step in error["loc"] if step != "[key]")
     key = ""
     for step in location:
         key += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if key else str(step)
     kind, value = error["type"], error["input"]
     if kind == "extra_forbidden":
-        return key, "is not a key of this file", nearest(str(location[-1]), _known_keys(location))
+        return key, "is not a key of this file", nearest(str(location[-1]), _known_keys(location, of))
     if kind == "missing":
         return key, "is missing", "add it"
     if kind == "finite_number":

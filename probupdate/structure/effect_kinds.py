@@ -18,7 +18,7 @@ from pydantic import Field, Strict
 from probupdate.structure.schema import Number, Positive, Table
 
 GROUPS = ("leg", "brace", "pile", "column", "strut", "tie", "tower")
-WET_GROUPS = ("leg", "brace", "pile")
+WET_GROUPS = ("leg", "brace", "pile", "column")
 MEMBER_KEYS = ("group", "leg", "face", "bay", "part", "level_m")
 
 
@@ -89,9 +89,11 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
                 "Timoshenko's theory says, where mesh.theory is \"bernoulli-euler\")",
     ),
     "joint": Kind(
-        neutral=1.0, unit="-", lowest=0.0, keys=("leg", "face", "bay", "part"), groups=("brace",), may=("motion",),
+        neutral=1.0, unit="-", lowest=0.0, keys=("leg", "face", "bay", "part"), groups=("brace", "column"),
+        may=("motion",),
         motions=("all", "axial", "in plane", "out of plane"),
-        meaning="factor on the stiffness of brace-to-leg joints, 0 for an end that is released",
+        meaning="factor on the stiffness of brace-to-leg joints, 0 for an end that is released; of a monopile, on that "
+                "of its connection (part = \"transition piece\"), on land on the springs of the \"foundation\"",
     ),
     "hinge": Kind(
         neutral=0.0, unit="rad/(GN m)", lowest=0.0, keys=("group", "leg", "part"), groups=GROUPS, needs=("at_m",),
@@ -122,7 +124,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
         meaning="factor on the added mass of the surrounding water",
     ),
     "flooding": Kind(
-        neutral=0.0, unit="-", lowest=-1.0, keys=MEMBER_KEYS, groups=("leg", "brace"),
+        neutral=0.0, unit="-", lowest=-1.0, keys=MEMBER_KEYS, groups=("leg", "brace", "pile"),
         meaning="share of the submerged bore that holds water, beyond what the file says (-1: a flooded one is dry)",
     ),
     "mass": Kind(

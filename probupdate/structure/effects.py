@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, OnJacket
 from probupdate.structure.effect_kinds import KINDS
 
 # a node stands at the level of a connection within this
@@ -24,9 +24,11 @@ class Place:
 
 
 def faces(d: Description) -> dict[str, str]:
-    """Either order of a face's two legs -> its name, in the order of the legs."""
+    """Either order of a face's two legs -> its name, in the order of the legs; of a jacket only."""
+    found: dict[str, str] = {}
+    if not isinstance(d, OnJacket):
+        return found
     names = d.jacket.leg_names
-    found = {}
     for first, second in zip(names, (*names[1:], names[0]), strict=True):
         found |= {first + second: first + second, second + first: first + second}
     return found
@@ -34,7 +36,8 @@ def faces(d: Description) -> dict[str, str]:
 
 def bay_at(d: Description, z_m: float) -> int | None:
     """The number of the bay that reaches over a level, None between and beyond them."""
-    return next((k for k, bay in enumerate(d.jacket.bay, 1) if bay.bottom_m < z_m < bay.top_m), None)
+    bays = d.jacket.bay if isinstance(d, OnJacket) else ()
+    return next((k for k, bay in enumerate(bays, 1) if bay.bottom_m < z_m < bay.top_m), None)
 
 
 class Effects:

@@ -44,10 +44,12 @@ class LineMass:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LineSpring:
-    """Winkler springs along a beam as moments of their density: lateral (7 coefficients), axial (3)."""
+    """Winkler springs along a beam as moments of their density: lateral (7 coefficients), axial (3), and where it is
+    held against spinning about its axis too, torsional (3)."""
 
     lateral: tuple[Coefficient, ...]
     axial: tuple[Coefficient, ...]
+    torsional: tuple[Coefficient, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -51,7 +51,7 @@ def loosen(mesh) -> None:
 
 
 def prestress(d: Description, effects: Effects, hub: int, along: np.ndarray) -> tuple[Prestress, ...]:
-    weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.site.gravity_mps2)
+    weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.gravity_mps2)
                for p in effects.on_all("weight")]
     thrusts = [Prestress(coefficient=parameter(p.name), node=hub, force_n=along) for p in effects.on_all("thrust")]
     return (*weights, *thrusts)

@@ -20,7 +20,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.assembly import assemble
 from probupdate.structure.channels import Move, channel_rows
-from probupdate.structure.description import NEUTRAL, Description, described_sensors
+from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.description import updated as updated_of
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import EffectKeys
@@ -220,7 +220,7 @@ def turbine_model(
     """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m. `frame`:
     `build_frame` of this description and heading, where it has been built already."""
     parameters = updated_of(description, where) if parameters is None else parameters
-    known = {*NEUTRAL, *(p.name for p in description.effects)}
+    known = {*description.own_parameters, *(p.name for p in description.effects)}
     for name in parameters.names:
         if name not in known:
             raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, known))
@@ -233,7 +233,7 @@ def turbine_model(
     mesh = description.mesh
     assembled = assemble(
         frame, updated=parameters.names, values=values, theory=mesh.theory,
-        gravity_mps2=description.site.gravity_mps2 if mesh.geometric_stiffness else None,
+        gravity_mps2=description.gravity_mps2 if mesh.geometric_stiffness else None,
     )
     chosen = tuple(sensors) if sensors is not None else _own_sensors(description)
     rows, moved = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where,
@@ -253,7 +253,8 @@ def turbine_model(
         hash_key=_hash(description, values, chosen, nacelle_angle_deg),
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
-        derived=pile_head_stiffness(frame, updated=parameters.names, values=values, theory=mesh.theory),
+        derived={} if frame.pile_head is None else pile_head_stiffness(
+            frame, updated=parameters.names, values=values, theory=mesh.theory),
         moved=tuple(m.on(assembled.transform) for m in moved),
         places=dof_places(frame.node_m, assembled.transform),
     )
@@ -287,7 +288,7 @@ def _felt(
             reverse.append((parameters.index(p.name), frozen_array(own)))
         else:
             share = share + values[p.name] * own * (1 - 2 * share)
-    return FeltGravity(mps2=description.site.gravity_mps2, share=frozen_array(share), reversed_by=tuple(reverse),
+    return FeltGravity(mps2=description.gravity_mps2, share=frozen_array(share), reversed_by=tuple(reverse),
                        known=frozen_array(np.ones(len(sensors)), bool))
 
 

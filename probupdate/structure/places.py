@@ -1,4 +1,4 @@
-"""Where a point of a turbine is, in words: leg, face and bay, transition piece, tower."""
+"""Where a point of a turbine is, in words: leg, face and bay, monopile, transition piece, tower."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, OnJacket, OnMonopile
 from probupdate.structure.effects import bay_at
-from probupdate.structure.turbine_frame import leg_point
+from probupdate.structure.jacket_frame import leg_point
 
 # a point within this share of the legs' spacing of a leg's axis is on it, and so for the axis of the tower
 NEAR = 0.15
@@ -29,23 +29,42 @@ def coordinates(point: np.ndarray, digits: int) -> str:
 
 
 def place_of(d: Description, point: np.ndarray) -> str:
-    """"leg A, z = -3.0 m", "face AB, bay 2", "tower, z = 42.0 m"; empty where none of these is near. point (3,) in
-    m."""
+    """"leg A, z = -3.0 m", "face AB, bay 2", "monopile, z = 2.0 m", "tower, z = 42.0 m"; empty where none of these is
+    near. point (3,) in m."""
     x, y, z = (float(v) for v in point)
-    extent = max(station.z_m for station in d.tower.station) - d.jacket.bottom.z_m
-    level = f"z = {z:.{decimals(SAME_PLACE * extent)}f} m"
-    if d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
-        legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])
-        near = NEAR * float(np.linalg.norm(legs[0] - legs[1]))
-        away = np.linalg.norm(legs[:, :2] - [x, y], axis=1)
-        if away.min() < near:
-            return f"leg {d.jacket.leg_names[int(np.argmin(away))]}, {level}"
-        bay = bay_at(d, z)
-        for (a, first), (b, second) in pairwise([*enumerate(legs), (0, legs[0])]):
-            way = (second - first)[:2]
-            off = np.array([x, y]) - first[:2]
-            if bay is not None and abs(way[0] * off[1] - way[1] * off[0]) / np.linalg.norm(way) < near:
-                return f"face {d.jacket.leg_names[a]}{d.jacket.leg_names[b]}, bay {bay}"
-    if np.hypot(x, y) < NEAR * d.jacket.top.leg_spacing_m:
-        return f"{'tower' if z >= d.tower.station[0].z_m else 'transition piece'}, {level}"
+    extent = max(station.z_m for station in d.tower.station) - _lowest_m(d)
+    level, wide = f"z = {z:.{decimals(SAME_PLACE * extent)}f} m", d.tower.station[0].diameter_m
+    if isinstance(d, OnJacket):
+        if found := _of_jacket(d, x, y, z, level):
+            return found
+        wide = NEAR * d.jacket.top.leg_spacing_m
+    if np.hypot(x, y) >= wide:
+        return ""
+    if z >= d.tower.station[0].z_m:
+        return f"tower, {level}"
+    on_pile = isinstance(d, OnMonopile) and (d.transition_piece is None or z < d.transition_piece.bottom_m)
+    return f"{'monopile' if on_pile else 'transition piece'}, {level}"
+
+
+def _lowest_m(d: Description) -> float:
+    """Of what stands above the ground."""
+    if isinstance(d, OnJacket):
+        return d.jacket.bottom.z_m
+    return d.site.mudline_m if isinstance(d, OnMonopile) else d.tower.station[0].z_m
+
+
+def _of_jacket(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
+    if not d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
+        return ""
+    legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])
+    near = NEAR * float(np.linalg.norm(legs[0] - legs[1]))
+    away = np.linalg.norm(legs[:, :2] - [x, y], axis=1)
+    if away.min() < near:
+        return f"leg {d.jacket.leg_names[int(np.argmin(away))]}, {level}"
+    bay = bay_at(d, z)
+    for (a, first), (b, second) in pairwise([*enumerate(legs), (0, legs[0])]):
+        way = (second - first)[:2]
+        off = np.array([x, y]) - first[:2]
+        if bay is not None and abs(way[0] * off[1] - way[1] * off[0]) / np.linalg.norm(way) < near:
+            return f"face {d.jacket.leg_names[a]}{d.jacket.leg_names[b]}, bay {bay}"
     return ""

@@ -36,14 +36,14 @@ def lesser(a, b):
     return np.where(np.real(a) <= np.real(b), a, b)
 
 
-def ultimate_lateral(clay: Clay, diameter_m: float, depth, scour=0.0):
+def ultimate_lateral(clay: Clay, diameter_m, depth, scour=0.0):
     """p_u in N per metre of pile: min(3 s_u + g' z + J s_u z / D, 9 s_u) D (Matlock 1970; API RP 2GEO)."""
     strength, z = clay.strength(depth), depth - scour
     wedge = 3 * strength + clay.submerged_unit_weight_npm3 * z + clay.matlock_j * strength * z / diameter_m
     return lesser(wedge, 9 * strength) * diameter_m
 
 
-def reference_deflection(clay: Clay, diameter_m: float) -> float:
+def reference_deflection(clay: Clay, diameter_m):
     """y_c = 2.5 epsilon_50 D."""
     return 2.5 * clay.strain_50 * diameter_m
 
@@ -54,7 +54,7 @@ def transition_depth(clay: Clay, diameter_m: float, strength: float) -> float:
     return max(6 * d / (g * d / strength + clay.matlock_j), 2.5 * d)
 
 
-def lateral_stiffness(clay: Clay, diameter_m: float, depth, scour=0.0):
+def lateral_stiffness(clay: Clay, diameter_m, depth, scour=0.0):
     """Initial k in N/m per metre of pile: the secant to the first tabulated point, 2.3 p_u / y_c.
 
     The cube-root curve itself starts with an infinite slope. `depth` counts from the original mudline; general
@@ -101,12 +101,12 @@ def between(value, low: float, high: float):
 class PileSprings:
     """Winkler springs of a vertical pile as moments of their density over each element, for scour (...).
 
-    top_depth_m (n_element,): depth of each element's upper end below the original mudline, negative above it;
-    length_m (n_element,). xi = 0 at the upper end. Each is a picklable function of the scour depth.
+    diameter_m (n_element,); top_depth_m (n_element,): depth of each element's upper end below the original mudline,
+    negative above it; length_m (n_element,). xi = 0 at the upper end. Each is a picklable function of the scour depth.
     """
 
     clay: Clay
-    diameter_m: float
+    diameter_m: tuple[float, ...]
     top_depth_m: tuple[float, ...]
     length_m: tuple[float, ...]
 
@@ -139,7 +139,8 @@ class PileSprings:
 
     def lateral_moments(self, scour):
         """(..., n_element, 7): int k_y xi^m dx in N/m."""
-        return self._moments(lambda z, sc: lateral_stiffness(self.clay, self.diameter_m, z, sc), scour, 7)
+        diameter = np.array(self.diameter_m)[:, None]
+        return self._moments(lambda z, sc: lateral_stiffness(self.clay, diameter, z, sc), scour, 7)
 
     def axial_moments(self, scour):
         """(..., n_element, 3): int k_z xi^m dx in N/m."""

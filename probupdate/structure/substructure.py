@@ -63,7 +63,7 @@ def turbine_substructure(d: Description) -> Substructure:
     nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
     frame, where = build_frame(d), d.name
     above, foot = _split(frame, where)
-    gravity = d.site.gravity_mps2 if d.mesh.geometric_stiffness else None
+    gravity = d.gravity_mps2 if d.mesh.geometric_stiffness else None
     K, M, motion = supporting_matrices(frame, d.values, ~above, theory=d.mesh.theory, gravity_mps2=gravity)
     below = np.flatnonzero(~above)
     return Substructure(

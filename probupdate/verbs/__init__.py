@@ -6,6 +6,7 @@ from probupdate.verbs.identifying import identify, identify_setups, identify_sha
 from probupdate.verbs.models import model_modes, model_path, open_model
 from probupdate.verbs.records import check, check_setups, convert
 from probupdate.verbs.sought import modes_of_interest
+from probupdate.verbs.templates import template
 from probupdate.virtual.simulation import simulate
 
 __all__ = [
@@ -36,6 +37,8 @@ __all__ = [
     "sets",
     "simulate",
     "sought",
+    "template",
+    "templates",
     "unmatched",
     "update",
 ]

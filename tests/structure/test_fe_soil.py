@@ -10,8 +10,9 @@ from probupdate.structure.assembly import assemble
 from probupdate.structure.coefficient import Coefficient
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.frame import Beam, Frame, LineSpring, NodeSpring
+from probupdate.structure.local_functions import PileMoments
 from probupdate.structure.pile_head import head_stiffness, pile_head_stiffness
-from probupdate.structure.turbine_frame import PileMoments, build_frame
+from probupdate.structure.turbine_frame import build_frame
 
 CLAY = soil.Clay(submerged_unit_weight_npm3=9e3, strength_at_mudline_pa=60e3, strength_gradient_papm=0.0,
                  strain_50=0.01, matlock_j=0.5)
@@ -74,7 +75,8 @@ def test_scour_takes_overburden_but_not_strength():
 
 @pytest.mark.parametrize("scour", [0.0, 0.8, 3.1])
 def test_moments_of_the_springs_by_a_second_quadrature(scour):
-    springs = soil.PileSprings(clay=STIFFENING, diameter_m=2.5, top_depth_m=(-1.0, 0.0, 2.0), length_m=(1.0, 2.0, 3.0))
+    springs = soil.PileSprings(clay=STIFFENING, diameter_m=(2.5,) * 3, top_depth_m=(-1.0, 0.0, 2.0),
+                               length_m=(1.0, 2.0, 3.0))
     lateral, axial = springs.lateral_moments(np.array(scour)), springs.axial_moments(np.array(scour))
     exposed = springs.exposed_moments(np.array(scour))
     for k, (top, length) in enumerate(zip(springs.top_depth_m, springs.length_m, strict=True)):
@@ -104,7 +106,8 @@ def test_moments_of_the_springs_by_a_second_quadrature(scour):
 def test_springs_differentiate_by_complex_step(validation):
     row = validation(what="soil springs' derivatives", reference="differences against complex step",
                      why="the differences' rounding, of the largest")
-    springs = soil.PileSprings(clay=STIFFENING, diameter_m=2.5, top_depth_m=(-1.0, 0.0, 2.0), length_m=(1.0, 2.0, 3.0))
+    springs = soil.PileSprings(clay=STIFFENING, diameter_m=(2.5,) * 3, top_depth_m=(-1.0, 0.0, 2.0),
+                               length_m=(1.0, 2.0, 3.0))
     for name in ("lateral_moments", "axial_moments", "exposed_moments"):
         moments = getattr(springs, name)
         step = np.imag(moments(np.array(0.8 + 1e-30j))) / 1e-30
@@ -207,7 +210,7 @@ def test_soil_factors_divide_the_pile_head_stiffness(raw):
 
 
 def test_pile_moments_come_flat_and_in_the_elements_order():
-    springs = soil.PileSprings(clay=CLAY, diameter_m=2.5, top_depth_m=(0.0, 2.0), length_m=(2.0, 3.0))
+    springs = soil.PileSprings(clay=CLAY, diameter_m=(2.5,) * 2, top_depth_m=(0.0, 2.0), length_m=(2.0, 3.0))
     flat = PileMoments(springs=springs, kind="axial_moments")({"sc": 0.5})
     assert flat == pytest.approx(springs.axial_moments(np.array(0.5)).ravel(), rel=1e-15)
     many = PileMoments(springs=springs, kind="axial_moments")({"sc": np.array([0.5, 1.0])})

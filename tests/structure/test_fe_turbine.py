@@ -13,8 +13,9 @@ from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attach
 from probupdate.structure.description import NEUTRAL
 from probupdate.structure.description_file import parse_description
+from probupdate.structure.jacket_frame import leg_point
 from probupdate.structure.load import turbine_model
-from probupdate.structure.turbine_frame import build_frame, leg_point
+from probupdate.structure.turbine_frame import build_frame
 
 STIFFNESS_NAMES = ("k_j", "k_t", "k_TP", "k_p")
 SOIL_NAMES = ("py", "tz", "qw")
