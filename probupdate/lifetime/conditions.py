@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from pydantic import Field, Strict, ValidationError
@@ -19,20 +19,32 @@ from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
 from probupdate.structure.schema import NotNegative, Number, Positive, Table, nearest
 
+
+def at_most(limit: float, why: str, above: float | None = None, least: float | None = None):
+    """A number up to a limit, and above or from another, that physics or the unit sets; `why` is said where one is
+    not."""
+    return Annotated[float, Strict(), Field(le=limit, gt=above, ge=least, description=why)]
+
+
+# log10 of the cycles at a range of 100 MPa: standards lie between 4.9 and 8
+LEAST_LOG_N, MOST_LOG_N = 3.0, 11.0
+METRES = "a length in metres"
+STRESS_FACTOR = "a stress concentration factor"
+SHARE = "a share, not per cent"
 # annual, of a detail with large consequence of failure and moderate cost of safety; the default, and said
 TARGET = 3.3
 
 
 class Water(Table):
-    inertia_coefficient: Positive
-    drag_coefficient: NotNegative
+    inertia_coefficient: at_most(4.0, "C_M of a cylinder is 1 to 2", above=0)
+    drag_coefficient: at_most(4.0, "C_D of a cylinder is 0.6 to 1.2", least=0)
 
 
 class Wind(Table):
-    air_density_kgpm3: Positive
-    rotor_diameter_m: Positive
+    air_density_kgpm3: at_most(2.0, "air has about 1.2 kg/m3", above=0)
+    rotor_diameter_m: at_most(400.0, METRES, above=0)
     # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
-    integral_length_m: Positive
+    integral_length_m: at_most(3000.0, METRES, above=0)
 
 
 class Damping(Table):
@@ -42,48 +54,48 @@ class Damping(Table):
 
 
 class Life(Table):
-    age_years: NotNegative
+    age_years: at_most(200.0, "an age in years", least=0)
     years: Annotated[int, Strict(), Field(ge=1, le=200)]
-    reference_cycles: Positive
+    reference_cycles: at_most(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1)
 
 
 class Direction(Table):
     """Where wind and waves go, counter-clockwise from the model's x axis."""
 
-    heading_deg: Number
-    share: Positive
+    heading_deg: at_most(360.0, "an angle in degrees", least=-360)
+    share: at_most(1.0, SHARE, above=0)
 
 
 class State(Table):
     name: str
-    share: Positive
+    share: at_most(1.0, SHARE, above=0)
     operating: Annotated[bool, Strict()]
-    hs_m: Positive
-    tp_s: Positive
+    hs_m: at_most(25.0, "a significant wave height in metres; the highest measured are below 20", above=0)
+    tp_s: at_most(30.0, "a peak period in seconds", above=0)
     gamma: Annotated[float, Strict(), Field(ge=1, le=7)]
-    wind_mps: Positive
-    turbulence: NotNegative
+    wind_mps: at_most(75.0, "a mean wind speed in m/s", above=0)
+    turbulence: at_most(1.0, SHARE, least=0)
     # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
-    thrust_coefficient: NotNegative
+    thrust_coefficient: at_most(3.0, "of the rotor's area", least=0)
     # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
     thrust_spectrum: str | None = None
 
 
 class Law(Table):
     log10_a1: Positive
-    m1: Positive
+    m1: at_most(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)
     log10_a2: Positive
-    m2: Positive
+    m2: at_most(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)
     # S times (t / t_ref)^k for walls above t_ref
-    reference_thickness_m: Positive
-    thickness_exponent: NotNegative
+    reference_thickness_m: at_most(0.3, "a wall in metres, such as 0.025", above=0)
+    thickness_exponent: at_most(1.0, "0 to 0.3 in standards", least=0)
 
 
 class Factors(Table):
-    axial_crown: Positive
-    axial_saddle: Positive
-    in_plane: Positive
-    out_of_plane: Positive
+    axial_crown: at_most(100.0, STRESS_FACTOR, above=0)
+    axial_saddle: at_most(100.0, STRESS_FACTOR, above=0)
+    in_plane: at_most(100.0, STRESS_FACTOR, above=0)
+    out_of_plane: at_most(100.0, STRESS_FACTOR, above=0)
 
 
 class Efthymiou(Table):
@@ -142,25 +154,33 @@ class Girth(Table):
     """A weld round a member at a level, nominal stress times one factor."""
 
     part: str
-    z_m: Number
-    factor: Positive
+    z_m: at_most(1000.0, METRES, least=-1000)
+    factor: at_most(100.0, STRESS_FACTOR, above=0)
     curve: str
 
 
 class Lognormal(Table):
-    median: Positive
-    cov: NotNegative
+    median: at_most(100.0, "a factor near 1", above=0)
+    cov: at_most(3.0, SHARE, least=0)
 
 
 class Uncertainty(Table):
     x_load: Lognormal
     x_scf: Lognormal
     miner: Lognormal
-    log10_a_std: NotNegative
+    log10_a_std: at_most(2.0, "of log10 N, 0.2 in standards", least=0)
+
+
+class Inspection(Table):
+    """An inspection that found no crack: at that age Miner's sum was below `detectable_share` of what it is at
+    failure, where a crack would have been seen."""
+
+    age_years: at_most(200.0, "an age in years", above=0)
+    detectable_share: at_most(1.0, SHARE, above=0)
 
 
 class Target(Table):
-    annual_index: Positive = TARGET
+    annual_index: at_most(8.0, "a reliability index", above=0) = TARGET
 
 
 class Conditions(Table):
@@ -180,6 +200,7 @@ class Conditions(Table):
     site: Site | None = None
     uncertainty: Uncertainty
     target: Target = Target()
+    inspection: Inspection | None = None
 
     def law(self, name: str) -> Curve:
         own = self.curve[name]
@@ -202,17 +223,34 @@ def read_conditions(path: str | Path) -> Conditions:
             raise InputError(
                 f"{path}: {key}", "is not a key of this file", nearest(str(first["loc"][-1]), _keys(Conditions))
             ) from None
-        raise InputError(
-            f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}", "correct it"
-        ) from None
+        raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}",
+                         _meaning(first["loc"]) or "correct it") from None
     for key, problem, remedy in _mistakes(conditions, path):
         raise InputError(f"{path}: {key}", problem, remedy)
     return conditions
 
 
+def _meaning(place: tuple) -> str:
+    """What a key of the file is, where its table says so."""
+    table = Conditions
+    for part in place:
+        if isinstance(part, int) or (isinstance(table, type) and part not in table.model_fields):
+            continue
+        field = table.model_fields[part]
+        if field.description:
+            return f"give {field.description}"
+        inner = [t for t in (field.annotation, *get_args(field.annotation),
+                             *(a for t in get_args(field.annotation) for a in get_args(t)))
+                 if isinstance(t, type) and issubclass(t, Table)]
+        if not inner:
+            return ""
+        table = inner[0]
+    return ""
+
+
 def _keys(table) -> set[str]:
     kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Efthymiou, Joint, MemberEnd, Site, Girth,
-             Lognormal, Uncertainty, Target)
+             Lognormal, Uncertainty, Target, Inspection)
     return {name for kind in (table, *kinds) for name in kind.model_fields}
 
 
@@ -221,6 +259,19 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
         total = sum(item.share for item in items)
         if abs(total - 1) > 1e-6:
             yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
+    if c.life.age_years > c.life.years:
+        yield "life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}", "let years reach beyond the age"
+    if c.inspection is not None and c.inspection.age_years > c.life.age_years:
+        yield "inspection.age_years", f"{c.inspection.age_years:g} is above the age", "give the age when it was inspected"
+    names = [s.name for s in c.state]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            yield f"state[{k + 1}].name", f"'{name}' is that of state[{names.index(name) + 1}] too", "tell them apart"
+    for k, d in enumerate(c.direction):
+        same = [i for i, e in enumerate(c.direction[:k]) if (d.heading_deg - e.heading_deg) % 360 == 0]
+        if same:
+            yield (f"direction[{k + 1}].heading_deg", f"{d.heading_deg:g} is the heading of direction[{same[0] + 1}] too",
+                   "add their shares up in one table")
     if not c.joint and not c.member_end and not c.girth:
         yield (
             "joint",
@@ -246,6 +297,12 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 f"{own.m2} is below m1 = {own.m1}",
                 "swap the slopes: the second is of small ranges",
             )
+    for name, own in c.curve.items():
+        for slope in (1, 2):
+            log_n = getattr(own, f"log10_a{slope}") - 2 * getattr(own, f"m{slope}")
+            if not LEAST_LOG_N < log_n < MOST_LOG_N:
+                yield (f"curve.{name}.log10_a{slope}", f"gives 10^{log_n:.3g} cycles at a range of 100 MPa",
+                       "give the curve of ranges in MPa (of one in Pa take 6 m off)")
     for k, state in enumerate(c.state):
         if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
             yield (

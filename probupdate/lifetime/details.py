@@ -302,7 +302,11 @@ def hot_spots(
         for detail in found:
             at = index(detail)
             wall = detail.beam.tube.thickness_m
-            spots += _round(at, "weld", by, _thickness(conditions, entry.curve, wall), entry.curve)
+            # inner and outer toe of one weld are two
+            before = sum(where == at for where, _ in sides)
+            side = f"weld {before + 1}" if before else "weld"
+            sides.add((at, side))
+            spots += _round(at, side, by, _thickness(conditions, entry.curve, wall), entry.curve)
     return tuple(details), tuple(spots)
 
 
@@ -326,7 +330,7 @@ def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where
     if entry.kind == "T/Y":
         both = efthymiou.tee(own, entry.chord_fixity)
     elif entry.kind == "X":
-        both = efthymiou.cross(own)
+        both = efthymiou.cross(own, entry.chord_fixity)
     else:
         partner = _partner(detail, ends)
         if partner is None:

@@ -26,6 +26,8 @@ RANGES = {
 }
 # a chord shorter than this many radii is stiffened by its ends
 SHORT = 12.0
+# fixity of a chord whose ends are fixed
+FIXED = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +97,7 @@ def tee(g: Geometry, fixity: float) -> tuple[SideFactors, SideFactors]:
     chord_crown = c**0.2 * t * (2.65 + 5 * (b - 0.65) ** 2) + t * b * (0.5 * fixity * a - 3) * s
     brace_saddle = 1.3 + c * t**0.52 * a**0.1 * (0.187 - 1.25 * b**1.1 * (b - 0.96)) * s ** (2.7 - 0.01 * a)
     brace_crown = _crown(g) + b * t * (0.2 * fixity * a - 1.2)
-    short = _short_axial(g)
+    short = _short_axial(g, fixity)
     bent = c * t * b * (1.7 - 1.05 * b**3) * s**1.6 * _short_bending(g)
     return (
         _side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
@@ -103,13 +105,14 @@ def tee(g: Geometry, fixity: float) -> tuple[SideFactors, SideFactors]:
     )
 
 
-def cross(g: Geometry) -> tuple[SideFactors, SideFactors]:
-    """(chord, brace) of an X joint under balanced axial load and bending, table B-2: 12 to 15, 8, 9, 16, 17."""
+def cross(g: Geometry, fixity: float) -> tuple[SideFactors, SideFactors]:
+    """(chord, brace) of an X joint under balanced axial load and bending, table B-2: 12 to 15, 8, 9, 16, 17. fixity of
+    the chord's ends as for `tee`."""
     b, c, t, s = g.beta, g.gamma, g.tau, g.sine
     chord_saddle = 3.87 * c * t * b * (1.10 - b**1.8) * s**1.7
     chord_crown = c**0.2 * t * (2.65 + 5 * (b - 0.65) ** 2) - 3 * t * b * s
     brace_saddle = 1 + 1.9 * c * t**0.5 * b**0.9 * (1.09 - b**1.7) * s**2.5
-    short = _short_axial(g)
+    short = _short_axial(g, fixity)
     bent = c * t * b * (1.56 - 1.34 * b**4) * s**1.6 * _short_bending(g)
     return (
         _side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
@@ -171,11 +174,13 @@ def _to_brace(g: Geometry) -> float:
     return g.tau**-0.54 * g.gamma**-0.05 * (0.99 - 0.47 * g.beta + 0.08 * g.beta**4)
 
 
-def _short_axial(g: Geometry) -> float:
-    """F2, of ends that are not fixed."""
+def _short_axial(g: Geometry, fixity: float) -> float:
+    """F1 of fixed chord ends, F2 of all others."""
     if g.alpha >= SHORT:
         return 1.0
     b = g.beta
+    if fixity == FIXED:
+        return 1 - (0.83 * b - 0.56 * b**2 - 0.02) * g.gamma**0.23 * np.exp(-0.21 * g.gamma**-1.16 * g.alpha**2.5)
     return 1 - (1.43 * b - 0.97 * b**2 - 0.03) * g.gamma**0.04 * np.exp(-0.71 * g.gamma**-1.38 * g.alpha**2.5)
 
 

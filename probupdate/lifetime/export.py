@@ -26,6 +26,7 @@ from probupdate.io.files import read_bytes, read_json, read_text, write_arrays, 
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
+from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, drawn_ratios, measured_ratios
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
 from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
@@ -54,6 +55,9 @@ RESAMPLED = 200_000
 SOFTENED = 5e-3
 # a SubDyn file at a draw; a name of its own, as the user's file may lie beside it
 AT_DRAW = "subdyn_at_draw.dat"
+# what the count of ten-minute records has no cycle of
+SLOW_CYCLES = ("cycles slower than ten minutes (start, stop, another mean wind): not counted; "
+               "add them to the damage where they matter")
 CSV, JSON_TYPE = "text/csv", "application/json"
 
 
@@ -414,19 +418,6 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
     return "".join(tables)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Damping:
-    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean
-    and the scatter of the sets' logarithms."""
-
-    ratio: dict[str, np.ndarray]
-    error: dict[str, float]
-    scatter: dict[str, float]
-
-    def of_draws(self, n: int) -> list[dict[str, float]]:
-        return [{label: float(values[k]) for label, values in self.ratio.items()} for k in range(n)]
-
-
 def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
@@ -435,7 +426,7 @@ def refuse_without_members(path: Path) -> None:
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping,
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: MeasuredDamping,
              named, left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. named:
     `_labels_of`."""
@@ -453,6 +444,8 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     factors = frequency_factors(given, [named(one) for one in solved], [one.frequency_hz for one in solved],
                                 (named(first), first.frequency_hz), found.gains, named)
     assumed = found.model.conditions.damping.ratio
+    left_out += damping.notes(assumed)
+    left_out.append(SLOW_CYCLES)
     for label, values in damping.ratio.items():
         factors.append({
             "quantity": "damping ratio", "of": label, "bias": float(np.exp(np.log(values).mean()) / assumed),
@@ -469,26 +462,30 @@ def _labels_of(model: Model, data: ModalData | None):
     return lambda one: mode_labels(model, one, families=families)
 
 
-def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) -> _Damping:
+def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) -> MeasuredDamping:
     """modes.csv: frequencies of every draw, named by `_labels_of`; damping ratios as measured."""
     labels = [named(one) for one in solved]
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]
     damping, assessed, error, scatter = {}, {}, {}, {}
+    by_state: dict[str, dict[str, np.ndarray] | None] = {"idling": None, "operating": None}
     if data is None or data.labels is None:
         left_out.append("damping in modes.csv: no modes.json with labels lies in the run")
     else:
-        for label in (one for one in common if one in data.labels):
-            found = np.array([s.damping_ratio[data.labels.index(label)] for s in data.sets], float)
-            found = found[np.isfinite(found) & (found > 0)]
+        measured = [label for label in common if label in data.labels]
+        for label in measured:
+            found = measured_ratios(data, label)
             if len(found) < 2:
                 continue
-            log = np.log(found)
             assessed[label] = {"sets": len(found), "mean": float(found.mean()), "std": float(found.std(ddof=1))}
             # the scatter of sets is mostly identification's; their median is known to the standard error of its mean
-            step = log.std(ddof=1) / np.sqrt(len(found))
-            error[label], scatter[label] = float(step), float(log.std(ddof=1))
-            damping[label] = np.exp(log.mean() + step * rng.standard_normal(len(solved)))
+            scatter[label] = float(np.log(found).std(ddof=1))
+            error[label] = float(scatter[label] / np.sqrt(len(found)))
+            damping[label] = drawn_ratios(found, len(solved), rng)
+        for kind, states in STATES_OF.items():
+            own = {label: measured_ratios(data, label, states) for label in measured}
+            drawn = {label: drawn_ratios(found, len(solved), rng) for label, found in own.items() if len(found) > 1}
+            by_state[kind] = drawn or None
     rows = [
         [k + 1, j + 1, label, float(solved[k].frequency_hz[j]), float(damping[label][k]) if label in damping else None]
         for k, own in enumerate(labels) for j, label in enumerate(own)
@@ -513,7 +510,7 @@ def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) 
         "$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "required": list(content),
         "properties": {"name": {"type": "array", "items": {"type": "string"}}, "mean": numbers,
                        "covariance": {"type": ["array", "null"], "items": numbers}}})
-    return _Damping(ratio=damping, error=error, scatter=scatter)
+    return MeasuredDamping(ratio=damping, error=error, scatter=scatter, **by_state)
 
 
 def _superelements(

@@ -84,9 +84,9 @@ def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
 def worth(
     problem: Problem, laplace: Laplace, slope: np.ndarray, direct: np.ndarray | None = None
 ) -> list[tuple[str, np.ndarray]]:
-    """What one more measurement, or a quantity better known, would take off the variance of ln X, (n_quantity,) each,
-    as `components` lists them; the most useful first. slope (n_quantity, n_param), direct (n_quantity, n_source) per
-    unit.
+    """The share of the variance of ln X, as measurement, model error and prior make it, that one more measurement, or a
+    quantity better known, would take off, (n_quantity,) each, as `components` lists them; the most useful first. slope
+    (n_quantity, n_param), direct (n_quantity, n_source) per unit.
 
     Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances
     together); of more data it is what comes through the parameters.
@@ -109,7 +109,7 @@ def worth(
             gone = whole - np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
         else:
             gone = through - np.einsum("ij,jk,ik->i", slope, one.covariance, slope)
-        found.append((one.what, np.maximum(gone, 0.0)))
+        found.append((one.what, np.clip(gone / np.maximum(whole, 1e-300), 0.0, 1.0)))
     return sorted(found, key=lambda item: -float(np.max(item[1])))
 
 

@@ -17,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
 from probupdate.lifetime.details import Detail, HotSpot, find_details, weights
 from probupdate.lifetime.spectral import ranges
-from probupdate.lifetime.stress import Response, StressModel, stress_model
+from probupdate.lifetime.stress import Response, StateDamping, StressModel, stress_model
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -75,7 +75,7 @@ class FatigueModel:
         )
 
     def solve(
-        self, theta: np.ndarray, damping: Mapping[str, float] | None = None, *, derivatives: bool = False
+        self, theta: np.ndarray, damping: Mapping[str, float] | StateDamping | None = None, *, derivatives: bool = False
     ) -> Stress:
         """Everything at one parameter vector (n_param,); damping: label of a mode -> its ratio, else the file's."""
         found = [m.solve(theta, damping or {}, derivatives=derivatives) for m in self.models]
@@ -242,7 +242,7 @@ def _first_direction(c: Conditions) -> Conditions:
 def solve_many(
     model: FatigueModel,
     thetas: np.ndarray,
-    dampings: Sequence[Mapping[str, float]],
+    dampings: Sequence[Mapping[str, float] | StateDamping],
     progress: Progress = silent,
     what: str = "stress transfer",
 ) -> list[Stress]:

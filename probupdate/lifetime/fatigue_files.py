@@ -19,7 +19,15 @@ from probupdate.lifetime.fatigue import (
     fatigue_model_of,
     solve_many,
 )
-from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
+from probupdate.lifetime.reliability import (
+    DamageCurve,
+    Reliability,
+    life_quantiles,
+    reliability,
+    simulated_index,
+    survival,
+)
+from probupdate.lifetime.stress import StateDamping
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
@@ -93,7 +101,7 @@ def assess(
     parameters: Parameters,
     sensors: tuple[Sensor, ...] | None,
     draws: np.ndarray,
-    dampings: Sequence[Mapping[str, float]],
+    dampings: Sequence[StateDamping],
     *,
     seed: int,
     progress: Progress = silent,
@@ -117,7 +125,7 @@ def assess(
         "updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
         "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior],
     }
-    damping = _mean_damping(dampings)
+    damping = StateDamping.mean(dampings)
     slope = few.solve(draws.mean(axis=0), damping, derivatives=True).equivalent_change(SLOPES[1]).T
     parts, direct, gain = None, None, None
     if given.updated is None:
@@ -135,7 +143,7 @@ def assess(
     return FatigueResult(
         model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
         slope=slope, direct=direct, gains=gain, index=index,
-        measures=_next_measurements(given, slope, direct, curve, moments["updated"], c),
+        measures=_next_measurements(given, slope, direct, parts, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
             "basis_error": basis_error(full, model, [draws[-1]]), "form_minus_monte_carlo": agreement[0],
@@ -186,16 +194,18 @@ def _index(curve: DamageCurve, mean: np.ndarray, std: np.ndarray, c: Conditions)
 
 
 def _next_measurements(
-    given: FatigueInput, slope: np.ndarray, direct: np.ndarray | None, curve: DamageCurve,
-    moments: tuple[np.ndarray, np.ndarray], c: Conditions,
+    given: FatigueInput, slope: np.ndarray, direct: np.ndarray | None, parts: Mapping[str, np.ndarray] | None,
+    curve: DamageCurve, moments: tuple[np.ndarray, np.ndarray], c: Conditions,
 ) -> tuple[tuple[str, np.ndarray, Reliability], ...]:
-    """What to measure next: standard deviation of ln X_dyn that it leaves, and the reliability then."""
+    """What to measure next: standard deviation of ln X_dyn that it leaves, and the reliability then. What varies from
+    set to set no single measurement takes away."""
     if given.updated is None:
         return ()
     mean, std = moments
+    set_to_set = 0.0 if parts is None else parts["set_to_set"] ** 2
     found = []
-    for what, less in worth(*given.updated, slope, direct)[:MEASURES]:
-        left = np.sqrt(np.maximum(std**2 - less, 0.0))
+    for what, share in worth(*given.updated, slope, direct)[:MEASURES]:
+        left = np.sqrt(np.maximum(std**2 - set_to_set, 0.0) * (1 - share) + set_to_set)
         found.append((what, left, _index(curve, mean, left, c)))
     return tuple(found)
 
@@ -215,11 +225,6 @@ def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
 
 def _only(model: FatigueModel, stress: Stress, spots: np.ndarray) -> Stress:
     return Stress(owner=model.picked(spots), responses=stress.responses, moments=stress.moments[..., spots])
-
-
-def _mean_damping(dampings: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    names = dict.fromkeys(n for d in dampings for n in d)
-    return {n: float(np.exp(np.mean([np.log(d[n]) for d in dampings if n in d]))) for n in names}
 
 
 def _set_to_set(slope: np.ndarray, updates: np.ndarray | None, measurement: np.ndarray) -> np.ndarray:
@@ -287,7 +292,7 @@ def same_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
 
 
 def _with_causes(
-    named: Named, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[Mapping[str, float]],
+    named: Named, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[StateDamping],
     progress: Progress, left_out: list[str],
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """ln X_dyn of `few` hot spots with one named cause as it was found and the others away: mean, standard
@@ -542,20 +547,35 @@ def _write_next_measurements(files, result: FatigueResult) -> None:
 
 
 def _write_remaining_life(files, result: FatigueResult) -> None:
-    c, rng = result.model.conditions, np.random.default_rng(7)
+    c, age = result.model.conditions, result.model.conditions.life.age_years
+    # no crack at an inspection: failure is as much later as the damage was smaller
+    proven = age if c.inspection is None else max(age, c.inspection.age_years / c.inspection.detectable_share)
     rows = []
     for name, (mean, std) in result.log_factor.items():
-        lives = life_quantiles(result.curve, mean, std, c.uncertainty, np.array(QUANTILES), n=200_000, rng=rng)
+        lives = life_quantiles(result.curve, mean, std, c.uncertainty, np.array(QUANTILES), survived_years=proven)
+        now = np.full((result.curve.n_spot, 1), np.log(max(age, 1e-9)))
+        log_survival = survival(result.curve, mean, std, c.uncertainty, now)[:, 0]
+        first = result.index[name].first_below
         rows += [
-            [name, int(k) + 1, *row] for k, row in zip(result.worst, (lives - c.life.age_years).tolist(), strict=True)
+            [name, int(k) + 1, *(lives[j] - age).tolist(), float(np.exp(log_survival[j])),
+             max(float(first[j]) - 1 - age, 0.0) if first[j] else None]
+            for j, k in enumerate(result.worst)
         ]
+    condition = f"given that it stands at the age of {age:g} years"
+    if c.inspection is not None:
+        condition += (f" and that no crack was found at {c.inspection.age_years:g} years, where one would have been seen "
+                      f"from {c.inspection.detectable_share:g} of the damage at failure on")
     files.table(
         "remaining_life.csv",
         [
             {"name": "case", "unit": "-", "type": "string"},
             {"name": "hot_spot", "unit": "-"},
             *({"name": f"q{round(100 * q):02d}", "unit": "a"} for q in QUANTILES),
+            {"name": "survival_to_age", "unit": "-"},
+            {"name": "years_to_target", "unit": "a", "type": ["number", "null"]},
         ],
         rows,
-        what=f"quantiles of years to failure from the age of {c.life.age_years:g} years, all stated uncertainties in",
+        what=f"quantiles of years from now to failure, {condition}; survival_to_age: its probability before that was "
+        f"known; years_to_target: full years from now until the annual index falls below {c.target.annual_index:g}, empty "
+        f"where it does not within {c.life.years} years of life",
     )

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 from scipy.interpolate import CubicSpline
+from scipy.special import logsumexp
 
 from probupdate.errors import ConvergenceError
 from probupdate.lifetime.conditions import Lognormal, Uncertainty
@@ -25,6 +26,11 @@ from probupdate.runtime.arrays import frozen_array
 # ln of the factor on stress ranges between which damage is tabulated
 RANGE, STEP = 2.5, 0.05
 ITERATIONS, HALVED, SETTLED = 200, 20, 1e-9
+# nodes of quadrature over the factor on ranges, in standard deviations to either side: trapezoids of a normal density
+# err less than rounding
+REACH, N_NODE = 8.0, 161
+# ln of the shortest and longest lives looked through; halvings between them
+LOG_YEARS, HALVINGS = (-30.0, 80.0), 40
 
 
 def form(
@@ -200,19 +206,33 @@ def simulated_index(
     return index, error
 
 
-def life_quantiles(
-    curve: DamageCurve,
-    mean: np.ndarray,
-    std: np.ndarray,
-    uncertainty: Uncertainty,
-    levels: np.ndarray,
-    *,
-    n: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """(n_spot, n_level) years to Miner's sum at failure, all uncertainties in."""
+def survival(curve: DamageCurve, mean: np.ndarray, std: np.ndarray, uncertainty: Uncertainty,
+             log_years: np.ndarray) -> np.ndarray:
+    """(n_spot, n) ln of the probability that a hot spot survives exp(log_years) (n_spot, n), all uncertainties in: the
+    resistance's normal distribution in closed form, that of the factor on ranges by quadrature."""
     limit = _limit(curve, mean, std, uncertainty, 1)
-    z = rng.standard_normal((2, n))
-    value = curve.value(limit.mean[:, None] + limit.std[:, None] * z[1])[0]
-    years = limit.resistance_mean + limit.resistance_std * z[0] - value
-    return np.exp(np.quantile(years, levels, axis=1)).T
+    node = np.linspace(-REACH, REACH, N_NODE)
+    log_weight = stats.norm.logpdf(node) + np.log(node[1] - node[0])
+    value = curve.value(limit.mean[:, None] + limit.std[:, None] * node)[0]
+    # where nothing is uncertain a step
+    scale = max(limit.resistance_std, 1e-12)
+    z = (limit.resistance_mean - value[:, None, :] - log_years[:, :, None]) / scale
+    return logsumexp(stats.norm.logcdf(z) + log_weight, axis=2)
+
+
+def life_quantiles(
+    curve: DamageCurve, mean: np.ndarray, std: np.ndarray, uncertainty: Uncertainty, levels: np.ndarray, *,
+    survived_years: float = 0.0,
+) -> np.ndarray:
+    """(n_spot, n_level) years to Miner's sum at failure, given survival up to an age."""
+    shape = (curve.n_spot, len(levels))
+    known = np.zeros((curve.n_spot, 1)) if survived_years <= 0 else survival(
+        curve, mean, std, uncertainty, np.full((curve.n_spot, 1), np.log(survived_years)))
+    wanted = known + np.log1p(-np.asarray(levels, float))
+    low = np.full(shape, np.log(survived_years) if survived_years > 0 else LOG_YEARS[0])
+    high = np.full(shape, LOG_YEARS[1])
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        longer = survival(curve, mean, std, uncertainty, middle) > wanted
+        low, high = np.where(longer, middle, low), np.where(longer, high, middle)
+    return np.exp(0.5 * (low + high))

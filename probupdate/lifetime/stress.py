@@ -23,6 +23,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
+from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
@@ -40,10 +41,12 @@ from probupdate.structure.subdyn_frame import SubDynFrame
 from probupdate.structure.subdyn_model import Coefficients as SubDynCoefficients
 from probupdate.structure.turbine_frame import build_frame
 
-# frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping
-# ratio of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
-LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
-COARSE, FINE = 0.025, 0.008
+# frequencies of stress. From one cycle in ten minutes: S-N practice counts records of that length, and slower wind is
+# another mean, not another cycle. Relative steps where wind alone acts, where waves do, and where modes may lie; of the
+# latter 0.008 is 0.8 of a damping ratio of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its
+# variance
+LOWEST_HZ, WAVES_FROM_HZ, MODES_FROM_HZ, HIGHEST_HZ = 1 / 600, 0.03, 0.2, 3.0
+SMOOTH, COARSE, FINE = 0.05, 0.025, 0.008
 # the shortest waves that load the structure
 WAVES_TO_HZ = 0.6
 # points of Gauss and Legendre along an element under water: at least three, and so many metres each; the shortest waves
@@ -62,9 +65,10 @@ MANY_TERMS = 60
 
 def frequency_grid() -> np.ndarray:
     """(n_frequency,) Hz."""
-    low = np.geomspace(LOWEST_HZ, MODES_FROM_HZ, int(np.log(MODES_FROM_HZ / LOWEST_HZ) / COARSE), endpoint=False)
+    wind, low = (np.geomspace(start, end, int(np.log(end / start) / step), endpoint=False)
+                 for start, end, step in ((LOWEST_HZ, WAVES_FROM_HZ, SMOOTH), (WAVES_FROM_HZ, MODES_FROM_HZ, COARSE)))
     high = np.geomspace(MODES_FROM_HZ, HIGHEST_HZ, int(np.log(HIGHEST_HZ / MODES_FROM_HZ) / FINE))
-    return np.concatenate([low, high])
+    return np.concatenate([wind, low, high])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,7 +156,7 @@ class StressModel:
 
     def reduced(self, thetas: Sequence[np.ndarray]) -> StressModel:
         """On the modes and static shapes under thrust and waves at these parameter vectors."""
-        every = np.geomspace(LOWEST_HZ, WAVES_TO_HZ, N_WAVE)
+        every = np.geomspace(WAVES_FROM_HZ, WAVES_TO_HZ, N_WAVE)
         inertia, drag = self._point_loads(every)
         slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
         wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
@@ -317,40 +321,59 @@ class StressModel:
             omega=omega,
         )
 
-    def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
-        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
+    def solve(
+        self, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, *, derivatives: bool = False
+    ) -> Response:
+        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's. Modes and
+        their damping are given as those of an idling turbine, where there is such a state."""
         theta = np.asarray(theta, float)
-        m = self._modes(theta, damping)
-        slopes = self._slopes(theta, m) if derivatives else None
-        alone = m.hub[:, None] / m.plain
-        thrust_alone, receptance = m.stress(alone), m.hub @ alone
-        wet = self._wet
+        known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
+        # one set of modes where both kinds of state are damped alike
+        kinds = dict.fromkeys(case.state.operating for case in self.cases)
+        modes: dict[bool, _Modes] = {}
+        for kind in sorted(kinds):
+            same = kind and False in modes and known.operating is known.idling
+            modes[kind] = modes[False] if same else self._modes(theta, known.of(kind))
+        alone = {id(m): self._alone(m) for m in modes.values()}
+        slopes = {key: self._slopes(theta, m) for key, m in {id(m): m for m in modes.values()}.items()
+                  } if derivatives else {}
         moments, changes = [], []
         for case in self.cases:
-            rate = 1j * m.omega * case.damping_nspm
-            closed = 1 / (1 + rate * receptance)
-            q0 = (m.U.T @ case.load) / m.plain[:, :wet]
-            back = rate[:wet] * (m.hub @ q0) * closed[:wet]
-            z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
-            w = thrust_alone * closed
-            moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
-            if slopes is not None:
-                q, p = q0 - alone[:, :wet] * back, alone * closed
-                dz, dw = (slopes.of(x, m, rate) for x in (q, p))
-                dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
-                changes.append(
-                    [
-                        self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
-                        for a, b in zip(dz, dw, strict=True)
-                    ]
-                )
+            m = modes[case.state.operating]
+            rate = 1j * m.omega * (case.damping_nspm if known.rotor else 0.0)
+            found, change = self._of_case(case, rate, m, *alone[id(m)], slopes.get(id(m)))
+            moments.append(found)
+            changes.append(change)
+        first = next(iter(modes.values()))
         return Response(
-            frequency_hz=frozen_array(np.sqrt(m.value[:N_MODE]) / (2 * np.pi)),
-            labels=m.labels,
-            damping_ratio=frozen_array(m.ratio[:N_MODE]),
+            frequency_hz=frozen_array(np.sqrt(first.value[:N_MODE]) / (2 * np.pi)),
+            labels=first.labels,
+            damping_ratio=frozen_array(first.ratio[:N_MODE]),
             moments=frozen_array(moments),
             change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
         )
+
+    def _alone(self, m: _Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What a thrust of 1 N does without the rotor's damping: motion of the modes, stresses, motion of the hub."""
+        alone = m.hub[:, None] / m.plain
+        return alone, m.stress(alone), m.hub @ alone
+
+    def _of_case(self, case: Case, rate, m: _Modes, alone, thrust_alone, receptance, slopes: _Slopes | None):
+        """Moments of one case and, with slopes, their change by every parameter."""
+        wet = self._wet
+        closed = 1 / (1 + rate * receptance)
+        q0 = (m.U.T @ case.load) / m.plain[:, :wet]
+        back = rate[:wet] * (m.hub @ q0) * closed[:wet]
+        z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
+        w = thrust_alone * closed
+        moments = self._moments(z, case.elevation) + self._moments(w, case.thrust)
+        if slopes is None:
+            return moments, None
+        q, p = q0 - alone[:, :wet] * back, alone * closed
+        dz, dw = (slopes.of(x, m, rate) for x in (q, p))
+        dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
+        return moments, [self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
+                         for a, b in zip(dz, dw, strict=True)]
 
     def transfer(
         self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False
