@@ -260,9 +260,11 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
         if abs(total - 1) > 1e-6:
             yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
     if c.life.age_years > c.life.years:
-        yield "life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}", "let years reach beyond the age"
+        yield ("life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}",
+               "let years reach beyond the age")
     if c.inspection is not None and c.inspection.age_years > c.life.age_years:
-        yield "inspection.age_years", f"{c.inspection.age_years:g} is above the age", "give the age when it was inspected"
+        yield ("inspection.age_years", f"{c.inspection.age_years:g} is above the age",
+               "give the age when it was inspected")
     names = [s.name for s in c.state]
     for k, name in enumerate(names):
         if name in names[:k]:
@@ -270,7 +272,8 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
     for k, d in enumerate(c.direction):
         same = [i for i, e in enumerate(c.direction[:k]) if (d.heading_deg - e.heading_deg) % 360 == 0]
         if same:
-            yield (f"direction[{k + 1}].heading_deg", f"{d.heading_deg:g} is the heading of direction[{same[0] + 1}] too",
+            yield (f"direction[{k + 1}].heading_deg",
+                   f"{d.heading_deg:g} is the heading of direction[{same[0] + 1}] too",
                    "add their shares up in one table")
     if not c.joint and not c.member_end and not c.girth:
         yield (

@@ -426,8 +426,8 @@ def refuse_without_members(path: Path) -> None:
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: MeasuredDamping,
-             named, left_out, seed: int, progress: Progress) -> dict | None:
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved,
+             damping: MeasuredDamping, named, left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. named:
     `_labels_of`."""
     if given is None:

@@ -563,8 +563,8 @@ def _write_remaining_life(files, result: FatigueResult) -> None:
         ]
     condition = f"given that it stands at the age of {age:g} years"
     if c.inspection is not None:
-        condition += (f" and that no crack was found at {c.inspection.age_years:g} years, where one would have been seen "
-                      f"from {c.inspection.detectable_share:g} of the damage at failure on")
+        condition += (f" and that no crack was found at {c.inspection.age_years:g} years, where one would have been "
+                      f"seen from {c.inspection.detectable_share:g} of the damage at failure on")
     files.table(
         "remaining_life.csv",
         [
@@ -576,6 +576,6 @@ def _write_remaining_life(files, result: FatigueResult) -> None:
         ],
         rows,
         what=f"quantiles of years from now to failure, {condition}; survival_to_age: its probability before that was "
-        f"known; years_to_target: full years from now until the annual index falls below {c.target.annual_index:g}, empty "
-        f"where it does not within {c.life.years} years of life",
+        f"known; years_to_target: full years from now until the annual index falls below {c.target.annual_index:g}, "
+        f"empty where it does not within {c.life.years} years of life",
     )
