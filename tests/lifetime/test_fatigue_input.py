@@ -1,5 +1,5 @@
-"""What a fatigue.toml may say, and what its states take: bounds with their reason, spots of one place, damping by state,
-slow wind."""
+"""What a fatigue.toml may say, and what its states take: bounds with their reason, spots of one place, damping by
+state, slow wind."""
 
 import copy
 
