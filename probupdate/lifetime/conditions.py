@@ -259,22 +259,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
         total = sum(item.share for item in items)
         if abs(total - 1) > 1e-6:
             yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
-    if c.life.age_years > c.life.years:
-        yield ("life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}",
-               "let years reach beyond the age")
-    if c.inspection is not None and c.inspection.age_years > c.life.age_years:
-        yield ("inspection.age_years", f"{c.inspection.age_years:g} is above the age",
-               "give the age when it was inspected")
-    names = [s.name for s in c.state]
-    for k, name in enumerate(names):
-        if name in names[:k]:
-            yield f"state[{k + 1}].name", f"'{name}' is that of state[{names.index(name) + 1}] too", "tell them apart"
-    for k, d in enumerate(c.direction):
-        same = [i for i, e in enumerate(c.direction[:k]) if (d.heading_deg - e.heading_deg) % 360 == 0]
-        if same:
-            yield (f"direction[{k + 1}].heading_deg",
-                   f"{d.heading_deg:g} is the heading of direction[{same[0] + 1}] too",
-                   "add their shares up in one table")
+    yield from _of_life_and_states(c)
     if not c.joint and not c.member_end and not c.girth:
         yield (
             "joint",
@@ -293,6 +278,36 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 )
             if not isinstance(item, Girth):
                 yield from _factor_mistakes(f"{kind}[{k + 1}]", item)
+    yield from _of_curves(c)
+    for k, state in enumerate(c.state):
+        if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
+            yield (
+                f"state[{k + 1}].thrust_spectrum",
+                f"'{state.thrust_spectrum}' is not a file beside this one",
+                "put it there",
+            )
+
+
+def _of_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
+    if c.life.age_years > c.life.years:
+        yield ("life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}",
+               "let years reach beyond the age")
+    if c.inspection is not None and c.inspection.age_years > c.life.age_years:
+        yield ("inspection.age_years", f"{c.inspection.age_years:g} is above the age",
+               "give the age when it was inspected")
+    names = [s.name for s in c.state]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            yield f"state[{k + 1}].name", f"'{name}' is that of state[{names.index(name) + 1}] too", "tell them apart"
+    for k, d in enumerate(c.direction):
+        same = [i for i, e in enumerate(c.direction[:k]) if (d.heading_deg - e.heading_deg) % 360 == 0]
+        if same:
+            yield (f"direction[{k + 1}].heading_deg",
+                   f"{d.heading_deg:g} is the heading of direction[{same[0] + 1}] too",
+                   "add their shares up in one table")
+
+
+def _of_curves(c: Conditions) -> Iterator[tuple[str, str, str]]:
     for name, own in c.curve.items():
         if own.m2 < own.m1:
             yield (
@@ -306,13 +321,6 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
             if not LEAST_LOG_N < log_n < MOST_LOG_N:
                 yield (f"curve.{name}.log10_a{slope}", f"gives 10^{log_n:.3g} cycles at a range of 100 MPa",
                        "give the curve of ranges in MPa (of one in Pa take 6 m off)")
-    for k, state in enumerate(c.state):
-        if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
-            yield (
-                f"state[{k + 1}].thrust_spectrum",
-                f"'{state.thrust_spectrum}' is not a file beside this one",
-                "put it there",
-            )
 
 
 def _factor_mistakes(where: str, item: Sides) -> Iterator[tuple[str, str, str]]:
