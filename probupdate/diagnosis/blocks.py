@@ -292,7 +292,8 @@ def _by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray, list
         whose = "the sets' ids are no times" if len(other) == len(sets) else (
             f"of {len(sets)} ids {len(other)} {'is no time' if len(other) == 1 else 'are no times'} "
             f"({', '.join(map(repr, other[:3]))}{', ...' if len(other) > 3 else ''}; mend to use the times)")
-        notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order")
+        notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order, so that no rhythm of a day "
+                     "is recognised: give each the time of its start, 2026-03-01T10:00Z")
         hours = np.arange(len(sets), dtype=float)
     order = np.argsort(hours, kind="stable")
     return [sets[k] for k in order], hours[order], notes

@@ -47,7 +47,7 @@ from probupdate.diagnosis.problem import (
 from probupdate.diagnosis.ranking import Hypothesis, key_of
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
-from probupdate.diagnosis.time_profiles import DAY_STD
+from probupdate.diagnosis.time_profiles import DAY_H, DAY_STD, TIME_OF_DAY
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.io.result_table import plural
@@ -76,6 +76,8 @@ NOTED_STD, LEFT = 3.0, 2.0
 # standard deviations of its prior by which a parameter may be shifted in a fit that explains the record
 FARTHEST = 6.0
 CHANCE = "chance alone"
+# share of days with a larger wave of the temperature, below which it is said
+ODD_DAY = 0.05
 NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
               "tested")
 NOT_SETTLED = "the fit did not settle: the residuals are too large for the model to follow"
@@ -130,20 +132,23 @@ def examine(
     progress("diagnosing", most + 1, most + 1)
     silent, lost = _silent(fitted), _lost_from_sight(problem)
     parameters = tuple(_parameters(problem, null, fitted))
-    far, foreign = [*_far(parameters), *_no_weather(problem, fitted)], _foreign(findings)
+    beyond_weather, day = _no_weather(problem, fitted), _day(problem, fitted) if not findings else ()
+    far, foreign = [*_far(parameters), *([] if day else beyond_weather)], _foreign(findings)
     beyond, beyond_chance = _beyond_sense(found), not findings and first.p_value < NOT_BY_CHANCE
     unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or _bent(problem, fitted) or far
                    or beyond or foreign or not fitted.settled or (lost and not findings))
-    verdict = "unexplained" if unexplained else verdict_of(findings)
+    said = [*findings, *day]
+    verdict = "unexplained" if unexplained else verdict_of(said)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
     noted = _tolerances_noted(problem, fitted)
     if verdict == "unexplained":
         # what a fit shows that does not follow the record is nothing to say
-        details["nearest"], noted = [f"{f.cause}, {f.location}" for f in findings], []
+        details["nearest"], noted = [f"{f.cause}, {f.location}" for f in said], []
     diagnosis = Diagnosis(
         verdict=verdict,
-        findings=() if verdict == "unexplained" else tuple(findings),
-        p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else _p_value(problem, null, first, seed),
+        findings=() if verdict == "unexplained" else tuple(said),
+        p_value=_p_value(problem, null, first, seed) if findings else min(
+            1.0, 2 * min(first.p_value, fits), *(stats.chi2.sf(f.z**2, 2) for f in day)),
         detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
         adequacy_p=fits,
@@ -156,6 +161,7 @@ def examine(
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
             *noted,
             *_pinned(fitted),
+            *(beyond_weather if day else ()),
             *far,
             *foreign,
             *beyond,
@@ -477,14 +483,48 @@ def _far(parameters: Sequence[dict]) -> list[str]:
     ]
 
 
+def _weather_sizes(problem: DiagnosisProblem, fitted: Fit) -> tuple[np.ndarray, slice]:
+    """Sizes of the waves of a temperature that nobody recorded (n_wave,), and where they stand among the unknowns."""
+    rows = slice(fitted.design.sizes.stop, fitted.design.sizes.stop + len(problem.unrecorded))
+    return fitted.design.unknowns(fitted.centred)[rows], rows
+
+
+def _weather_p(problem: DiagnosisProblem, size: np.ndarray, numbers: Sequence[int]) -> float:
+    """p of waves of these numbers as large as that, of weather."""
+    std = np.array([problem.unrecorded[k][2] for k in numbers])
+    return float(stats.chi2.sf(np.sum((size[list(numbers)] / std) ** 2), len(std))) if len(std) else 1.0
+
+
+def _daily(problem: DiagnosisProblem) -> list[int]:
+    """Numbers of the waves of a day and of half a day."""
+    return [k for k, (_, p, _) in enumerate(problem.unrecorded) if p.column == TIME_OF_DAY]
+
+
+def _day(problem: DiagnosisProblem, fitted: Fit) -> tuple[Finding, ...]:
+    """A temperature that nobody recorded, as a finding, where it follows the time of day by more than weather does, and
+    but for that is weather: of more than two days, as a day alone shows no rhythm."""
+    size, rows = _weather_sizes(problem, fitted)
+    daily = _daily(problem)
+    slow = [k for k in range(len(size)) if k not in daily]
+    std = np.array([own for _, _, own in problem.unrecorded])
+    if (len(daily) < 2 or np.ptp(problem.blocks.hours) < 2 * DAY_H or _weather_p(problem, size, daily) > ODD_DAY
+            or _weather_p(problem, size, slow) <= ADEQUATE or np.any(np.abs(size) > FARTHEST * std)):
+        return ()
+    first = daily[:2]
+    effect, own = problem.effects[problem.unrecorded[first[0]][0]], size[first]
+    covariance = fitted.design.unknowns_cov([rows.start + k for k in first])
+    amplitude = float(np.linalg.norm(own))
+    amplitude_std = float(np.sqrt(own @ covariance @ own)) / amplitude
+    return (Finding(kind=effect.kind, cause=effect.cause, location=effect.location, size=amplitude,
+                    size_std=amplitude_std, unit=effect.unit, time_profile=TIME_OF_DAY, time_profile_start="",
+                    z=amplitude / amplitude_std, posterior_probability=1.0, alternatives=(), check=effect.check,
+                    key=effect.key),)
+
+
 def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What to say of a temperature that nobody recorded and that no weather has."""
-    n_wave = len(problem.unrecorded)
-    if not n_wave:
-        return []
-    start, std = fitted.design.sizes.stop, np.array([one for _, _, one in problem.unrecorded])
-    size = fitted.design.unknowns(fitted.centred)[start : start + n_wave]
-    if stats.chi2.sf(np.sum((size / std) ** 2), n_wave) > ADEQUATE:
+    size, _ = _weather_sizes(problem, fitted)
+    if _weather_p(problem, size, range(len(size))) > ADEQUATE:
         return []
     effects = [problem.effects[j] for j, _, _ in problem.unrecorded]
     warm = sum(a / e.prior_scale * p.value for a, e, (_, p, _) in zip(size, effects, problem.unrecorded, strict=True))

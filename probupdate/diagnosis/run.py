@@ -156,7 +156,7 @@ def _whole(
     if extended and few and found.findings:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
                                       "measured, and the model was not extended"))
-    elif extended and found.findings:
+    elif extended and found.findings and outcome.fitted.included:
         found = _with_gains(found, gains(prepared, outcome, runs=runs, progress=progress))
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)

@@ -17,6 +17,8 @@ EDGE = 4
 # number; how many of these at most
 DAY_STD, HALF_DAY_STD, SLOW_STD = 4.0, 1.3, 4.0
 DAY_H, SLOW_H, MOST_SLOW = 24.0, 48.0, 6
+# what waves of a day follow, as their column
+TIME_OF_DAY = "time_of_day"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,13 +76,13 @@ def weather_profiles(hours: np.ndarray) -> list[tuple[TimeProfile, float]]:
     if not span:
         return []
     phase = 2 * np.pi * hours / DAY_H
-    waves = [(np.cos(phase), DAY_STD), (np.sin(phase), DAY_STD),
-             (np.cos(2 * phase), HALF_DAY_STD), (np.sin(2 * phase), HALF_DAY_STD)]
+    waves = [(np.cos(phase), DAY_STD, TIME_OF_DAY), (np.sin(phase), DAY_STD, TIME_OF_DAY),
+             (np.cos(2 * phase), HALF_DAY_STD, TIME_OF_DAY), (np.sin(2 * phase), HALF_DAY_STD, TIME_OF_DAY)]
     for k in range(1, 1 + min(MOST_SLOW, max(1, int(2 * span / SLOW_H)))):
-        waves.append((np.cos(np.pi * k * (hours - hours.min()) / span), SLOW_STD / k))
+        waves.append((np.cos(np.pi * k * (hours - hours.min()) / span), SLOW_STD / k, ""))
     # at noon and midnight alone a wave may not show
-    return [(TimeProfile(kind="wave", value=frozen_array(value - value.mean())), std) for value, std in waves
-            if np.ptp(value) > 1e-6]
+    return [(TimeProfile(kind="wave", value=frozen_array(value - value.mean()), column=column), std)
+            for value, std, column in waves if np.ptp(value) > 1e-6]
 
 
 def between_steps(n: int) -> int:

@@ -18,6 +18,7 @@ DISCRETE = {"swapped channels": "exchanged", "sensor polarity": "reversed"}
 SCALED = {"N/m": (1e-6, "MN/m"), "kg": (1e-3, "t")}
 PROFILE_WORDS = {
     "constant": "all through the record", "ramp": "growing over the record (size at its end)",
+    "time_of_day": "with the time of day (amplitude)",
     "water_level_m": "with the water level", "air_temperature_c": "with the air temperature",
     "wind_speed_mps": "with the wind speed", "thrust_share": "with the rotor's thrust",
     "rms_mps2": "with the vibration's amplitude", "wave_height_m": "with the wave height",

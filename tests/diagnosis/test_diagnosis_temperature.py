@@ -59,6 +59,18 @@ def test_an_unrecorded_temperature_is_normal_and_a_recorded_one_is_named(prepare
     row.count(named, 5, 5, "named")
 
 
+@pytest.mark.parametrize("every_h", [3.0, 5.0])
+def test_a_strong_day_of_a_temperature_that_is_not_recorded_is_named(prepared, record, every_h):
+    """1.6 % of the stiffness either way, four times what weather usually does; a day alone shows no rhythm."""
+    hours = every_h * np.arange(40)
+    value = 20 * np.sin(2 * np.pi * hours / 24 + 1.0)
+    found = examine(prepared, warmed(record(4), value, False, every_h)).diagnosis
+    (first,) = found.findings
+    assert (found.verdict, first.cause, first.time_profile) == ("named", "stiffness with temperature", "time_of_day")
+    assert abs(first.size - 20 * abs(PER_DEGC)) < 3 * first.size_std < 2e-3
+    assert found.p_value < 0.01 and "with the time of day (amplitude)" in found.summary
+
+
 def stepped_at_once(data, share):
     """All frequencies higher by a share from the middle of one day on, which does not state the temperature."""
     data = warmed(data, np.zeros(len(data.sets)), False, every_h=0.5)
