@@ -132,23 +132,20 @@ def examine(
     progress("diagnosing", most + 1, most + 1)
     silent, lost = _silent(fitted), _lost_from_sight(problem)
     parameters = tuple(_parameters(problem, null, fitted))
-    beyond_weather, day = _no_weather(problem, fitted), _day(problem, fitted) if not findings else ()
-    far, foreign = [*_far(parameters), *([] if day else beyond_weather)], _foreign(findings)
+    day = _day(problem, fitted) if not findings else ()
+    far, foreign = [*_far(parameters), *([] if day else _no_weather(problem, fitted))], _foreign(findings)
     beyond, beyond_chance = _beyond_sense(found), not findings and first.p_value < NOT_BY_CHANCE
     unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or _bent(problem, fitted) or far
                    or beyond or foreign or not fitted.settled or (lost and not findings))
-    said = [*findings, *day]
-    verdict = "unexplained" if unexplained else verdict_of(said)
+    verdict = "unexplained" if unexplained else verdict_of([*findings, *day])
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
-    noted = _tolerances_noted(problem, fitted)
     if verdict == "unexplained":
         # what a fit shows that does not follow the record is nothing to say
-        details["nearest"], noted = [f"{f.cause}, {f.location}" for f in said], []
+        details["nearest"] = [f"{f.cause}, {f.location}" for f in (*findings, *day)]
     diagnosis = Diagnosis(
         verdict=verdict,
-        findings=() if verdict == "unexplained" else tuple(said),
-        p_value=_p_value(problem, null, first, seed) if findings else min(
-            1.0, 2 * min(first.p_value, fits), *(stats.chi2.sf(f.z**2, 2) for f in day)),
+        findings=() if verdict == "unexplained" else (*findings, *day),
+        p_value=_p_value(problem, null, first, seed) if findings else _p_without_findings(first, fits, day),
         detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
         adequacy_p=fits,
@@ -159,9 +156,8 @@ def examine(
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
-            *noted,
+            *([] if verdict == "unexplained" else _tolerances_noted(problem, fitted)),
             *_pinned(fitted),
-            *(beyond_weather if day else ()),
             *far,
             *foreign,
             *beyond,
@@ -571,6 +567,11 @@ def _p_value(problem: DiagnosisProblem, null: Fit, first: Search, seed: int) -> 
     if first.beyond_sense:
         return adequacy(problem, null, first, drawn_scores(null.design, seed))[0]
     return first.p_value
+
+
+def _p_without_findings(first: Search, fits: float, day: Sequence[Finding]) -> float:
+    """Of the largest score and of what is left together, and of a day's wave where there is one."""
+    return float(min(1.0, 2 * min(first.p_value, fits), *(stats.chi2.sf(f.z**2, 2) for f in day)))
 
 
 def _beyond_sense(found: Search) -> list[str]:
