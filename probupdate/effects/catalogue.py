@@ -408,7 +408,8 @@ def _common(names: tuple[str, ...]) -> str:
 
 
 def _listed(names: tuple[str, ...]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ...]]:
