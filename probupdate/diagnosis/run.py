@@ -22,6 +22,7 @@ from probupdate.diagnosis.problem import DISCREPANCY_LOG, DISCREPANCY_SHAPE
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
+from probupdate.diagnosis.stated_gravity import with_gravity_test
 from probupdate.diagnosis.unmatched import unmatched_modes, with_unmatched
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.diagnosis.wording import larger_error_words, nearest_part_words
@@ -172,7 +173,7 @@ def _whole(
             found = replace(found, notes=(*found.notes, nearest_part_words(content)))
     if extended and found.verdict == "unexplained" and not few and prepared.discrepancy is None:
         found = replace(found, notes=(*found.notes, *_with_larger_error(prepared, data, seed, runs, progress)))
-    return replace(found, splits=found.splits or splits(outcome), details=details)
+    return with_gravity_test(outcome, replace(found, splits=found.splits or splits(outcome), details=details))
 
 
 def _with_larger_error(

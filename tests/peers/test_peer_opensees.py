@@ -10,11 +10,14 @@ from scipy import sparse
 from scipy.sparse import linalg as sparse_linalg
 from small_turbine import small_turbine
 
+from probupdate.modal.modes import Sensor
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import assemble, node_dofs
+from probupdate.structure.channels import channel_rows
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Support, tube_property
+from probupdate.structure.readings import as_read
 from probupdate.structure.turbine_frame import build_frame
 
 
@@ -167,3 +170,30 @@ def test_an_opensees_that_cannot_be_loaded_gives_its_reason(monkeypatch):
     monkeypatch.setattr(opensees_loader.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"libgfortran\.so\.5: cannot open"):
         opensees_loader.load_opensees()
+
+
+def test_accelerometers_read_what_opensees_rotations_say(ops, validation):
+    """Reading over motion of the first pair, both directions together as the pair is turned anyhow."""
+    row = validation(what="accelerometers on the small jacket turbine, first bending: reading over motion",
+                     reference="motions and rotations of OpenSees", why="rotary inertia, which it leaves out")
+    frame, values = frame_of()
+    frame = dry(frame)
+    heights = {b.start for b in frame.beams if b.group in ("tower", "column")}
+    tops = {b.end for b in frame.beams if b.group == "leg" and abs(frame.node_m[b.end][2] - 8.0) < 1e-9}
+    nodes = sorted(heights | tops)
+    sensors = tuple(Sensor(channel=f"{n}{a}", level="", position_m=frame.node_m[n], direction=np.eye(3)[a])
+                    for n in nodes for a in (0, 1))
+    assembled = assemble(frame, updated=(), values=values)
+    value, phi = lowest_modes(assembled.stiffness[0], assembled.mass[0], 2)
+    seen = channel_rows(frame, sensors, {}, "m")[0] @ assembled.transform @ phi
+    ours = as_read(seen, value, np.full(len(sensors), 9.81)), seen[: len(sensors)]
+    opensees_builder.build(ops, frame, values)
+    square = (2 * np.pi * opensees_builder.frequencies(ops, 2)) ** 2
+    motion = np.array([[ops.nodeEigenvector(n, j + 1, a + 1) for j in (0, 1)] for n in nodes for a in (0, 1)])
+    # along x with the rotation about y, along y against that about x
+    turn = np.array([[sign * ops.nodeEigenvector(n, j + 1, about) for j in (0, 1)]
+                     for n in nodes for about, sign in ((5, 1.0), (4, -1.0))])
+    theirs = motion + 9.81 / square * turn, motion
+    ratio, expected = (np.linalg.norm(read, axis=1) / np.linalg.norm(plain, axis=1) for read, plain in (ours, theirs))
+    assert expected.min() > 1.003
+    row.error(ratio / expected - 1, below=3e-4)

@@ -1,0 +1,57 @@
+"""Whether what is stated of gravity in the readings is right: one question of its own, beside the search for the rest.
+
+A search through thousands of candidates asks each of them for a score that none reaches by chance; a statement that is
+right or wrong is one candidate, known beforehand, with one size. Its estimate at the final fit, with all that is normal
+marginalised, is compared with both: size 0, as stated, and 1, the other way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import special, stats
+
+from probupdate.diagnosis.diagnose import CHANCE, SURE, Outcome
+from probupdate.diagnosis.results import Alternative, Diagnosis, Finding
+from probupdate.effects.gravity import CAUSE
+
+# false alarms of this one test
+FALSE_ALARM = 0.01
+# standard deviation of the size from which the two are told apart in fewer than half of all records
+TOO_WIDE = 1 / float(stats.norm.isf(FALSE_ALARM))
+# least share of a signature's length that is its own
+LEAST_LEFT = 1e-3
+
+
+def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
+    """The diagnosis with a finding where the readings hold the other of what is stated, and a note where the record
+    cannot tell."""
+    problem, fitted = outcome.problem, outcome.fitted
+    design = fitted.design
+    named = {f.key for f in found.findings}
+    rows = [k for k, (j, _) in enumerate(design.which) if problem.effects[j].cause == CAUSE
+            and problem.effects[j].key not in named and design.share_left[k] > LEAST_LEFT]
+    if not rows:
+        return found
+    score = design.scores(fitted.centred)
+    findings, notes = [], []
+    for k in rows:
+        effect, std = problem.effects[design.which[k][0]], float(1 / np.sqrt(design.information[k]))
+        size = float(score[k] * std**2)
+        # ln of the evidence of size 1 over that of size 0, both alike before
+        wrong = float(special.expit((2 * size - 1) / (2 * std**2)))
+        if size / std > stats.norm.isf(FALSE_ALARM) and wrong > 0.5:
+            chance = Alternative(cause=CHANCE, location="", posterior_probability=1 - wrong, key=CHANCE)
+            findings.append(Finding(
+                kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std,
+                unit=effect.unit, time_profile="constant", time_profile_start="", z=size / std,
+                posterior_probability=wrong, prior_probability=0.5, alternatives=(chance,), check=effect.check,
+                key=effect.key))
+        elif std > TOO_WIDE:
+            notes.append(f"{effect.name}: whether it is as stated is not seen in this record (a share of {size:.1f} "
+                         f"+- {std:.1f} is the other way, 1 would be all)")
+    if findings and found.verdict == "none":
+        sure = all(f.posterior_probability >= SURE for f in findings)
+        found = replace(found, verdict="named" if sure else "ambiguous")
+    return replace(found, findings=(*found.findings, *findings), notes=(*found.notes, *notes))
