@@ -162,7 +162,8 @@ def of_channels_tried(
     if model.gravity is None or model.tilt_matrix is None:
         return model, effects
     felt = np.flatnonzero(np.diff(sparse.csr_array(model.tilt_matrix).indptr) > 0)
-    rows = gravity_effects([(model.channels[k], model.gravity.share[k] > 0.5) for k in felt], model.parameters.names)
+    stated = [(model.channels[k], bool(model.gravity.share[k] > 0.5)) for k in felt]
+    rows = gravity_effects(stated, model.parameters.names)
     added = [(e.adds, tuple(e.adds.settings["channels"])) for e in rows if e.adds is not None]
     return with_reversed_gravity(model, [(p.parameter, channels) for p, channels in added]), (*effects, *rows)
 

@@ -18,15 +18,13 @@ from probupdate.effects.gravity import CAUSE
 
 # false alarms of this one test
 FALSE_ALARM = 0.01
-# standard deviation of the size from which the two are told apart in fewer than half of all records
-TOO_WIDE = 1 / float(stats.norm.isf(FALSE_ALARM))
 # least share of a signature's length that is its own
 LEAST_LEFT = 1e-3
 
 
 def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
-    """The diagnosis with a finding where the readings hold the other of what is stated, and a note where the record
-    cannot tell."""
+    """The diagnosis with a finding where the readings hold the other of what is stated; where the record cannot tell,
+    the row's detectable size says so."""
     problem, fitted = outcome.problem, outcome.fitted
     design = fitted.design
     named = {f.key for f in found.findings}
@@ -35,7 +33,7 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
     if not rows:
         return found
     score = design.scores(fitted.centred)
-    findings, notes = [], []
+    findings = []
     for k in rows:
         effect, std = problem.effects[design.which[k][0]], float(1 / np.sqrt(design.information[k]))
         size = float(score[k] * std**2)
@@ -48,10 +46,7 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
                 unit=effect.unit, time_profile="constant", time_profile_start="", z=size / std,
                 posterior_probability=wrong, prior_probability=0.5, alternatives=(chance,), check=effect.check,
                 key=effect.key))
-        elif std > TOO_WIDE:
-            notes.append(f"{effect.name}: whether it is as stated is not seen in this record (a share of {size:.1f} "
-                         f"+- {std:.1f} is the other way, 1 would be all)")
     if findings and found.verdict == "none":
         sure = all(f.posterior_probability >= SURE for f in findings)
         found = replace(found, verdict="named" if sure else "ambiguous")
-    return replace(found, findings=(*found.findings, *findings), notes=(*found.notes, *notes))
+    return replace(found, findings=(*found.findings, *findings))

@@ -17,7 +17,7 @@ def gravity_effects(channels: Sequence[tuple[str, bool]], taken: Sequence[str] =
     not to: (name, stated). Its parameter is called unlike those `taken`."""
     found: list[Effect] = []
     for held in (True, False):
-        own = tuple(name for name, stated in channels if stated is held)
+        own = tuple(name for name, stated in channels if stated == held)
         if not own:
             continue
         where = "all horizontal channels" if len(own) == len(channels) else (

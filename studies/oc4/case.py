@@ -33,7 +33,9 @@ def parameter(name: str, acts: str, on: str, std: float, lower: float = 0.1, upp
 def sensors(file: SubDynFile) -> tuple[Sensor, ...]:
     place = {joint.id: joint.position_m for joint in file.joints}
     return tuple(
-        Sensor(channel=f"{level}-{joint}-{axis}", level=level, position_m=place[joint], direction=np.eye(3)[k])
+        # the second theory gives motions
+        Sensor(channel=f"{level}-{joint}-{axis}", level=level, position_m=place[joint], direction=np.eye(3)[k],
+               gravity=False)
         for level, joints in LEVELS.items() for joint in joints for k, axis in enumerate("xy")
     )
 

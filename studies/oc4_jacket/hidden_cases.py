@@ -470,7 +470,8 @@ def record(d: Description, case: Case, *, stated: str = "joint", still: bool = F
                 environment={n: v for n, v in now.items() if n != "hour"},
             )
         )
-    return ModalData(channels=CHANNELS, sets=tuple(sets), labels=MODES)
+    # OpenSees' shapes are motions
+    return ModalData(channels=CHANNELS, sets=tuple(sets), labels=MODES, gravity=(False,) * len(CHANNELS))
 
 
 # the user's model ------------------------------------------------------------------------------------------------

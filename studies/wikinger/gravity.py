@@ -24,7 +24,6 @@ def readings() -> ModalData:
     """Table 3's frequencies with the updated state's shapes as accelerometers read them, SHAPE_STD of the largest."""
     data = table_3_as_modes()
     one = data.sets[0]
-    # paper_update takes the model as it reads by default
     return replace(data, sets=(replace(one, shape_std=np.full(one.shape.shape, SHAPE_STD)),))
 
 
@@ -43,7 +42,8 @@ def main() -> None:
     parameters, with_it, std, misfit, heads = updated(data, held=True)
     _, without, _, misfit_without, heads_without = updated(data, held=False)
     for k, p in enumerate(parameters):
-        sys.stdout.write(f"| {p.name} | {with_it[k]:.4g} | {without[k]:.4g} | {(without[k] - with_it[k]) / std[k]:+.2f} |\n")
+        apart = (without[k] - with_it[k]) / std[k]
+        sys.stdout.write(f"| {p.name} | {with_it[k]:.4g} | {without[k]:.4g} | {apart:+.2f} |\n")
     for name, value in heads.items():
         sys.stdout.write(f"| {name} (N/m) | {value:.3g} | {heads_without[name]:.3g} | "
                          f"{100 * (heads_without[name] / value - 1):+.0f} % |\n")
