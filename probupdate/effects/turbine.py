@@ -62,7 +62,7 @@ def turbine_effects(
         rows += [*_jacket(d), *_transition_piece(d), *_flanges(d), *_pile_heads(d)]
     elif isinstance(d, OnMonopile):
         rows += [*_monopile(d), *_sleeve(d), *_flanges(d)]
-    else:
+    elif isinstance(d, OnFoundation):
         rows += [*_foundation(d), *_flanges(d)]
     if isinstance(d, Offshore):
         rows += [*_soil(d), *_water(d)]

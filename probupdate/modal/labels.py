@@ -106,9 +106,12 @@ def numbered(
     frequencies (n_mode,) are given, two close modes that bend obliquely are one of either direction: in a symmetric
     structure no direction is preferred, and both may lean to the same."""
     kind = np.where(local > local_limit, 3, np.argmax(share, axis=1)) if len(share) else np.zeros(0, int)
-    for j in range(1, len(kind) if frequency_hz is not None else 0):
-        i, own = j - 1, kind[j]
-        close = frequency_hz[j] - frequency_hz[i] < OBLIQUE_GAP * frequency_hz[j]
+    # without frequencies none are close
+    apart = np.full(len(kind), np.inf)
+    if frequency_hz is not None:
+        apart = np.diff(frequency_hz, prepend=-np.inf) / frequency_hz
+    for j in range(1, len(kind)):
+        i, own, close = j - 1, kind[j], apart[j] < OBLIQUE_GAP
         if own == kind[i] and own < 2 and close and max(share[k, 1 - own] for k in (i, j)) > OBLIQUE:
             kind[i if share[i, 1 - own] > share[j, 1 - own] else j] = 1 - own
     names, count = (*families, "L"), dict.fromkeys(range(4), 0)

@@ -371,14 +371,9 @@ def _check_range(p, key: str, d: Description) -> Iterator[Mistake]:
         yield f"{key}.lower", f"{low} is all of the body's {bodies[0].mass_kg:g} kg", "raise it"
 
 
-def check_sums(d: Description) -> Iterator[Mistake]:
-    """Depths and thicknesses that several parameters make up: none may fall below zero or lay a pile's tip bare.
-
-    Scour is added leg by leg; for growth and corrosion all that reduce them are taken as acting at one place.
-    """
-    rows = {p.name: ends(p) for p in d.parameter}
+def _check_scour(d: Offshore, rows: dict[str, tuple[float, float]]) -> Iterator[Mistake]:
     scour = [p for p in d.parameter if p.kind == "scour"]
-    for leg in (legs_of(d) or ("",)) if scour and isinstance(d, Offshore) else ():
+    for leg in (legs_of(d) or ("",)) if scour else ():
         low, high = (rows.get("sc", (0.0, 0.0))[k] + sum(ends(p)[k] for p in scour if p.on.leg in (None, leg))
                      for k in (0, 1))
         if low < 0 or high >= d.site.mudline_m - d.pile_tip_m:
@@ -387,6 +382,16 @@ def check_sums(d: Description) -> Iterator[Mistake]:
             yield (f"parameter {scour[0].name}", f"with sc, scour of {depth:g} m{where} {problem}",
                    f"{'raise the lower' if low < 0 else 'lower the upper'} bounds")
             return
+
+
+def check_sums(d: Description) -> Iterator[Mistake]:
+    """Depths and thicknesses that several parameters make up: none may fall below zero or lay a pile's tip bare.
+
+    Scour is added leg by leg; for growth and corrosion all that reduce them are taken as acting at one place.
+    """
+    rows = {p.name: ends(p) for p in d.parameter}
+    if isinstance(d, Offshore):
+        yield from _check_scour(d, rows)
     for name, kind in (("mg", "growth"), ("corr", "corrosion")):
         effects = [p for p in d.parameter if p.kind == kind]
         low = rows.get(name, (0.0, 0.0))[0] + sum(min(ends(p)[0], 0.0) for p in effects)

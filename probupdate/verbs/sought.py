@@ -42,6 +42,7 @@ def modes_of_interest(
     whatever they are."""
     found = reference_modes(model, sensors, lowest, families).modes
     assert found is not None  # a model has modes
+    return found
 
 
 def reference_modes(

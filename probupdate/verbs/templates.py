@@ -60,7 +60,7 @@ def template(kind: str, out: str | Path) -> Template:
         raise InputError(str(out), f"a {kind} model is no {out.suffix} file",
                          f"name a folder, or a file that ends in {Path(name).suffix}")
     model = out if alone else out / name
-    table = (model.with_name("parameters.toml"),) if kind == "matrices" else ()
+    table = [model.with_name("parameters.toml")] if kind == "matrices" else []
     campaign = () if alone else (out / "campaign" / "campaign.toml",)
     for path in (model, *table, *campaign):
         if path.exists():
