@@ -26,6 +26,7 @@ LEAST_MEASURED = 0.2
 # why a block at the start or the end of a recording cannot be used
 PART = "part of a recording"
 # samples beyond it, in SI units, count as lost
+COUNTED_AS_LOST = "counted as lost"
 LARGEST_SI = 1e9
 # room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
 CHUNK_CACHE_BYTES = 32 * 2**20
@@ -222,7 +223,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     for name, count in zip(campaign.channels, impossible, strict=True):
         if count:
             notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
-                         "measures: counted as lost")
+                         f"measures: {COUNTED_AS_LOST}")
     data[lost] = np.nan
     again, drawn = _not_measured(data, lost, campaign.sampling_rate_hz)
     repeated, line = again.mean(axis=0), drawn.mean(axis=0)

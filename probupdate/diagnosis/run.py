@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 # g / w^2 of the lowest mode beside the model's height, or in metres where that is not known, from which it is said that
 # the model has no tilt of its channels: a tenth of a per cent of their motion is seen by none
 SEEN_TILT = 0.001
+# how much parameters of a group change together, in any unit from shares to N/m
+LEAST_CHANGE, MOST_CHANGE = 1e-9, 1e9
 # of what a model usually leaves out, tried for a record that is unexplained
 LARGER_ERRORS = (2.0, 4.0)
 
@@ -223,4 +225,8 @@ def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:
             isinstance(v, int | float) and not isinstance(v, bool) for v in parts.values())
         if not numbers:
             raise InputError(f"{path}: {name}", "is no table of parameters with their change", "write [name] k_1 = 0.1")
+        far = next((f"{key} = {v:g}" for key, v in parts.items() if not LEAST_CHANGE <= abs(v) <= MOST_CHANGE), None)
+        if far is not None:
+            raise InputError(f"{path}: {name}", f"{far} is no change of a parameter ({LEAST_CHANGE:g} to "
+                             f"{MOST_CHANGE:g}, up or down)", "write how much it changes where the others change so")
     return table

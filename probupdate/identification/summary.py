@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import PART
+from probupdate.campaign.blocks import COUNTED_AS_LOST, PART
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
 from probupdate.identification.block_poles import STAY, TAKEN_OUT, BlockPoles, common_quantity
@@ -32,6 +32,10 @@ def summarise(
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
     lines += _of_samples(found, campaign.channels)
+    damaged = [b.id for b in found if any(COUNTED_AS_LOST in note for note in b.notes)]
+    if damaged:
+        lines.append(f"samples that no sensor measures, {COUNTED_AS_LOST}, in {len(damaged)} of {len(found)} blocks, "
+                     f"first {damaged[0]}: `probupdate check` names the channels")
     lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
               for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)

@@ -268,6 +268,12 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
     _refuse_exact(where, frequency, std["frequency_std_hz"])
     covariance_factors = factors.get(str(raw.get("id", number)))
+    for key, array in (covariance_factors or {}).items():
+        # of a mode all columns are known, or none
+        known = np.isfinite(array)
+        if np.any(known.any(axis=-1) != known.all(axis=-1)):
+            raise InputError(f"{path}, deviations, {raw.get('id', number)}", f"{key} has columns that are no numbers",
+                             "make it again with `probupdate identify`")
     found = ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,

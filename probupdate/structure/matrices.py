@@ -28,6 +28,8 @@ ARRAYS = ("channel", "channel_dof", "channel_sign", "channel_tilt_dof", "channel
           "node_position_m", "dof_node", "dof_direction", "line",
           *(f"{name}{part}" for name in ("K0", "M0", "channel_row", "channel_tilt_row")
             for part in ("", *SPARSE_PARTS)))
+# of the largest entry of a matrix: a spring is 1e13 N/m, and units of length and force are 1e9 apart
+SMALLEST, LARGEST = 1e-30, 1e30
 # entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
 ASYMMETRY_LIMIT = 1e-8
 # of a model's rows, half of them above: slower than what floats at anchor; and times the extent, in m/s, a quarter of
@@ -204,6 +206,10 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
         raise InputError(where, "is missing", "give it dense, or as _data, _indices, _indptr (CSR)")
     if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
         raise InputError(where, f"has shape {matrix.shape}", f"give ({n or 'n'}, {n or 'n'}) as K0 has")
+    largest = float(np.max(np.abs(matrix.data), initial=0.0))
+    if np.isfinite(largest) and largest and not SMALLEST < largest < LARGEST:
+        raise InputError(where, f"its largest entry is {largest:.3g}, which no stiffness or mass is in any unit",
+                         "check its units, and how it was exported")
     if not np.all(np.isfinite(matrix.data)):
         raise InputError(where, "holds NaN or infinite entries", "check how it was exported")
     skew = abs(matrix - matrix.T)

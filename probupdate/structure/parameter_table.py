@@ -92,8 +92,9 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
                          "<other name> = 0.5")
     for row, entries in table.items():
         for column, value in entries.items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(f"{where}, correlation.{row}.{column}", f"{value!r} is not a number", "give one")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
+                raise InputError(f"{where}, correlation.{row}.{column}", f"{value!r} is not a number in -1 to 1",
+                                 "give one")
             for name in (row, column):
                 if name not in names:
                     raise InputError(f"{where}, correlation", f"'{name}' is no updated parameter", "mend the name")

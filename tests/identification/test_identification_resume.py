@@ -391,3 +391,13 @@ def test_poles_of_one_block_are_in_memory_at_a_time(hour, rough, undisturbed, mo
     identify(read_campaign(hour), rough, settings=SSISettings(**SETTINGS), store=f"{undisturbed}.blocks")
     # the one at hand, and the one before it until its name is given to the next
     assert len(alive) > 2 * N_BLOCK / 2 and max(alive) - before <= 2
+
+
+def test_samples_that_no_sensor_measures_are_said(hour, rough, tmp_path):
+    folder = tmp_path / "campaign"
+    shutil.copytree(hour, folder)
+    path = sorted(folder.rglob("*.h5"))[0]
+    with h5py.File(path, "r+") as file:
+        file["data"][500:503, 1] = 1e12
+    found = identify(read_campaign(folder), rough, settings=SSISettings(**SETTINGS))
+    assert "samples that no sensor measures, counted as lost, in 1 of" in found.summary

@@ -309,7 +309,7 @@ def matrices(folder: Path) -> Made:
 
     from probupdate.structure.load import load_model
 
-    K = sparse.csr_array(np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1))
+    K = 1e4 * sparse.csr_array(np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1))
     np.savez(folder / "model.npz", K0=np.zeros((6, 6)), M0=np.eye(6), K_k_data=K.data, K_k_indices=K.indices,
              K_k_indptr=K.indptr, M_m=np.eye(6), channel=np.array(list("abc")), channel_dof=np.arange(3),
              channel_sign=np.ones(3), node_position_m=np.eye(6, 3), dof_node=np.arange(6),
@@ -395,7 +395,8 @@ def block_poles(folder: Path) -> Made:
     path = folder / "b.npz"
     write_block_poles(path, BlockPoles(
         id="b", start=pd.Timestamp("2020-01-01T00:00Z"), minutes=30.0, quantity="acceleration", excluded="", notes=(),
-        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])
+        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40),
+        unmeasured=np.zeros((3, 6))), [])
     return [path], lambda: read_block_poles(path)
 
 
