@@ -55,6 +55,8 @@ from probupdate.runtime.progress import Progress, silent
 NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
 # times of a step that are tried: between two of them a step of thirty standard deviations would look like slow scatter
 STEPS = 48
+# blocks before a change of which shapes are a mean
+FEWEST_BEFORE = 4
 # changes taken out one after the other
 MOST_CHANGES = 6
 # what competes with constant effects of sensors
@@ -240,7 +242,8 @@ def diagnose_without_model(
     share = FALSE_ALARM / (3 if placed else 2)
     changes, blocks, followed, found, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, seed,
                                                         progress)
-    steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
+    unexplained = [c for c in changes if c.finding is None]
+    steady = _steady(blocks, placed, rows, whole, share, seed, unexplained) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
     detectable_sizes = list(_detectable_sizes(followed, found, time_profiles))
     p_value, notes = found.p_value, [*as_one, *blocks.notes]
@@ -248,7 +251,6 @@ def diagnose_without_model(
         findings += steady.findings
         detectable_sizes += steady.detectable_sizes
         p_value = min(p_value, min(1.0, steady.p_value * FALSE_ALARM / share))
-    unexplained = [c for c in changes if c.finding is None]
     verdict = "unexplained" if unexplained or left else verdict_of(findings)
     details = {"without_model": True, "changes": [_change_table(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
@@ -329,10 +331,14 @@ class Steady:
     notes: tuple[str, ...]
 
 
-def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: float, seed: int) -> Steady:
+def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: float, seed: int,
+            unexplained: Sequence[Change]) -> Steady:
+    """Of the shapes before anything changed that has no cause: a mean of two states is neither's."""
+    begun = np.max([c.time_profile.value != 0 for c in unexplained], axis=0).astype(float) if unexplained else None
+    begun = None if begun is None or np.sum(begun == 0) < FEWEST_BEFORE else begun
     # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
     able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
-    answer = judge_levels(mean_shapes(look(blocks, placed).mean, blocks.channels, placed), able, whole,
+    answer = judge_levels(mean_shapes(look(blocks, placed, begun).mean, blocks.channels, placed), able, whole,
                           false_alarm=false_alarm, seed=seed)
     findings = []
     for competing, structure in zip(answer.found, answer.structure, strict=True):
