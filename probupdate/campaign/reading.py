@@ -79,6 +79,7 @@ class Campaign:
     rated_power_kw distinguishes idling from operation; None: the highest power recorded stands for it.
     x_axis_heading_deg: the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it. columns:
     where the sensors' samples are in the files; left_out: channels of the files that campaign.toml says not to use.
+    turned: channels whose samples are taken with the other sign, as their direction here is the opposite of the stated.
     """
 
     path: Path
@@ -93,6 +94,7 @@ class Campaign:
     scada: pd.DataFrame | None
     columns: tuple[int, ...]
     left_out: tuple[str, ...] = ()
+    turned: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -101,7 +103,7 @@ class Campaign:
     @property
     def unit_factor(self) -> np.ndarray:
         """(n_channel,) what the records are multiplied with to be in SI."""
-        return np.array([UNITS[s.quantity][s.unit] for s in self.sensors])
+        return np.array([UNITS[s.quantity][s.unit] * (-1 if s.channel in self.turned else 1) for s in self.sensors])
 
 
 def nearest(key: str, known: tuple[str, ...]) -> str:

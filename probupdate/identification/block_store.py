@@ -53,7 +53,8 @@ def store_head(campaign: Campaign, settings: BlockSettings) -> dict:
     """What must be equal for stored blocks to be taken: the channels, the clock and the settings of identification."""
     return {
         "format": FORMAT,
-        "channels": [f"{s.channel} [{s.quantity}, {s.unit}]" for s in campaign.sensors],
+        "channels": [f"{s.channel} [{s.quantity}, {s.unit}{', turned' if s.channel in campaign.turned else ''}]"
+                     for s in campaign.sensors],
         "quantity": common_quantity(campaign.sensors),
         "sampling_rate_hz": campaign.sampling_rate_hz,
         "block_minutes": campaign.block_minutes,

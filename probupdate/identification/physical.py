@@ -32,6 +32,10 @@ TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
 NEAR_FREQUENCY, NEAR_MAC = CONSTANTS.near_frequency, CONSTANTS.near_mac
 LARGEST_SPREAD = CONSTANTS.largest_spread
 LARGEST_JUMP = CONSTANTS.largest_jump
+# times the Cramer-Rao bound that a mode's frequency scatters at most
+STEADY = 4.0
+# MAC from which two directions of so few channels are one: by chance in one of 15 to 40
+ALIKE_OF_FEW = {1: 1.1, 2: 0.99, 3: 0.95}
 SAME_MODE, DOUBLE = CONSTANTS.same_mode, CONSTANTS.double
 PLANE_SHARE, IN_PLANE = CONSTANTS.plane_share, CONSTANTS.in_plane
 APART_MAC = CONSTANTS.apart_mac
@@ -302,9 +306,11 @@ def physical_modes(
               "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
     found = _of_the_structure(candidates, found, wave_hz, highest_hz, notes)
     angle = np.array(angle_deg, float) if angle_deg is not None else None
-    groups, doubles = _grouped(candidates, found, turns=angle is not None and bool(np.isfinite(angle).any()))
+    groups, doubles = _grouped(candidates, found, block_seconds,
+                               turns=angle is not None and bool(np.isfinite(angle).any()))
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
-              "few of its blocks and orders: left out as its double" for one, twin in doubles]
+              "few of its blocks and orders or here and there beside it: left out as its double"
+              for one, twin in doubles]
     if not groups:
         raise _nothing(where, n_block)
     return _as_modes(candidates, groups, angle, sensors, tuple(notes))
@@ -398,7 +404,7 @@ def _steady(inside: Candidates, block_seconds: float) -> bool:
         return True
     scatter = 1.4826 * np.median(np.abs(steps)) / np.sqrt(2)
     bound = np.sqrt(np.median(inside.damping) / (4 * np.pi * np.exp(np.median(inside.ln_frequency)) * block_seconds))
-    return bool(scatter <= max(LARGEST_JUMP, 4 * bound))
+    return bool(scatter <= max(LARGEST_JUMP, STEADY * bound))
 
 
 def _of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | None) -> bool:
@@ -427,14 +433,15 @@ def _inside(a: _Cluster, plane: np.ndarray) -> bool:
 
 
 def _grouped(
-    c: Candidates, clusters: list[_Cluster], turns: bool
+    c: Candidates, clusters: list[_Cluster], block_seconds: float, turns: bool
 ) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
     """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those
     that are doubles of a heavier one, with that one.
 
     What has the direction of a heavier one, or lies in its plane, and half its weight at most is its double, from noise
-    or from waves; what shares hardly a block with it is the same mode before or after a change. Where channels are too
-    few for a direction to say anything, clusters stay apart. turns: where a nacelle looks is known.
+    or from waves; so has what does not keep its distance to it from block to block, as a mode does, however often it
+    comes back, and that is asked of two and three channels too, whose directions alone say little. What shares hardly a
+    block with a heavier one is the same mode before or after a change. turns: where a nacelle looks is known.
     """
     groups: list[list[_Cluster]] = []
     doubles: list[tuple[_Cluster, _Cluster]] = []
@@ -443,6 +450,9 @@ def _grouped(
         for group in groups:
             first = group[0]
             away = min(abs(one.ln_frequency - other.ln_frequency) for other in group)
+            if away <= DOUBLE and _strays(c, one, first, block_seconds):
+                twin = first
+                break
             known = len(one.basis) >= one.basis.shape[1] + first.basis.shape[1] + 2
             if away > DOUBLE or not known or not _inside(one if first.plane else first, first.basis if first.plane
                                                          else one.basis):
@@ -460,6 +470,21 @@ def _grouped(
         else:
             groups.append([one])
     return groups, doubles
+
+
+def _strays(c: Candidates, one: _Cluster, heavy: _Cluster, block_seconds: float) -> bool:
+    """Whether a cluster has the direction of a heavier one and lies here and there beside it: its distance in ln f
+    scatters over their common blocks by more than four times what a record of two modes shows at best (the Cramer-Rao
+    bound). Temperature moves both, and drops out."""
+    alike = ALIKE_OF_FEW.get(len(one.basis), IN_PLANE)
+    if one.plane or heavy.plane or mac(one.basis, heavy.basis)[0, 0] < alike:
+        return False
+    own, other = ({int(c.block[k]): c.ln_frequency[k] for k in x.rows[np.argsort(c.share[x.rows], kind="stable")]}
+                  for x in (one, heavy))
+    away = np.array([own[k] - other[k] for k in sorted(own.keys() & other.keys())])
+    bound = np.sqrt(sum(x.damping / (4 * np.pi * np.exp(x.ln_frequency) * block_seconds) for x in (one, heavy)))
+    # from block to block: a mode that moves slowly, or once, stays one
+    return len(away) > 1 and bool(1.4826 * np.median(np.abs(np.diff(away))) > np.sqrt(2) * STEADY * bound)
 
 
 def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_Cluster]:

@@ -157,10 +157,9 @@ def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
         here = [place[channel] for place in places if channel in place]
         for other in here[1:]:
             moved = float(np.linalg.norm(other.position_m - here[0].position_m))
-            if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or (
-                    other.quantity, other.gravity) != (here[0].quantity, here[0].gravity):
+            if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or other.gravity != here[0].gravity:
                 raise InputError(f"channel {channel}", f"sits elsewhere in another setup ({moved:.2g} m away, or of "
-                                 "another direction, quantity or gravity)",
+                                 "another direction or gravity)",
                                  "name sensors that were moved anew in each setup")
     return tuple(common)
 

@@ -29,8 +29,9 @@ from probupdate.identification.physical import (
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.references_between import SetupModes, compare_references
 from probupdate.identification.roving import Merged, Setup, common_channels, merge_setups
-from probupdate.modal.modes import rotate_to_real
+from probupdate.modal.modes import Sensor, rotate_to_real
 from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -55,6 +56,7 @@ def identify_setups(
     below which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
+    campaigns = in_one_sense(campaigns)
     common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         poles = []
@@ -65,12 +67,16 @@ def identify_setups(
         parts, owner = _candidates(poles, settings, persistence)
         if not parts:
             raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
+        alone = [one for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True))
+                 if (one := _alone(campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k],
+                                   persistence))]
+        compared = compare_references(alone, common)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
         found = physical_modes(gathered([_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
                                n_block=len(owner), settings=persistence,
                                block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
                                highest_hz=min(passed_hz(c, settings) for c in campaigns))
-        setups, notes = [], list(found.notes)
+        setups, notes = [], [*compared, *found.notes]
         for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
             own, place, absent = _own_part(found, parts, [j for j, one in enumerate(owner) if one == k])
             if own is None:
@@ -90,6 +96,35 @@ def identify_setups(
     named, matched = _named(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, matched, reference.labels, notes, settings)
+
+
+def in_one_sense(campaigns: Sequence[Campaign]) -> list[Campaign]:
+    """The campaigns with every channel along the direction of the first that has it: one that is stated the other way
+    round is taken with the other sign."""
+    stated: dict[str, Sensor] = {}
+    found = []
+    for campaign in campaigns:
+        against = {s.channel for s in campaign.sensors if float(s.direction @ stated.setdefault(
+            s.channel, s).direction) < -0.99}
+        sensors = tuple(replace(s, direction=stated[s.channel].direction) if s.channel in against else s
+                        for s in campaign.sensors)
+        found.append(replace(campaign, sensors=sensors, turned=tuple(sorted(against))))
+    return found
+
+
+def _alone(campaign: Campaign, name: str, parts: list[Candidates], persistence: PersistenceSettings
+           ) -> SetupModes | None:
+    """A setup's modes by itself; None where nothing comes back."""
+    if not parts or not sum(len(p.block) for p in parts):
+        return None
+    own = gathered([replace(p, block=np.full(len(p.block), k)) for k, p in enumerate(parts)])
+    try:
+        modes = physical_modes(own, n_block=len(parts), settings=persistence,
+                               block_seconds=60 * campaign.block_minutes).modes
+    except InputError:
+        # its parts of modes may come back with those of the others
+        return None
+    return SetupModes(name=name, sensors=campaign.sensors, frequency_hz=modes.frequency_hz, shape=np.real(modes.shape))
 
 
 def _candidates(

@@ -202,3 +202,25 @@ def test_what_became_of_harmonics_is_counted():
         "harmonics taken out in 4 of 6 blocks: 3P in 4, 6P in 3",
         "harmonics stay in 2 blocks: the rotor stood or idled"]
     assert harmonics_removed(["gaps"]) == []
+
+
+def of_three_channels(rng, steady):
+    """Two modes of one direction at three channels, 8 % apart; the second keeps its place, or strays by 1 %."""
+    rows = []
+    for _ in range(12):
+        one, two = 1.25 * (1 + 5e-4 * rng.standard_normal()), 1.35 * (1 + (5e-4 if steady else 0.01)
+                                                                      * rng.standard_normal())
+        shape = np.array([[-0.6, 1.0, 0.8], [-0.6, 1.0, 0.8]]) + 0.01 * rng.standard_normal((2, 3))
+        orders = np.array([*ORDERS, *ORDERS[1:4]])
+        frequency = np.array([*[one] * len(ORDERS), *[two] * 3])
+        rows.append(PoleStack(order=orders, frequency_hz=frequency, damping_ratio=np.full(8, 0.01),
+                              shape=shape[[*[0] * len(ORDERS), 1, 1, 1]].T.astype(complex)))
+    return rows
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_three_channels_what_strays_beside_a_mode_is_its_double(seed):
+    rng = np.random.default_rng(seed)
+    assert found_in(of_three_channels(rng, steady=True)).modes.frequency_hz == pytest.approx([1.25, 1.35], rel=2e-3)
+    strays = found_in(of_three_channels(rng, steady=False))
+    assert strays.modes.frequency_hz == pytest.approx([1.25], rel=2e-3)
