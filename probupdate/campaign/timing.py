@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy import ndimage
 
 from probupdate.campaign.description import DAY_NUMBERS, TIME_UNITS, Description
 from probupdate.errors import InputError
@@ -17,6 +18,10 @@ from probupdate.errors import InputError
 RATE_TOLERANCE = 1e-3
 # rows more than so far from where they should be, in samples, are a gap or irregular
 OFF = 0.75
+# where rows come at an even pace, the rate of rows over span may differ by this: beyond any quartz
+DRIFT_TOLERANCE = 1.5e-4
+# an even pace leaves so many samples about a straight line at most; rows of a running median, which jitter does not move
+EVEN, AROUND = 1.5, 15
 # standard deviation of the steps, in samples, from which it is said, and beyond which a source is refused
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
 # seconds from 1970 that 64 bits of nanoseconds hold: 1678 to 2261
@@ -83,6 +88,7 @@ class Clock:
         self.grain = 0.0  # what the times are rounded to, in samples, where that is coarse
         self.filled = self.cuts = self.shifts = 0
         self.uneven = 0.0
+        self.points: list[tuple[int, int]] = []  # row and nanoseconds, about one a second
 
     def placed(self, time: np.ndarray | None, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         if time is None:
@@ -94,6 +100,7 @@ class Clock:
             return
         moment = self._nanoseconds(time)
         self._inspect(moment)
+        self._pace(moment)
         yield from self._runs(moment, data)
         self.first_row += len(data)
 
@@ -207,9 +214,35 @@ class Clock:
             raise InputError(f"{self.path}, time", f"is irregular: its steps deviate by {uneven:.2f} samples",
                              "resample to equal steps first: this is not done silently")
         rate = float(np.sum(usual)) / float(np.sum(step[usual])) * 1e9
+        if abs(len(step) * sample / float(np.sum(step)) - 1) <= RATE_TOLERANCE:
+            # as many rows as their span asks for: steps that are long are long by what others are short
+            return
         if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
             raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
                              "correct the rate, or resample first")
+
+    def _pace(self, moment: np.ndarray) -> None:
+        """Refuse a source whose rows come at an even pace of another rate: rows, rate and span decide. Where times are
+        rounded down, the rows at which they change are known to a sample."""
+        every = max(round(self.rate), 1)
+        rows = np.flatnonzero(np.diff(moment)) + 1 if self.grain else np.arange(0, len(moment), every)
+        self.points += [(self.first_row + int(k), int(moment[k])) for k in rows]
+        if len(self.points) < 3:
+            return
+        number, time = np.array(self.points, dtype=np.int64).T
+        seconds = (time - time[0]) / 1e9
+        if np.ptp(seconds) == 0:
+            return
+        slope, start = np.polyfit(seconds, number - number[0], 1)
+        off = np.abs(number - number[0] - start - slope * seconds)
+        drift = abs(slope / self.rate - 1)
+        if off.max() > EVEN + self.uneven or drift < DRIFT_TOLERANCE or drift * np.ptp(number) < 2 * EVEN:
+            return
+        # known to a row over the span
+        rate = round(float(slope), max(int(np.log10(seconds[-1])), 0))
+        raise InputError(f"{self.path}, time", f"{np.ptp(number)} rows in {seconds[-1]:.6g} s come at {rate:.8g} Hz "
+                         f"without a gap, campaign.toml says {self.rate:.6g} Hz",
+                         f"write sampling_rate_hz = {rate:.8g} into campaign.toml, if the times are right")
 
     def _runs(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         """Cut where time leaves the count of rows by more than OFF samples (or what the times are rounded to)."""
@@ -223,6 +256,9 @@ class Clock:
                 new = pd.Timestamp(self.anchor, tz="UTC")
             ahead = (moment[at:] - self.anchor) / sample - (self.next_row + np.arange(len(data) - at))
             leaving = np.abs(ahead) > allowed
+            if leaving.any() and self.uneven > UNEVEN_SAID:
+                # a single time that is off is no gap: the count of rows goes on
+                leaving = np.abs(ndimage.median_filter(ahead, AROUND, mode="nearest")) > allowed
             stop = at + int(np.argmax(leaving)) if leaving.any() else len(data)
             if stop > at or new is not None:
                 stop = max(stop, at + 1)

@@ -272,6 +272,28 @@ def test_a_clock_that_runs_a_little_off_is_followed_and_told(job):
     assert at == n and "part by a sample 2 times" in result.summary
 
 
+@pytest.mark.parametrize("rate", [9.995, 10.005, 10.03])
+@pytest.mark.parametrize("stamp", ["s", "ms"])
+def test_a_rate_that_is_not_the_stated_one_is_named_with_its_remedy(job, rate, stamp):
+    """Nothing is missing: rows, rate and span decide, fast or slow, whatever the stamps are rounded to."""
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    time = (START + pd.to_timedelta(np.arange(12000) / rate, unit="s")).floor(stamp)
+    table(noise(12000), [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
+    with pytest.raises(InputError, match=rf"come at {rate}.*Hz|write sampling_rate_hz = {rate}"):
+        convert(raw, campaign)
+
+
+def test_stamps_that_jitter_lose_no_row(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    away = np.random.default_rng(3).normal(0, 0.018, 12000)
+    time = START + pd.to_timedelta(np.maximum.accumulate(np.arange(12000) / 10 + np.clip(away, -0.09, 0.09)), unit="s")
+    data = noise(12000)
+    table(data, [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
+    assert "steps are uneven" in convert(raw, campaign).summary
+    ((_, found),) = records(campaign)
+    assert np.array_equal(found, data.astype(np.float32))
+
+
 @pytest.mark.parametrize(("line", "short"), [
     ("2019-06-03T10:00:00.300Z,1.0", True), ("2019-06-03T10:00:00.300Z,,", False), ("", False),
 ])
