@@ -20,7 +20,7 @@ RATE_TOLERANCE = 1e-3
 OFF = 0.75
 # where rows come at an even pace, the rate of rows over span may differ by this: beyond any quartz
 DRIFT_TOLERANCE = 1.5e-4
-# an even pace leaves so many samples about a straight line at most; rows of a running median, which jitter does not move
+# an even pace leaves so many samples about a line at most; rows of a running median, which jitter does not move
 EVEN, AROUND = 1.5, 15
 # standard deviation of the steps, in samples, from which it is said, and beyond which a source is refused
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
