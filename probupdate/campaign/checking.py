@@ -18,6 +18,7 @@ from probupdate.campaign.findings import (
     clock_findings,
     mounting_findings,
     rate_findings,
+    runaway_clocks,
     scale_findings,
     sensor_findings,
 )
@@ -204,6 +205,9 @@ def _findings(
     rates, rate_use = rate_findings(campaign, ratio)
     single += mounting_findings(compared, single)
     measured, able = sensor_findings(campaign, compared, sways, single)
+    # what is late by seconds has no gain against the others
+    away = runaway_clocks(compared, campaign.channels)
+    measured = [f for f in measured if f.channel not in away]
     findings = (
         *_coverage(campaign, head, overlaps), *single, *(f.message for f in measured), *clocks, *rates,
         *scale_findings(table, states, campaign.sensors, single), *_scada_findings(campaign),

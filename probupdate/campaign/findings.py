@@ -11,6 +11,7 @@ import pandas as pd
 
 from probupdate.campaign import mounting
 from probupdate.campaign.blocks import LARGEST_SI
+from probupdate.campaign.clocks import LARGEST_DELAY_S
 from probupdate.campaign.gain_steps import Piece, gain_steps, parts_of_campaign
 from probupdate.campaign.heading import Sway, heading_findings, heading_offset
 from probupdate.campaign.mounting import Suspicion
@@ -28,6 +29,8 @@ SCALE_FACTOR = 8.0
 # factors that a unit taken for another makes
 UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mm and m", 1e2: "cm and m", 10.0: "cm and mm", 9806.65: "mg and m/s2",
                 980.665: "g and cm/s2"}
+# steps of a delay between neighbouring blocks that show a drift, and their scatter as a share of them
+FEWEST_STEPS, EVEN_STEPS = 3, 0.2
 # lost samples that are mentioned, as a share
 MISSING = 0.005
 # slow wandering of a channel's mean within a block, in its own standard deviations: of anything; of one alone among its
@@ -243,6 +246,31 @@ def sensor_findings(
 # Clocks and rates ---------------------------------------------------------------------------------------------------
 
 
+def runaway_clocks(compared: Sequence[Compared], channels: Sequence[str]) -> dict[str, tuple[float, str]]:
+    """Channel -> (s a day that its clock loses, the last block in which that was followed), of clocks whose drift over
+    the campaign is beyond the range in which delays are sought: by the steps between neighbouring blocks, which delays
+    that are lost or found at a wrong period do not spoil."""
+    found = {}
+    days = np.array([(b.start - compared[0].start) / pd.Timedelta(days=1) for b in compared])
+    if len(days) < FEWEST_STEPS + 1:
+        return found
+    usual = float(np.median(np.diff(days)))
+    near = np.diff(days) < 1.5 * usual
+    for c, name in enumerate(channels):
+        delay = np.array([b.delay_s[c] for b in compared])
+        step = np.diff(delay)
+        known = np.flatnonzero(np.isfinite(step) & near)
+        if len(known) < FEWEST_STEPS:
+            continue
+        middle = float(np.median(step[known]))
+        scatter = 1.4826 * float(np.median(np.abs(step[known] - middle)))
+        drift = middle / usual
+        if scatter < EVEN_STEPS * abs(middle) and abs(drift) * (np.ptp(days) + usual) > LARGEST_DELAY_S:
+            followed = known[np.abs(step[known] - middle) < 0.5 * abs(middle)]
+            found[name] = drift, compared[int(followed[-1]) + 1].id
+    return found
+
+
 def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tuple[list[str], str | None]:
     """Sentences on late channels, and one on what the comparison can resolve (None where nothing was compared)."""
     if not compared:
@@ -261,8 +289,12 @@ def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tup
         centre[c] = np.median(values)
         theirs = np.median([b.delay_std_s[c] for b, good in zip(compared, known, strict=True) if good])
         error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
-    late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])]
-    found = []
+    away = runaway_clocks(compared, channels)
+    late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])
+            and channels[c] not in away]
+    found = [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.3g} ppm) against "
+             f"the median channel; after {last} it is beyond the {LARGEST_DELAY_S:g} s in which channels are compared: "
+             "resample it to the others' clock, or leave it out" for name, (drift, last) in away.items()]
     while late:
         first = max(late, key=lambda c: abs(centre[c]))
         group = [c for c in late if abs(centre[c] - centre[first]) < max(
