@@ -32,6 +32,8 @@ TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
 NEAR_FREQUENCY, NEAR_MAC = CONSTANTS.near_frequency, CONSTANTS.near_mac
 LARGEST_SPREAD = CONSTANTS.largest_spread
 LARGEST_JUMP = CONSTANTS.largest_jump
+# damping ratio of a line: welded steel without soil, water or cladding has five times as much
+OF_A_LINE = 2e-4
 # times the Cramer-Rao bound that a mode's frequency scatters at most
 STEADY = 4.0
 # MAC from which two directions of so few channels are one: by chance in one of 15 to 40
@@ -313,6 +315,10 @@ def physical_modes(
               for one, twin in doubles]
     if not groups:
         raise _nothing(where, n_block)
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz has a damping of {100 * one.damping:.2g} %, as no structure has: a "
+              "machine's line, perhaps folded from above half the sampling rate; look at it as a mode with care"
+              for one in sorted((group[0] for group in groups), key=lambda x: x.ln_frequency)
+              if one.damping < OF_A_LINE]
     return _as_modes(candidates, groups, angle, sensors, tuple(notes))
 
 

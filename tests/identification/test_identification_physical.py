@@ -224,3 +224,12 @@ def test_of_three_channels_what_strays_beside_a_mode_is_its_double(seed):
     assert found_in(of_three_channels(rng, steady=True)).modes.frequency_hz == pytest.approx([1.25, 1.35], rel=2e-3)
     strays = found_in(of_three_channels(rng, steady=False))
     assert strays.modes.frequency_hz == pytest.approx([1.25], rel=2e-3)
+
+
+@pytest.mark.parametrize("damping", [3e-5, 1e-4, 2e-3])
+def test_a_line_is_said_of_the_mode_that_it_is(damping):
+    rng = np.random.default_rng(4)
+    found = found_in([plain(rng, [(0.4, damping, np.eye(12)[5], ORDERS)]) for _ in range(N_BLOCK)])
+    assert np.min(np.abs(found.modes.frequency_hz / 0.4 - 1)) < 2e-3
+    said = [note for note in found.notes if "a machine's line" in note]
+    assert bool(said) == (damping < 1e-3) and all(note.startswith("0.400 Hz has a damping of") for note in said)
