@@ -86,9 +86,8 @@ class Problem:
         parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
         std = np.concatenate(parts)
         if self.scales is not None or not self.form:
-            stated = std**2
-            changed = stated - self._stated_discrepancy**2 + self.discrepancy_std**2
-            std = np.sqrt(np.maximum(changed, LEAST_NOISE**2 * stated))
+            own, least = self.own_variance
+            std = np.sqrt(np.maximum(own + self.discrepancy_std**2, least))
         if self.error is not None:
             for rows in self._mac_rows:
                 std[rows] = np.sqrt(std[rows] ** 2 + np.sum(self.error.factor[rows] ** 2))
@@ -108,6 +107,13 @@ class Problem:
     def _stated_discrepancy(self) -> np.ndarray:
         parts = [g.discrepancy_std for g in self.groups]
         return np.concatenate([p[0] for p in parts] + [p[1] for p in parts])
+
+    @cached_property
+    def own_variance(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each response (n_response,) what is no discrepancy of the model, and the least that is left with it."""
+        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
+        stated = np.concatenate(parts) ** 2
+        return stated - self._stated_discrepancy**2, LEAST_NOISE**2 * stated
 
     @cached_property
     def unit_discrepancy(self) -> np.ndarray:
@@ -369,14 +375,14 @@ class Problem:
         if self.weights.covariance:
             root = self.noise_root
             return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
-        each, start = np.log(self.std) + 0.5 * np.log(2 * np.pi), self.n_frequency
-        found = -float(np.sum(each[:start]))
-        for g in self.groups:
-            size = g.shape_response.size
-            if size:
-                found -= (g.n_effective - g.size) / size * float(np.sum(each[start : start + size]))
-            start += size
-        return found + added
+        return added - float(self.counted @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
+
+    @cached_property
+    def counted(self) -> np.ndarray:
+        """How much of each response (n_response,) is left when shapes are aligned."""
+        parts = [np.full(g.shape_response.size, (g.n_effective - g.size) / max(g.shape_response.size, 1))
+                 for g in self.groups]
+        return frozen_array(np.concatenate([np.ones(self.n_frequency), *parts]))
 
     @cached_property
     def nodes(self) -> tuple[tuple[float, Problem], ...]:

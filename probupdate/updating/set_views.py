@@ -273,7 +273,7 @@ class Common:
         by_new: dict[tuple[float, float], list] = {}
         for scales in self.scales.nodes:
             by_new.setdefault(scales.new, []).append(scales)
-        return joined([self.error.likelihoods(total(self.error.each(new)), rows) for new, rows in by_new.items()])
+        return joined([self.error.likelihoods(self.error.summed(new), rows) for new, rows in by_new.items()])
 
 
 def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> GaussianPrior:

@@ -134,6 +134,32 @@ class SharedError:
                                constant=noise.log_constant - 0.5 * lost))
         return found
 
+    @cached_property
+    def _stacked(self) -> tuple[np.ndarray, ...]:
+        """Rows r, J, B of all sets; of each row its own variance, the least, what a discrepancy of one does, its kind,
+        and how much it counts; of independent responses."""
+        rows, own = [], []
+        for problem, centre, r, J, B in zip(self.problems, self.centre, self.residual, self.slope, self.effect,
+                                            strict=True):
+            noise = problem.noise_alone((0.0, 0.0))
+            form = noise.form_std if noise.form else np.zeros(len(r))
+            variance, least = noise.own_variance
+            rows.append(np.column_stack([r - J @ (self.middle - centre), J, B]))
+            own.append(np.column_stack([variance + form**2, least, noise.unit_discrepancy,
+                                        np.arange(len(r)) >= noise.n_frequency, noise.counted]))
+        return np.concatenate(rows), *np.concatenate(own).T
+
+    def summed(self, new: tuple[float, float]) -> Inner:
+        """Of all sets: as `total(each(new))`, at once where responses are independent."""
+        first = self.problems[0]
+        if first.weights.covariance or first.weights.shapes == "mac":
+            return total(self.each(new))
+        rows, own, least, unit, kind, counted = self._stacked
+        std = np.sqrt(np.maximum(own + (np.where(kind > 0, new[1], new[0]) * unit) ** 2, least))
+        white = rows / std[:, None]
+        return Inner(middle=self.middle, products=white.T @ white,
+                     constant=-float(counted @ (np.log(std) + 0.5 * np.log(2 * np.pi))))
+
     def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> Averaged:
         """Of the sets summed in `inner` at one common u, averaged over the scales."""
         std = self.common_std(np.array([s.shared for s in scales]))[:, self.n_source :]
@@ -262,33 +288,34 @@ def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Co
 def _common_discrepancy(problems: Sequence[Problem]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """How each set's responses (n, n_common) follow from one discrepancy of each frequency and of each component of a
     shape, in the first set's scale and turn of the shapes that has them; kind and form (n_common,)."""
-    keys: dict[tuple, tuple[int, float]] = {}
+    keys: dict[tuple, tuple[int, float, float]] = {}
     bases: dict[tuple[int, ...], np.ndarray] = {}
     entries = []
     for problem in problems:
         own = list(_responses(problem, bases))
-        for _, key, _, kind, form in own:
-            keys.setdefault(key, (kind, form))
+        for _, key, _, unit, kind, form in own:
+            keys.setdefault(key, (kind, form, unit))
         entries.append(own)
     order = {key: k for k, key in enumerate(keys)}
     effect = []
     for problem, own in zip(problems, entries, strict=True):
         B = np.zeros((problem.measured.size, len(order)))
-        for row, key, size, _, _ in own:
-            B[row, order[key]] += size
+        for row, key, size, *_ in own:
+            # one unit for all sets: a share of each set's own frequency could shrink their scatter
+            B[row, order[key]] += size * keys[key][2]
         effect.append(B)
     kinds = np.array([keys[key][0] for key in order], int)
     return effect, kinds, np.array([keys[key][1] for key in order])
 
 
-def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, float, int, float]]:
-    """Row of a response, name of the unknown, how the row follows it, its kind and what is missed by form: `bases` are
-    those of the sets before, of a group's measured modes, rows of all of the model's channels, NaN where not measured.
-    """
+def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, float, float, int, float]]:
+    """Row of a response, name of the unknown, how the row follows it, what a discrepancy of one does there, its kind
+    and what is missed by form: `bases` are those of the sets before, of a group's measured modes, rows of all of the
+    model's channels, NaN where not measured."""
     unit = problem.unit_discrepancy
     form = np.where(unit > 0, problem.form_std / np.where(unit > 0, unit, 1.0), 0.0) * problem.form_is_shared
     for row, mode in enumerate(problem.used):
-        yield row, ("f", mode), float(unit[row]), 1, float(form[row])
+        yield row, ("f", mode), 1.0, float(unit[row]), 1, float(form[row])
     start = problem.n_frequency
     for matched, group in zip(problem.matching.groups, problem.groups, strict=True):
         if group.shapes in ("plane", "components"):
@@ -302,8 +329,8 @@ def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, floa
                 for of in range(k):
                     for number, channel in enumerate(group.rows):
                         row = start + to * n + number
-                        yield (row, ("s", matched.measured, of, int(channel)), float(turn[of, to] * unit[row]), 2,
-                               float(form[row]))
+                        yield (row, ("s", matched.measured, of, int(channel)), float(turn[of, to]), float(unit[row]),
+                               2, float(form[row]))
         start += group.shape_response.size
 
 
@@ -375,7 +402,8 @@ class _Grid:
     def evidence(self, new: tuple[float, float], shared: np.ndarray) -> np.ndarray:
         """(n,) of shared scales (n, 2)."""
         if new not in self.kept:
-            self.kept[new] = total(self.error.each(new, self.tau)).without_sources(self.error.n_source)
+            every = self.error.summed(new) if self.tau is None else total(self.error.each(new, self.tau))
+            self.kept[new] = every.without_sources(self.error.n_source)
         return self.kept[new].evidence(self.error.common_std(shared)[:, self.error.n_source :], self.prior)
 
     def values(self, axes: Sequence[np.ndarray]) -> np.ndarray:

@@ -277,8 +277,8 @@ def test_a_discrepancy_that_sets_share_is_a_block_of_ones(linear, validation, ne
     kept = np.isfinite(frequencies)
     f, mode = frequencies[kept], np.nonzero(kept)[1]
     residual = f - problems[0].predict(theta)[mode]
-    # each set's own frequency scales what it shares
-    common = (mode[:, None] == mode) * np.outer(f, f) * shared**2
+    # a share of the first set's frequencies: of each one's own, a large one could shrink their scatter
+    common = (mode[:, None] == mode) * np.outer(frequencies[0][mode], frequencies[0][mode]) * shared**2
     covariance = common + np.diag((0.002 * LINEAR_HZ[mode]) ** 2 + (new * f) ** 2)
     expected = -0.5 * residual @ np.linalg.solve(covariance, residual) - 0.5 * np.linalg.slogdet(
         2 * np.pi * covariance)[1]
