@@ -62,12 +62,14 @@ class Matching:
     MAC of the computed shape with its best match in the measured plane, and of one of a close pair measured alone that
     with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
+    absent: measured modes of a pair of which the model has the other one alone.
     """
 
     groups: tuple[ModeGroup, ...]
     criterion: np.ndarray
     left_out: tuple[str, ...]
     n_mode: int
+    absent: tuple[int, ...] = ()
 
     @property
     def measured(self) -> tuple[int, ...]:
@@ -157,12 +159,20 @@ def match(
     criterion = _criteria(measured, computed, clusters)
     visible = np.linalg.norm(computed, axis=0)
     partner = _partners(criterion, used)
+    absent = _absent(clusters, partner, measured, computed, min_mac)
+    if absent:
+        left_out += [f"{name[j]} of set {modal_set.id}: the model has no mode for the measured {name[j]}; the other of "
+                     "its pair is compared alone" for j in absent]
+        used = [j for j in used if j not in absent]
+        clusters = [rest for rest in (tuple(j for j in c if j not in absent) for c in clusters) if rest]
+        criterion = _criteria(measured, computed, clusters)
+        partner = _partners(criterion, used)
     if refuse and len(partner) > 1:
         refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
-    absent = [name[k] for k in np.flatnonzero(~modal_set.measured)]
-    known = halves, {j for j in partner if across(name[j]) in absent}
+    unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
+    known = halves, {j for j in partner if across(name[j]) in unmeasured}
     mates = _mates(clusters, partner, known, measured, computed, solution.frequency_hz) if planes else {}
     left_out += _as_halves(modal_set.id, mates, partner, name, solution.frequency_hz)
     for j, k in mates.items():
@@ -181,8 +191,31 @@ def match(
     highest = max(i for group in groups for i in (*group.computed, *group.mates))
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
-        n_mode=min(highest + 1 + SPARE, computed.shape[1]),
+        n_mode=min(highest + 1 + SPARE, computed.shape[1]), absent=tuple(absent),
     )
+
+
+def _absent(
+    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], measured: np.ndarray, computed: np.ndarray,
+    min_mac: float,
+) -> list[int]:
+    """Measured modes of a pair whose plane the computed ones do not span, where the model has the other one: programs
+    drop one of a symmetric pair, or have motion one way alone. With neither alike all of the pair is left out."""
+    found: list[int] = []
+    for cluster in clusters:
+        known = np.all(np.isfinite(measured[:, list(cluster)]), axis=1)
+        if len(cluster) != 2 or known.sum() < 3:
+            continue
+        plane, _ = np.linalg.qr(measured[known][:, list(cluster)])
+        own = [partner[j] for j in cluster if j in partner]
+        computed_plane, _ = np.linalg.qr(computed[known][:, own])
+        if len(own) == 2 and np.linalg.svd(plane.T @ computed_plane, compute_uv=False)[-1] ** 2 >= min_mac:
+            continue
+        single = np.nan_to_num(mac(measured[:, list(cluster)], computed)).max(axis=1)
+        kept = int(np.argmax(single))
+        if single[kept] >= OWN_MAC and single[1 - kept] < min_mac:
+            found.append(cluster[1 - kept])
+    return found
 
 
 def _usable(

@@ -186,7 +186,8 @@ def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: 
         return
     error = InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
                        "does not explain the misfit", "check pairing, channels and units")
-    likely = suspected_channels(model, data, [model.parameters.initial, start], set_id=set_id)
+    likely = suspected_channels(model, data, [model.parameters.initial, start], set_id=set_id,
+                                absent=problem.matching.absent)
     raise error if likely is None else with_mistake(error, likely)
 
 

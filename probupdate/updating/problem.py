@@ -464,14 +464,21 @@ def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
 
 
 def suspected_channels(
-    model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None
+    model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None,
+    absent: Sequence[int] = (),
 ) -> ChannelMistake | None:
     """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta
-    (n_param,)."""
+    (n_param,); of modes that are `absent` in the model no sensor is to blame."""
     rows = channel_rows(model, data.channels)
     n_mode = min(data.n_mode + SEARCH, model.n_available)
-    model = reading(model, data.felt)
-    return channel_mistake(data.set(set_id), data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
+    model, modal_set = reading(model, data.felt), data.set(set_id)
+    if len(absent):
+        shape = np.array(modal_set.shape)
+        shape[:, list(absent)] = np.nan
+        frequency = np.array(modal_set.frequency_hz)
+        frequency[list(absent)] = np.nan
+        modal_set = replace(modal_set, shape=shape, frequency_hz=frequency)
+    return channel_mistake(modal_set, data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
 
 
 def _hash(*parts: str | np.ndarray) -> str:

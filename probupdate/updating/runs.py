@@ -91,7 +91,8 @@ def deterministic_update(
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
-    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id,
+                                absent=problem.matching.absent)
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
@@ -324,7 +325,8 @@ def sample_posterior(
         log_posterior=log_posterior[::thin], agreement=agree(weighted, chain),
         laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
         against=_against_full(problem, predicted, shown[:N_CHECK]),
-        likely=suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id),
+        likely=suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id,
+                                  absent=problem.matching.absent),
     )
     return _posterior(found, data, settings, rng)
 
