@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
@@ -63,11 +62,13 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
         slope = problem.weighted(problem.sensitivity(theta)[1].T).T
         _, log_det = np.linalg.slogdet(slope.T @ slope + alpha * weight)
         evidence = 0.5 * (len(theta) * np.log(alpha) - log_det - run.objective[-1])
-        rows.append((alpha, theta, run.misfit[-1], apart @ weight @ apart, evidence, run.converged))
+        pull = weight @ apart
+        fall = -2 * pull @ np.linalg.solve(slope.T @ slope + alpha * weight, pull)
+        rows.append((alpha, theta, run.misfit[-1], apart @ pull, fall, evidence, run.converged))
     progress("path over alpha", len(ALPHAS), len(ALPHAS))
-    alpha, theta, misfit, penalty, evidence, settled = (np.array(x) for x in zip(*rows[::-1], strict=True))
+    alpha, theta, misfit, penalty, fall, evidence, settled = (np.array(x) for x in zip(*rows[::-1], strict=True))
     found = {
-        "l-curve": _corner(alpha, misfit, penalty),
+        "l-curve": _corner(alpha, misfit, penalty, fall),
         "discrepancy": _discrepancy(alpha, misfit, problem.n_effective),
         "evidence": _highest(alpha, evidence),
     }
@@ -88,19 +89,30 @@ def choose(path: AlphaPath, rule: str) -> float:
     return path.chosen[rule]
 
 
-def _corner(alpha, misfit, penalty) -> tuple[float, str]:
+def curvature(alpha, misfit, penalty, penalty_slope) -> np.ndarray:
+    """Of ln penalty over ln misfit (n,), positive where it turns about the origin; penalty_slope is d penalty / d alpha.
+
+    On the path d misfit = -alpha d penalty, so that no second derivative is needed (Hansen 1992; U4).
+    """
+    rise = alpha * penalty_slope
+    fall = -alpha * rise
+    steep = misfit / (alpha * penalty)
+    turn = -(fall / (alpha * penalty) - steep - steep * rise / penalty) / (1 + steep**2)
+    return turn / np.maximum(np.hypot(fall / misfit, rise / penalty), 1e-300)
+
+
+def _corner(alpha, misfit, penalty, penalty_slope) -> tuple[float, str]:
     if np.any(penalty <= 0) or np.any(misfit <= 0):
         return float("nan"), "a term of Eq. 6 is zero on the path, so that it has no logarithm"
-    s = np.log(alpha)
-    x, y = CubicSpline(s, np.log(misfit)), CubicSpline(s, np.log(penalty))
-    fine = np.linspace(s[0], s[-1], 401)
-    speed = x(fine, 1) ** 2 + y(fine, 1) ** 2
-    # the misfit grows and the penalty falls with alpha: the corner towards the origin turns this way
-    bend = (x(fine, 1) * y(fine, 2) - y(fine, 1) * x(fine, 2)) / np.maximum(speed, 1e-12) ** 1.5
+    bend = curvature(alpha, misfit, penalty, penalty_slope)
     best = int(np.argmax(bend))
-    if bend[best] < LEAST_BEND or best in (0, len(fine) - 1):
-        return float("nan"), f"the curve has no corner between alpha {alpha[0]:g} and {alpha[-1]:g}"
-    return float(np.exp(fine[best])), ""
+    if bend[best] < LEAST_BEND or best in (0, len(alpha) - 1):
+        where = "" if bend[best] < LEAST_BEND else f"; it bends most at the window's end, alpha {alpha[best]:g}"
+        return float("nan"), (f"the curve has no corner between alpha {alpha[0]:g} and {alpha[-1]:g}{where}: take "
+                              "'evidence' or 'discrepancy', or 1, the maximum of the posterior")
+    s = np.log(alpha)
+    a, b, _ = np.polyfit(s[best - 1 : best + 2] - s[best], bend[best - 1 : best + 2], 2)
+    return float(np.exp(s[best] - 0.5 * b / a)), ""
 
 
 def _discrepancy(alpha, misfit, n_effective: int) -> tuple[float, str]:

@@ -34,7 +34,7 @@ SEGMENT = 200
 START_ROUNDS = 100
 R_HAT_LIMIT = CONSTANTS.r_hat_limit
 AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
-BURN_IN = CONSTANTS.burn_in
+BURN_IN, SPREAD_ESS = CONSTANTS.burn_in, CONSTANTS.spread_ess
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate
@@ -55,8 +55,10 @@ class Chain:
     """theta (n_step, n_walker, n_param), log_posterior (n_step, n_walker), acceptance share of all moves, number of
     evaluated parameter vectors and of those that the full model answered. `first` is the first step after burn-in.
 
-    r_hat, ess, tail, tau (n_param,): nested R-hat over ensembles (of a single one, over its halves in time), bulk and
-    tail effective size with walkers as chains, emcee's integrated autocorrelation time in steps.
+    r_hat, ess, tail, tau (n_param,): nested R-hat over ensembles (of a single one, over its halves in time) of the
+    draws and of their distance from the median, the larger of both; bulk and tail effective size with walkers as
+    chains, emcee's integrated autocorrelation time in steps. spread_ess (n_param,): effective size of that distance,
+    which tells standard deviations.
     """
 
     theta: np.ndarray
@@ -69,6 +71,7 @@ class Chain:
     ess: np.ndarray
     tail: np.ndarray
     tau: np.ndarray
+    spread_ess: np.ndarray
     converged: bool
     verdict: str
 
@@ -336,7 +339,10 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
     kept = theta[first:]
     _, ess = effective_size(kept)
     tail = tail_size(kept)
-    r_hat = nested_r_hat(kept, settings.ensembles)
+    # an ensemble that sits in a tail has the others' middle and another width (Vehtari et al. 2021)
+    folded = np.abs(kept - np.median(kept, axis=(0, 1)))
+    _, spread_ess = effective_size(folded)
+    r_hat = np.maximum(nested_r_hat(kept, settings.ensembles), nested_r_hat(folded, settings.ensembles))
     # tol=0: emcee only warns of short chains; the criterion below is judged here, and a walker that never moved has no
     # autocorrelation: its time is NaN, which no criterion passes
     with np.errstate(invalid="ignore"):
@@ -349,6 +355,9 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
          f"wanted {AUTOCORRELATION_TIMES}"),
         (float(np.min(ess)) >= settings.target_ess, f"effective size {np.min(ess):.0f} "
          f"({parameters.names[int(np.argmin(ess))]}), wanted {settings.target_ess}"),
+        (float(np.min(spread_ess)) >= min(SPREAD_ESS, settings.target_ess), f"of standard deviations "
+         f"{np.min(spread_ess):.0f} ({parameters.names[int(np.argmin(spread_ess))]}), wanted "
+         f"{min(SPREAD_ESS, settings.target_ess)}"),
         (float(np.min(tail)) >= settings.target_ess, f"in the tails {np.min(tail):.0f} "
          f"({parameters.names[int(np.argmin(tail))]}), wanted {settings.target_ess}"),
     )
@@ -363,5 +372,6 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
         first=first, acceptance=float(np.mean([s.accepted for s in segments])),
         evaluated=sum(s.evaluated for s in segments), fallback=sum(s.fallback for s in segments),
         r_hat=frozen_array(r_hat), ess=frozen_array(ess), tail=frozen_array(tail), tau=frozen_array(tau),
+        spread_ess=frozen_array(spread_ess),
         converged=converged, verdict=verdict,
     )

@@ -151,6 +151,12 @@ class WeightedDraws:
         return np.sqrt(self.weight @ (self.theta - self.mean) ** 2)
 
     @property
+    def std_error(self) -> np.ndarray:
+        """Standard error (n_param,) of the standard deviations, by the weights."""
+        squares = (self.theta - self.mean) ** 2
+        return np.sqrt(self.weight**2 @ (squares - self.std**2) ** 2) / (2 * self.std)
+
+    @property
     def mean_error(self) -> np.ndarray:
         """Standard error (n_param,) of the means, by the weights."""
         return np.sqrt(self.weight**2 @ (self.theta - self.mean) ** 2)
@@ -310,36 +316,46 @@ def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.nd
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """Importance sampling beside a chain: effective draws of N_DRAW, Pareto k, ln evidence, and the largest difference
-    of the two means of a parameter, in standard errors of both (`z`) and in posterior standard deviations (`apart`)."""
+    """Importance sampling beside a chain: effective draws of N_DRAW, Pareto k, ln evidence (None where the weights or
+    the chain say otherwise), and the largest difference of the two means of a parameter, in standard errors of both (`z`)
+    and in posterior standard deviations (`apart`); of their standard deviations, `spread_z` and by which share they
+    differ, `spread_apart`."""
 
     effective: float
     n_draw: int
     pareto_k: float
-    log_evidence: float
-    log_evidence_std: float
+    log_evidence: float | None
+    log_evidence_std: float | None
     evaluated: int
     z: float
     apart: float
     parameter: str
+    spread_z: float
+    spread_apart: float
+    spread_parameter: str
     without_modes: int
 
     @property
     def agrees(self) -> bool:
         """False where both claim an answer and the answers differ: one of them has missed a part of the posterior."""
-        return self.pareto_k >= GOOD_K or self.z < MOST_Z or self.apart < LEAST_APART
+        same_mean = self.z < MOST_Z or self.apart < LEAST_APART
+        same_spread = self.spread_z < MOST_Z or abs(self.spread_apart) < LEAST_APART
+        return self.pareto_k >= GOOD_K or (same_mean and same_spread)
 
     @property
     def sentence(self) -> str:
         text = (f"importance sampling: {self.effective:.0f} effective of {self.n_draw} draws, Pareto k "
-                f"{self.pareto_k:.2f}, ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}")
+                f"{self.pareto_k:.2f}")
+        if self.log_evidence is not None:
+            text += f", ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}"
         if self.without_modes:
             text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
                      "allow what is no structure, such as a negative stiffness")
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: it confirms nothing"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
-                 f"({self.parameter}, {self.z:.1f} standard errors)")
+                 f"({self.parameter}, {self.z:.1f} standard errors), its standard deviations within "
+                 f"{100 * abs(self.spread_apart):.0f} % ({self.spread_parameter})")
         return text if self.agrees else f"{text}: THEY DISAGREE, use neither"
 
 
@@ -350,9 +366,17 @@ def agree(weighted: WeightedDraws, chain) -> Agreement:
     gap = np.abs(weighted.mean - draws.mean(axis=0))
     error = np.hypot(weighted.mean_error, std / np.sqrt(np.maximum(chain.ess, 1.0)))
     worst = int(np.argmax(gap / error))
+    spread = np.abs(weighted.std - std)
+    spread_error = np.hypot(weighted.std_error, std / np.sqrt(2 * np.maximum(chain.spread_ess, 1.0)))
+    wide = int(np.argmax(spread / spread_error))
+    # heavy weights understate their own error, and what a chain that has not converged confirms is nothing
+    stated = weighted.pareto_k < (TRUSTED_K if chain.converged else GOOD_K)
     return Agreement(
         effective=weighted.effective, n_draw=len(weighted.theta), pareto_k=weighted.pareto_k,
-        log_evidence=weighted.log_evidence, log_evidence_std=weighted.log_evidence_std, evaluated=weighted.evaluated,
+        log_evidence=weighted.log_evidence if stated else None,
+        log_evidence_std=weighted.log_evidence_std if stated else None, evaluated=weighted.evaluated,
+        spread_z=float(spread[wide] / spread_error[wide]), spread_apart=float(weighted.std[wide] / std[wide] - 1),
+        spread_parameter=weighted.names[wide],
         z=float(gap[worst] / error[worst]), apart=float(gap[worst] / std[worst]), parameter=weighted.names[worst],
         without_modes=weighted.without_modes,
     )

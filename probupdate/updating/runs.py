@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -54,6 +55,8 @@ SETTLING_MAC = CONSTANTS.settling_mac
 APPROXIMATION_SERVES = CONSTANTS.gaussian_serves
 # draws of the prior from which further maxima are looked for
 N_START = 12
+# responses that change by less, in standard deviations, are the same
+SWAPPED = 1e-4
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -437,13 +440,45 @@ def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None,
     """What is to be read before any number of the posterior."""
     said = []
     if maxima > 1:
-        said.append(f"{maxima} separate maxima of the posterior, all of them sampled")
+        alike = exchangeable(problem, laplace.theta)
+        said.append(f"{maxima} separate maxima of the posterior, found by {N_START} starts and all of them sampled; "
+                    "there may be more, and ln evidence counts those found"
+                    + (f"; {' and '.join(' = '.join(names) for names in alike)} may be exchanged without a change of "
+                       f"any response: {count(alike)} maxima by construction, for which ln evidence lacks "
+                       f"{np.log(max(count(alike) / maxima, 1.0)):.2f} where each has the same mass" if alike else ""))
     if likely is not None:
         said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if laplace.misfit > beyond_chance(problem.n_effective):
         said.append(f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for {problem.n_effective} "
                     "effective responses; the posterior is not to be trusted")
     return said
+
+
+def exchangeable(problem: Problem, theta: np.ndarray) -> list[list[str]]:
+    """Groups of parameters with the same prior whose exchange leaves all responses as they are, at theta (n_param,)."""
+    parameters = problem.parameters
+    if parameters.correlation is not None:
+        return []
+    at, groups = np.clip(theta + 0.1 * parameters.std * np.arange(1, len(theta) + 1) / len(theta), parameters.lower,
+                         parameters.upper), []
+    response = problem.predict(at)
+    for k, p in enumerate(parameters):
+        for group in groups:
+            first = parameters.items[group[0]]
+            swapped = at.copy()
+            swapped[[group[0], k]] = swapped[[k, group[0]]]
+            alike = replace(first, name=p.name, description=p.description) == p
+            if alike and np.all(np.abs(problem.weighted(problem.predict(swapped) - response)) < SWAPPED):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return [[parameters.names[k] for k in group] for group in groups if len(group) > 1]
+
+
+def count(groups: list[list[str]]) -> int:
+    """In how many orders the groups of exchangeable parameters may stand."""
+    return math.prod(math.factorial(len(group)) for group in groups)
 
 
 def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:

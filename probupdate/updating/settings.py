@@ -75,6 +75,8 @@ class UpdatingConstants:
         1.01, "-", "nested R-hat over ensembles below which a chain has converged", "Margossian et al. 2024")
     autocorrelation_times: int = stated(
         50, "-", "length of a converged chain in integrated autocorrelation times", "emcee's advice")
+    spread_ess: int = stated(
+        400, "draws", "effective size of the worst standard deviation of a converged chain", "Vehtari et al. 2021")
     burn_in: float = stated(0.2, "-", "share of the chain that is left out at its start")
     trusted_k: float = stated(
         0.7, "-", "Pareto k above which importance weights are not averaged", "Vehtari et al. 2024")

@@ -195,9 +195,9 @@ def table(kept: dict) -> str:
             texts.append(f"{100 * inside[:, :3].mean():.0f} / {100 * inside[:, 3:].mean():.0f}")
         ratio = np.array([row["ours"]["width"] for row in rows]) / [row["knows"]["width"] for row in rows]
         shapes, n_set, error, kind = cell
+        width = f"{np.median(ratio[:, :3]):.2f} / {np.median(ratio[:, 3:]):.2f}"
         lines.append(f"| {'frequencies, shapes' if shapes else 'frequencies'} | {n_set} | {100 * error:g} % | {kind} | "
-                     f"{len(rows)} | {' | '.join(texts)} | {np.median(ratio[:, :3]):.2f} / {np.median(ratio[:, 3:]):.2f}"
-                     " |")
+                     f"{len(rows)} | {' | '.join(texts)} | {width} |")
     return "\n".join(lines)
 
 

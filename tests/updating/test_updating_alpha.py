@@ -3,13 +3,22 @@
 import numpy as np
 import pytest
 from scipy import stats
-from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, chain_problem, linear_problem
+from updating_cases import (
+    LINEAR_HZ,
+    LINEAR_PARAMETERS,
+    SLOPE,
+    chain_problem,
+    linear_data,
+    linear_model,
+    linear_problem,
+)
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.updating import alpha as alpha_module
 from probupdate.updating import laplace
 from probupdate.updating.alpha import ALPHAS, alpha_path, choose
 from probupdate.updating.laplace import maximum_a_posteriori, trust_region
+from probupdate.updating.problem import build_problem
 from probupdate.updating.tikhonov import update
 
 # one parameter's effect is large, the data are noisier than a model at its prior: every rule has an answer
@@ -65,15 +74,39 @@ def test_the_discrepancy_principle_meets_the_effective_number_of_data():
 
 
 def test_a_corner_is_found_where_there_is_one():
-    alpha = np.logspace(-3, 3, 25)
-    # down along one branch and right along the other, alike on both sides of alpha = 0.5
-    s = np.log(alpha / 0.5)
-    misfit, penalty = ((1 + np.exp(3 * x)) ** (2 / 3) for x in (s, -s))
-    found, _ = alpha_module._corner(alpha, misfit, penalty)
-    # half a step of the grid
-    assert found == pytest.approx(0.5, rel=0.33)
-    straight, remark = alpha_module._corner(alpha, alpha, 1 / alpha)
-    assert np.isnan(straight) and "no corner" in remark
+    """An ill-posed linear problem in diagonal form, noise on what hardly counts: curvature by differences of a fine
+    path, on which no relation of the two terms is used."""
+    singular = np.logspace(1, -3, 12)
+    rng = np.random.default_rng(3)
+    b = singular + 0.02 * rng.standard_normal(12)
+
+    def terms(alpha):
+        x = singular * b / (singular**2 + alpha[:, None])
+        slope = -2 * np.sum(x**2 / (singular**2 + alpha[:, None]), axis=1)
+        return np.sum((singular * x - b) ** 2, axis=1), np.sum(x**2, axis=1), slope
+
+    alpha = np.logspace(-5, 1, 13)
+    found, _ = alpha_module._corner(alpha, *terms(alpha))
+    fine = np.logspace(-5, 1, 4001)
+    misfit, penalty, slope = terms(fine)
+    x, y = (np.gradient(np.log(v), np.log(fine)) for v in (misfit, penalty))
+    bend = (x * np.gradient(y, np.log(fine)) - y * np.gradient(x, np.log(fine))) / (x**2 + y**2) ** 1.5
+    inside = slice(100, -100)
+    exact = alpha_module.curvature(fine, misfit, penalty, slope)
+    assert exact[inside] == pytest.approx(bend[inside], rel=0.02, abs=0.02)
+    assert found == pytest.approx(fine[np.argmax(bend[inside]) + 100], rel=1.0)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4, 5])
+def test_a_corner_at_the_windows_end_is_none(seed):
+    """Well-posed: the data determine what they can, and the curve ends in a point that no alpha below changes."""
+    rng = np.random.default_rng(seed)
+    theta = LINEAR_PARAMETERS.std * rng.standard_normal(3)
+    measured = LINEAR_HZ + SLOPE @ theta + 2e-4 * LINEAR_HZ * rng.standard_normal(5)
+    path = alpha_path(build_problem(linear_model(), linear_data(measured, cov=2e-4)))
+    assert np.isnan(path.chosen["l-curve"]) and "bends most at the window's end" in path.remarks["l-curve"]
+    with pytest.raises(InputError, match="no corner"):
+        choose(path, "l-curve")
 
 
 def test_a_rule_without_an_answer_is_refused_with_the_reason():

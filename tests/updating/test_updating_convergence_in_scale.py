@@ -1,0 +1,75 @@
+"""A chain whose means agree and whose widths do not has not converged; exchangeable parameters are counted."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from updating_cases import LINEAR_PARAMETERS, linear_problem, modal_set
+
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.functions import FunctionModel
+from probupdate.updating.ensemble import R_HAT_LIMIT, nested_r_hat
+from probupdate.updating.importance import N_DRAW, WeightedDraws, agree
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.runs import count, exchangeable
+
+
+def test_an_ensemble_of_another_width_shows_in_folded_draws_alone():
+    """Four ensembles of eight walkers, one of them 1.5 times as wide about the same middle."""
+    rng = np.random.default_rng(3)
+    theta = rng.standard_normal((400, 32, 1))
+    assert nested_r_hat(np.abs(theta - np.median(theta)), 4)[0] < R_HAT_LIMIT
+    theta[:, :8] *= 1.5
+    assert nested_r_hat(theta, 4)[0] < R_HAT_LIMIT
+    assert nested_r_hat(np.abs(theta - np.median(theta)), 4)[0] > R_HAT_LIMIT
+
+
+def weighted(std=1.0, pareto_k=0.2):
+    theta = std * np.random.default_rng(1).standard_normal((N_DRAW, 3))
+    return WeightedDraws(names=("a", "b", "c"), theta=theta, weight=np.full(N_DRAW, 1 / N_DRAW), effective=float(N_DRAW),
+                         pareto_k=pareto_k, log_evidence=-1.6, log_evidence_std=0.03, evaluated=N_DRAW,
+                         without_modes=0)
+
+
+def chain(std=1.0, converged=True):
+    draws = np.random.default_rng(2).standard_normal((4000, 3)) * [std, 1.0, 1.0]
+    size = np.full(3, 1500.0)
+    return SimpleNamespace(draws=draws, ess=size, spread_ess=size, converged=converged)
+
+
+@pytest.mark.parametrize(("std", "agrees"), [(1.0, True), (1.05, True), (1.18, False), (0.8, False)])
+def test_standard_deviations_stand_beside_those_of_importance_sampling(std, agrees):
+    found = agree(weighted(), chain(std))
+    assert found.agrees == agrees and ("THEY DISAGREE" in found.sentence) == (not agrees)
+    assert agrees or found.spread_parameter == "a"
+
+
+@pytest.mark.parametrize(("pareto_k", "converged", "stated"), [
+    (0.2, True, True), (0.6, True, True), (0.6, False, False), (0.2, False, True), (0.8, True, False)])
+def test_no_evidence_is_stated_by_what_failed(pareto_k, converged, stated):
+    found = agree(weighted(pareto_k=pareto_k), chain(converged=converged))
+    assert ("ln evidence" in found.sentence) == stated and (found.log_evidence is not None) == stated
+
+
+def oscillators(items):
+    """Four springs whose frequencies come out in ascending order, whichever is whose, and one that is another's."""
+    n = len(items)
+    model = FunctionModel(
+        name="o", parameters=Parameters(items), channels=tuple("abcdefgh"[:n]), version="1",
+        function=lambda theta: (np.append(np.sort(np.sqrt(theta[:-1])), 9 + theta[-1]), np.eye(n)))
+    data = ModalData(channels=model.channels, sets=(modal_set(np.append(np.linspace(0.8, 1.2, n - 1), 10), np.eye(n)),))
+    return build_problem(model, data, weights=Weights(shapes="none"), clusters=[(j,) for j in range(n)])
+
+
+def test_parameters_that_may_be_exchanged_are_found_and_counted():
+    alike = [Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4)]
+    other = Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)
+    problem = oscillators((*alike, other))
+    groups = exchangeable(problem, problem.parameters.initial)
+    assert groups == [["k0", "k1", "k2", "k3"]] and count(groups) == 24
+    # another prior is another parameter
+    less = oscillators((*alike[:3], replace(alike[3], std=0.2), other))
+    assert exchangeable(less, less.parameters.initial) == [["k0", "k1", "k2"]]
+    assert exchangeable(linear_problem(np.array([1.0, 2, 4, 8, 16])), LINEAR_PARAMETERS.initial) == []
