@@ -90,7 +90,7 @@ def choose(path: AlphaPath, rule: str) -> float:
 
 
 def curvature(alpha, misfit, penalty, penalty_slope) -> np.ndarray:
-    """Of ln penalty over ln misfit (n,), positive where it turns about the origin; penalty_slope is d penalty / d alpha.
+    """Of ln penalty over ln misfit (n,), positive where it turns about the origin; penalty_slope: d penalty / d alpha.
 
     On the path d misfit = -alpha d penalty, so that no second derivative is needed (Hansen 1992; U4).
     """

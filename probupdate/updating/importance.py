@@ -317,9 +317,9 @@ def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.nd
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
     """Importance sampling beside a chain: effective draws of N_DRAW, Pareto k, ln evidence (None where the weights or
-    the chain say otherwise), and the largest difference of the two means of a parameter, in standard errors of both (`z`)
-    and in posterior standard deviations (`apart`); of their standard deviations, `spread_z` and by which share they
-    differ, `spread_apart`."""
+    the chain say otherwise), and the largest difference of the two means of a parameter, in standard errors of both
+    (`z`) and in posterior standard deviations (`apart`); of their standard deviations, `spread_z` and by which share
+    they differ, `spread_apart`."""
 
     effective: float
     n_draw: int
