@@ -29,8 +29,8 @@ def test_an_ensemble_of_another_width_shows_in_folded_draws_alone():
 def weighted(std=1.0, pareto_k=0.2):
     theta = std * np.random.default_rng(1).standard_normal((N_DRAW, 3))
     return WeightedDraws(names=("a", "b", "c"), theta=theta, weight=np.full(N_DRAW, 1 / N_DRAW),
-                         effective=float(N_DRAW), pareto_k=pareto_k, log_evidence=-1.6, log_evidence_std=0.03, evaluated=N_DRAW,
-                         without_modes=0)
+                         effective=float(N_DRAW), pareto_k=pareto_k, log_evidence=-1.6, log_evidence_std=0.03,
+                         evaluated=N_DRAW, without_modes=0)
 
 
 def chain(std=1.0, converged=True):
