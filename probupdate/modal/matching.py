@@ -156,17 +156,12 @@ def match(
     clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
     if refuse:
         _refuse_equal_shapes(modal_set.id, clusters, measured, name)
-    criterion = _criteria(measured, computed, clusters)
     visible = np.linalg.norm(computed, axis=0)
+    clusters, used, absent = _present(clusters, used, measured, computed, min_mac)
+    left_out += [f"{name[j]} of set {modal_set.id}: the model has no mode for the measured {name[j]}; the other of "
+                 "its pair is compared alone" for j in absent]
+    criterion = _criteria(measured, computed, clusters)
     partner = _partners(criterion, used)
-    absent = _absent(clusters, partner, measured, computed, min_mac)
-    if absent:
-        left_out += [f"{name[j]} of set {modal_set.id}: the model has no mode for the measured {name[j]}; the other of "
-                     "its pair is compared alone" for j in absent]
-        used = [j for j in used if j not in absent]
-        clusters = [rest for rest in (tuple(j for j in c if j not in absent) for c in clusters) if rest]
-        criterion = _criteria(measured, computed, clusters)
-        partner = _partners(criterion, used)
     if refuse and len(partner) > 1:
         refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
@@ -195,13 +190,15 @@ def match(
     )
 
 
-def _absent(
-    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], measured: np.ndarray, computed: np.ndarray,
+def _present(
+    clusters: Sequence[tuple[int, ...]], used: Sequence[int], measured: np.ndarray, computed: np.ndarray,
     min_mac: float,
-) -> list[int]:
-    """Measured modes of a pair whose plane the computed ones do not span, where the model has the other one: programs
-    drop one of a symmetric pair, or have motion one way alone. With neither alike all of the pair is left out."""
+) -> tuple[list[tuple[int, ...]], list[int], list[int]]:
+    """Clusters and modes without the absent ones, and these: measured modes of a pair whose plane the computed ones do
+    not span, where the model has the other one. Programs drop one of a symmetric pair, or have motion one way alone;
+    with neither alike all of the pair is left out."""
     found: list[int] = []
+    partner = _partners(_criteria(measured, computed, clusters), used)
     for cluster in clusters:
         known = np.all(np.isfinite(measured[:, list(cluster)]), axis=1)
         if len(cluster) != 2 or known.sum() < 3:
@@ -215,7 +212,8 @@ def _absent(
         kept = int(np.argmax(single))
         if single[kept] >= OWN_MAC and single[1 - kept] < min_mac:
             found.append(cluster[1 - kept])
-    return found
+    rest = [tuple(j for j in c if j not in found) for c in clusters]
+    return [c for c in rest if c], [j for j in used if j not in found], found
 
 
 def _usable(

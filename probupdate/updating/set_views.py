@@ -28,6 +28,7 @@ from probupdate.updating.hierarchical import (
 from probupdate.updating.identifiability import cov_of
 from probupdate.updating.importance import GOOD_K, Mixture
 from probupdate.updating.laplace import Laplace, prior_residual
+from probupdate.updating.outlier_sets import without_outliers
 from probupdate.updating.predictive import (
     LeftOut,
     bits_gained,
@@ -181,6 +182,7 @@ def view_sets(
     spread: standard deviation of tau's hyper-prior, in prior standard deviations. Raises InputError with fewer than two
     usable sets.
     """
+    data, outliers = without_outliers(data)
     reference = build_problem(model if model_at is None else model_at(data.set()), data, weights=weights)
     clusters = [group.measured for group in reference.matching.groups]
     failed: list[str] = []
@@ -212,13 +214,14 @@ def view_sets(
     sampled = (parameters, coordinates, prior, rng)
     alone = [joint_posterior(common.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
     joint = joint_posterior(common.of_all(), *sampled)
-    scores = _left_out(likelihoods, common, population, alone, sampled, options)
+    lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
+    scores = _left_out(likelihoods, common, population, lent, alone, sampled, options)
     share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
     population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
-    notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
+    notes = outliers + _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
     return SetViews(
         ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
         verdict=population.verdict, linear_share=frozen_array(share),
@@ -282,7 +285,7 @@ def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> Gaussian
     return drawn.mean(axis=0), np.linalg.inv(np.atleast_2d(np.cov(drawn.T)))
 
 
-def _left_out(likelihoods, common: Common, population: Population, alone, sampled, options) -> LeftOut:
+def _left_out(likelihoods, common: Common, population: Population, lent, alone, sampled, options) -> LeftOut:
     n, (parameters, coordinates, _, _) = len(likelihoods.ids), sampled
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)
@@ -295,7 +298,7 @@ def _left_out(likelihoods, common: Common, population: Population, alone, sample
         if k[j] > TRUSTED_K and n > 2:
             again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)
             many[j], refitted[j] = population_score(again, likelihoods, j), True
-    score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many}
+    score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many - lent}
     return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
                    pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))
 

@@ -55,6 +55,14 @@ class Inner:
     products: np.ndarray
     constant: float
 
+    def known(self, e: np.ndarray) -> Inner:
+        """With what is common taken as known, e (n_common,) in its own units."""
+        n = len(self.middle) + 1
+        turn = np.zeros((len(self.products), n))
+        turn[:n] = np.eye(n)
+        turn[n:, 0] = -e
+        return Inner(middle=self.middle, products=turn.T @ self.products @ turn, constant=self.constant)
+
     def without_sources(self, n_source: int) -> Inner:
         """With the first of e, each standard normal, integrated out."""
         if not n_source:
@@ -188,6 +196,26 @@ class SharedError:
             mean = covariance @ (std * G[n:, 0] + shift.T @ pull)
             found.append((share, std, mean, 0.5 * (covariance + covariance.T), shift))
         return found
+
+    def lent(
+        self, expected: np.ndarray, new: tuple[float, float], shared: Sequence[Scales], tau: np.ndarray,
+        prior: GaussianPrior,
+    ) -> np.ndarray:
+        """How much too high ln p of each set given the others is (n_set,) where what is common is taken as `expected`
+        from all sets, the one left out among them."""
+        each = self.each(new, tau)
+        whole = total(each)
+        std = self.common_std(np.array([s.shared for s in shared]))
+        weight = np.array([s.log_weight for s in shared])
+        nothing = np.zeros((1, 0))
+
+        def gap(inner: Inner) -> float:
+            held = inner.known(expected).evidence(nothing, prior)[0]
+            return float(held - special.logsumexp(weight + inner.evidence(std, prior)))
+
+        rest = [Inner(middle=self.middle, products=whole.products - one.products,
+                      constant=whole.constant - one.constant) for one in each]
+        return gap(whole) - np.array([gap(one) for one in rest])
 
     def without(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
         """Each set with what is new in it alone, and what is common (n_common,) taken as known."""

@@ -213,9 +213,14 @@ def sets(
 ) -> SetViews:
     """All sets of the file in four views side by side: scatter of their updates, posteriors pooled, one posterior for
     all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
+    from probupdate.updating.outlier_sets import without_outliers
     from probupdate.updating.set_views import view_sets
 
-    case = Case.of(model, modes, likelihood, parameters=parameters, progress=progress)
+    refuse_other_kinds(model, modes)
+    whole = compared_modes(modes, None)
+    # what all sets are weighed by is not learnt from one that is none of them
+    kept, _ = without_outliers(whole)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
                      spread=spread, seed=seed, progress=progress)
 

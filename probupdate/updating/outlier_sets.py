@@ -1,0 +1,104 @@
+"""Sets that do not belong to the others' population: one mode's frequency far from what the other sets say.
+
+ln f of a mode over the sets is a normal about their mean, with what each set states of itself and a scatter that the
+others show; each set is judged by the others alone, so that it does not widen what it is held against. An outlier has
+one mode drawn from a normal WIDE as wide, whichever: a mixture with a stated share of outliers (Box & Tiao 1968).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special, stats
+
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.settings import CONSTANTS
+
+SHARE, WIDE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide
+# fewer sets show no outlier among them; passes in which outliers stop counting among the others
+FEWEST, PASSES = 4, 4
+# of ln f, where nothing is stated and all sets agree to the last digit
+LEAST = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OutlierSets:
+    """probability (n_set,) of each set to be an outlier; mode (n_set,) the number of the mode that is the most likely
+    reason, and by how much its ln f is off, `off` (n_set,)."""
+
+    ids: tuple[str, ...]
+    labels: tuple[str, ...]
+    probability: np.ndarray
+    mode: np.ndarray
+    off: np.ndarray
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Sets that are outliers more likely than not."""
+        return tuple(int(k) for k in np.flatnonzero(self.probability > 0.5))
+
+    @property
+    def sentences(self) -> list[str]:
+        return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its frequency of "
+                f"{self.labels[self.mode[k]]} is {100 * abs(np.expm1(self.off[k])):.2g} % "
+                f"{'above' if self.off[k] > 0 else 'below'} the other sets'; the population is what the others say"
+                for k in self.numbers]
+
+
+def outlier_sets(data: ModalData) -> OutlierSets:
+    """Of the sets of one structure, by their frequencies."""
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    ln = np.log(np.array([s.frequency_hz for s in data.sets], float))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        stated = np.array([s.frequency_std_hz for s in data.sets], float) / np.exp(ln)
+    stated = np.maximum(np.where(np.isfinite(stated), stated, 0.0), LEAST)
+    n_set, n_mode = ln.shape
+    probability, ratio, off = np.zeros(n_set), np.full((n_set, n_mode), -np.inf), np.zeros((n_set, n_mode))
+    counts = _near_the_median(ln, stated)
+    for _ in range(PASSES if n_set >= FEWEST else 0):
+        for s in range(n_set):
+            for j in np.flatnonzero(np.isfinite(ln[s])):
+                others = np.isfinite(ln[:, j]) & (np.arange(n_set) != s) & counts
+                if others.sum() >= FEWEST - 1:
+                    ratio[s, j], off[s, j] = _log_ratio(ln[s, j], stated[s, j], ln[others, j], stated[others, j])
+        odds = special.logsumexp(ratio, axis=1) - np.log(np.maximum(np.isfinite(ratio).sum(axis=1), 1))
+        probability = special.expit(odds + np.log(SHARE / (1 - SHARE)))
+        if np.array_equal(counts, probability < 0.5):
+            break
+        counts = probability < 0.5
+    mode = np.argmax(ratio, axis=1)
+    return OutlierSets(ids=tuple(s.id for s in data.sets), labels=labels, probability=frozen_array(probability),
+                       mode=mode, off=frozen_array(off[np.arange(n_set), mode]))
+
+
+def _near_the_median(ln: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """Sets (n_set,) to begin with: none of their modes far from the median by the median deviation."""
+    middle = np.nanmedian(ln, axis=0)
+    scale = np.maximum(1.4826 * np.nanmedian(np.abs(ln - middle), axis=0), np.median(stated, axis=0))
+    return ~np.any(np.abs(ln - middle) > 5 * scale, axis=1)
+
+
+def _log_ratio(value: float, own: float, others: np.ndarray, stated: np.ndarray) -> tuple[float, float]:
+    """ln of the density as an outlier over that as one of the others, and how far it is off their mean. Their scatter
+    beyond what is stated is known to their number: a Student t."""
+    n = len(others)
+    excess = max(float(np.var(others, ddof=1)) - float(np.mean(stated**2)), 0.0)
+    variance = stated**2 + excess
+    weight = 1 / variance
+    mean = float(weight @ others / weight.sum())
+    scale = np.sqrt(own**2 + excess + 1 / weight.sum())
+    regular = stats.t.logpdf((value - mean) / scale, df=n - 1) - np.log(scale)
+    wide = stats.norm.logpdf(value - mean, scale=np.hypot(scale, WIDE))
+    return float(wide - regular), float(value - mean)
+
+
+def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
+    """The sets that are of one population, and a sentence for each that is not."""
+    found = outlier_sets(data)
+    if not found.numbers:
+        return data, []
+    kept = tuple(s for k, s in enumerate(data.sets) if k not in found.numbers)
+    reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
+    return replace(data, sets=kept, reference_set=reference), found.sentences

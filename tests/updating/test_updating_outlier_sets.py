@@ -1,0 +1,60 @@
+"""Sets that are none of the others' population are named with their probability, and leave it as it is."""
+
+import numpy as np
+import pytest
+from updating_cases import LINEAR_HZ, linear_data, linear_model
+
+from probupdate import verbs
+from probupdate.updating.outlier_sets import outlier_sets, without_outliers
+
+NOISE = 0.003
+
+
+def measured(seed, n_set=9, scatter=NOISE):
+    return LINEAR_HZ * np.exp(scatter * np.random.default_rng(seed).standard_normal((n_set, 5)))
+
+
+@pytest.mark.parametrize(("off", "n_set", "stated"), [(1.1, 9, NOISE), (0.9, 9, 1e-5), (1.04, 12, NOISE), (1.1, 5, NOISE)])
+def test_a_set_with_a_frequency_far_off_is_named(off, n_set, stated):
+    hits = 0
+    for seed in range(20):
+        y = measured(seed, n_set)
+        y[3, 2] *= off
+        found = outlier_sets(linear_data(y, cov=stated))
+        hits += found.numbers == (3,) and found.mode[3] == 2
+    assert hits >= 19
+
+
+def test_sets_of_one_population_are_hardly_ever_outliers(validation):
+    row = validation(what="sets of one population called outliers, 100 campaigns of nine sets", reference="none",
+                     unit="sets of 900")
+    row.error(sum(len(outlier_sets(linear_data(measured(seed), cov=NOISE)).numbers) for seed in range(100)), below=5)
+
+
+def test_two_outliers_do_not_hide_one_another_and_identical_sets_are_none():
+    y = measured(1)
+    y[2, 0] *= 1.1
+    y[6, 4] *= 0.93
+    assert outlier_sets(linear_data(y, cov=NOISE)).numbers == (2, 6)
+    assert outlier_sets(linear_data(np.tile(LINEAR_HZ, (6, 1)), cov=NOISE)).numbers == ()
+    y[4, 1] = np.nan
+    assert outlier_sets(linear_data(y, cov=NOISE)).numbers == (2, 6)
+
+
+def test_three_sets_show_no_outlier():
+    y = measured(0, 3)
+    y[1, 1] *= 1.2
+    assert without_outliers(linear_data(y, cov=NOISE))[1] == []
+
+
+def test_the_population_is_what_the_others_say():
+    """The first set, which is the reference, is the outlier."""
+    y = measured(5, 7)
+    clean = verbs.sets(linear_model(), linear_data(y[1:], cov=NOISE))
+    y[0, 3] *= 1.1
+    found = verbs.sets(linear_model(), linear_data(y, cov=NOISE))
+    assert found.ids == tuple(f"set {k}" for k in range(1, 7))
+    assert [n for n in found.notes if "set 0 is an outlier with probability" in n and "10 % above" in n]
+    for a, b in zip(found.rows, clean.rows, strict=True):
+        assert a.joint_mean == pytest.approx(b.joint_mean, abs=0.3 * b.joint_cov * abs(b.joint_mean))
+    assert ("varies between sets by" in found.summary) == ("varies between sets by" in clean.summary)
