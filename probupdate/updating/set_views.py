@@ -221,11 +221,11 @@ def view_sets(
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
-    notes = outliers + _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
+    notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
     return SetViews(
         ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
         verdict=population.verdict, linear_share=frozen_array(share),
-        correlation=_correlation(population) if correlated else None, notes=tuple(notes),
+        correlation=_correlation(population) if correlated else None, notes=(*outliers, *notes),
         advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,

@@ -14,7 +14,8 @@ def measured(seed, n_set=9, scatter=NOISE):
     return LINEAR_HZ * np.exp(scatter * np.random.default_rng(seed).standard_normal((n_set, 5)))
 
 
-@pytest.mark.parametrize(("off", "n_set", "stated"), [(1.1, 9, NOISE), (0.9, 9, 1e-5), (1.04, 12, NOISE), (1.1, 5, NOISE)])
+@pytest.mark.parametrize(("off", "n_set", "stated"), [
+    (1.1, 9, NOISE), (0.9, 9, 1e-5), (1.04, 12, NOISE), (1.1, 5, NOISE)])
 def test_a_set_with_a_frequency_far_off_is_named(off, n_set, stated):
     hits = 0
     for seed in range(20):
