@@ -174,7 +174,7 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
     root = path.parent.resolve()
     if chosen not in REFERENCE_STATES:
         chosen = str(named_within(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
-    found = sorted(_folders(root, turbine.campaigns, where), key=lambda folder: folder.name)
+    found = sorted(_folders(root, turbine.campaigns, where), key=lambda folder: in_order(folder.name))
     if not found:
         raise InputError(f"{where}, campaigns", f"'{turbine.campaigns}' finds no folder with a campaign.toml",
                          "write the pattern relative to farm.toml, such as 'T12/2019-*'")
@@ -182,6 +182,11 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
     for folder in found:
         _refuse_name(folder.name, where)
         yield Month(turbine=turbine.name, month=folder.name, campaign=folder, model=chosen)
+
+
+def in_order(name: str) -> list[str | int]:
+    """By which names are sorted as they are read: 2019-9 before 2019-10."""
+    return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"(\d+)", name))]
 
 
 def _folders(root: Path, pattern: str, where: str) -> Iterator[Path]:

@@ -14,6 +14,7 @@ from probupdate import __version__, verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.farms.description import Farm, Month, Options
+from probupdate.identification.block_store import content_hash, forget_changed
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.files import PART, read_json_table, write_json, write_text
 from probupdate.io.outputs import belonging
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1
 ANEW = "delete it: the month's finished steps are done again"
+
+
+# where `identify` keeps a month's blocks
+STORE = "modes.json.blocks"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +66,11 @@ def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) ->
 
 
 def made_of(month: Month, farm: Farm) -> dict[str, str]:
-    """What a month's results depend on: the records by name and size (their content is `identify`'s to know), the other
-    files of campaign and model by content, the options, the seed, the version."""
+    """What a month's results depend on: the records, the other files of campaign and model by content, the options, the
+    seed, the version."""
     folder = month.campaign / "acceleration"
     # of a Zarr array each of its files
-    records = sorted((p.relative_to(folder).as_posix(), p.stat().st_size) for p in folder.rglob("*") if
+    records = sorted((p.relative_to(folder).as_posix(), content_hash(p)) for p in folder.rglob("*") if
                      p.suffix != PART and not p.is_dir())
     tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
     return {
@@ -99,6 +104,8 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
         known = read_state(folder)
         if known is not None and dict(known.made_of) == now:
             finished = dict(known.finished)
+        elif known is not None and known.made_of.get("records", now["records"]) != now["records"]:
+            forget_changed(folder / STORE, read_campaign(month.campaign).files)
         for step in farm.steps:
             if step in finished:
                 continue
@@ -159,7 +166,7 @@ def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
     settings = IdentificationSettings(
         order=asked.order, block_rows=asked.block_rows, rate_hz=asked.rate_hz, harmonics=asked.harmonics)
     verbs.identify(month.campaign, month.model, lowest=asked.lowest, settings=settings,
-                   store=folder / "modes.json.blocks").write(folder / "modes.json")
+                   store=folder / STORE).write(folder / "modes.json")
 
 
 def _select(month: Month, folder: Path, options: Options, seed: int) -> None:

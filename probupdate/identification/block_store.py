@@ -43,7 +43,7 @@ POLES, FACTORS = ".poles.npz", ".deviations.npz"
 LARGEST_BLOCK = 512 * 2**20
 # a record up to this size is known by all its bytes, a larger one by so many pieces of that size, head and tail too
 WHOLE_BYTES, PIECES, PIECE_BYTES = 16 * 2**20, 64, 64 * 2**10
-CHECKSUM = "checksum"
+CHECKSUM, ROTOR = "checksum", "rotor "
 # blocks shorter than that (minutes) may begin several in a second
 SECOND_MIN = 1 / 60
 ANEW = "give another --out, or delete that folder to start anew"
@@ -258,9 +258,22 @@ def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
     return read_block_poles(path) if path.exists() else None
 
 
+def forget_changed(folder: Path, files: tuple[RecordFile, ...]) -> int:
+    """Remove stored blocks that were made of records which are none of `files` any more, for whoever wants them anew
+    without asking; returns how many."""
+    there, count = set(sources(files)), 0
+    for path in folder.glob(f"*{POLES}"):
+        if _is_whole(path) and all(text in there or text.startswith(ROTOR) for text in _read_sources(path)):
+            continue
+        path.unlink()
+        path.with_name(path.name.replace(POLES, FACTORS)).unlink(missing_ok=True)
+        count += 1
+    return count
+
+
 def _rotor_words(rotor_rpm: tuple[float, float] | None) -> list[str]:
     """SCADA is a source too where harmonics are removed."""
-    return [] if rotor_rpm is None else [f"rotor {rotor_rpm[0]:g} to {rotor_rpm[1]:g} rpm"]
+    return [] if rotor_rpm is None else [f"{ROTOR}{rotor_rpm[0]:g} to {rotor_rpm[1]:g} rpm"]
 
 
 def _make_poles(

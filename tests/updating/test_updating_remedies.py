@@ -80,8 +80,8 @@ def test_a_direction_and_the_models_sign_must_agree(tmp_path):
     with pytest.raises(InputError, match=r"channel A4: points along.*channel_sign in the model's archive"):
         reference_at([turned], model, where=tmp_path)
     # either of the two that are named
-    assert reference_at([write_campaign(tmp_path, (X, X, X, X))], model, where=tmp_path)[0] is not None
-    assert reference_at([turned], write_model(tmp_path, sign=(1, 1, 1, -1)), where=tmp_path)[0] is not None
+    assert reference_at([write_campaign(tmp_path, (X, X, X, X))], model, where=tmp_path).modes is not None
+    assert reference_at([turned], write_model(tmp_path, sign=(1, 1, 1, -1)), where=tmp_path).modes is not None
 
 
 def test_a_channel_across_its_row_of_the_model_is_refused(tmp_path):
