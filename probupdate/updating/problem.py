@@ -369,13 +369,13 @@ class Problem:
 
     @cached_property
     def log_constant(self) -> float:
-        """ln of the Gaussian density of the responses where the misfit is zero. Aligning shapes takes part of their
-        residuals, so that their standard deviations count by what is left; a MAC is one datum."""
+        """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
         added = 0.0 if self.error is None else -0.5 * self._marginal[1]
         if self.weights.covariance:
             root = self.noise_root
             return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
-        return added - float(self.counted @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
+        each = self.counted if self.weights.shapes == "mac" else np.ones(self.std.size)
+        return added - float(each @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
 
     @cached_property
     def counted(self) -> np.ndarray:
@@ -385,12 +385,23 @@ class Problem:
         return frozen_array(np.concatenate([np.ones(self.n_frequency), *parts]))
 
     @cached_property
+    def taken_by_alignment(self) -> float:
+        """What `log_constant` lacks where standard deviations are compared: aligning shapes takes part of their
+        residuals, so that their standard deviations count by what is left."""
+        if self.weights.covariance or self.weights.shapes == "mac":
+            return 0.0
+        return float((1 - self.counted) @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
+
+    @cached_property
     def nodes(self) -> tuple[tuple[float, Problem], ...]:
         """The problem at each of the discrepancy's scales with ln of its weight; itself where none is learnt."""
         if self.scales is not None or not self.weights.scales:
             return ((0.0, self),)
-        return tuple((log_weight, replace(self, scales=(frequency, shape)))
-                     for frequency, shape, log_weight in self.weights.scales)
+        found = []
+        for frequency, shape, log_weight in self.weights.scales:
+            node = replace(self, scales=(frequency, shape))
+            found.append((log_weight + node.taken_by_alignment - self.taken_by_alignment, node))
+        return tuple(found)
 
     @cached_property
     def _roots(self) -> tuple[np.ndarray, np.ndarray]:

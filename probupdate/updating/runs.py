@@ -40,6 +40,7 @@ from probupdate.updating.update_file import (
     SchemeRecord,
     UpdateRecord,
     beyond_chance,
+    one_of,
 )
 
 REDUCE_FROM = CONSTANTS.reduce_from
@@ -330,6 +331,7 @@ def sample_posterior(
         against=_against_full(problem, predicted, shown[:N_CHECK]),
         likely=suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id,
                                   absent=problem.matching.absent),
+        n_set=len(data.sets),
     )
     return _posterior(found, data, settings, rng)
 
@@ -353,6 +355,7 @@ class _Sampled:
     predicted: Prediction
     against: _AgainstFull
     likely: ChannelMistake | None
+    n_set: int
 
 
 def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
@@ -385,7 +388,7 @@ def _run_record(found: _Sampled, settings: SamplerSettings) -> dict[str, Any]:
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [*_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
+    statements = [*([one_of(problem.set_id, found.n_set)] if found.n_set > 1 else []), *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
     return found.prepared.notes | {

@@ -298,7 +298,9 @@ def _left_out(likelihoods, common: Common, population: Population, lent, alone, 
         if k[j] > TRUSTED_K and n > 2:
             again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)
             many[j], refitted[j] = population_score(again, likelihoods, j), True
-    score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many - lent}
+    # the others count shapes by what their alignment leaves
+    taken = [p.noise_alone(common.scales.new).taken_by_alignment for p in common.error.problems]
+    score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many - lent + np.array(taken)}
     return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
                    pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))
 

@@ -219,9 +219,17 @@ def summary(record: UpdateRecord) -> str:
     if record.other_maxima:
         nearest = record.other_maxima[0]
         lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {nearest:.2f} below in ln p")
+    if record.sets is not None:
+        lines.append(one_of(record.set_id, len(record.sets.ids) + len(record.sets.failed)))
     if record.sets is not None and record.sets.failed:
         lines += [f"no update: {text}" for text in record.sets.failed]
     return "\n".join(lines)
+
+
+def one_of(set_id: str, number: int) -> str:
+    """That a result is of one set alone."""
+    return (f"these numbers are of set {set_id} alone, one of {number}: --set chooses another; what all of them say "
+            "together, with their scatter, is `probupdate sets`")
 
 
 def _information(record: UpdateRecord) -> list[str]:
