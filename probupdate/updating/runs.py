@@ -388,7 +388,9 @@ def _run_record(found: _Sampled, settings: SamplerSettings) -> dict[str, Any]:
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [*([one_of(problem.set_id, found.n_set)] if found.n_set > 1 else []), *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
+    alone = [one_of(problem.set_id, found.n_set)] if found.n_set > 1 else []
+    statements = [*alone, *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]),
+                  found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
     return found.prepared.notes | {
