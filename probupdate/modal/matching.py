@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,9 @@ SEEN = 0.05
 TURNED = 0.05
 # an alternative farther in frequency than the paired mode by this much more (in ln f) is none, however alike its shape
 APART = 0.3
+# a computed mode is none for a measured one where its frequency is farther off than so many standard deviations of what
+# prior and a model's own error (of ln f) may do to it, if the one it is paired with is not
+IMPROBABLE, MODEL_ERROR = 4.0, 0.03
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
@@ -131,12 +134,14 @@ def match(
     min_mac: float = MIN_MAC,
     refuse: bool = True,
     planes: bool = True,
+    prior_spread: Callable[[], np.ndarray] | None = None,
 ) -> Matching:
     """Pair measured with computed modes one to one by the largest sum of criteria.
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
-    measured, its computed mode has a mate, unless `planes` is False. Raises InputError where a shape is zero, where no
+    measured, its computed mode has a mate, unless `planes` is False. `prior_spread`: gives the standard deviations
+    (n_computed,) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is zero, where no
     mode can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two
     computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first two are no
     error, for a picture of a poor model.
@@ -175,7 +180,13 @@ def match(
     groups, unlike = _alike(clusters, partner, mates, criterion, min_mac, name, modal_set.id)
     left_out += unlike
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
+        try:
+            _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
+        except InputError:
+            if prior_spread is None:
+                raise
+            _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz,
+                              prior_spread())
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -423,10 +434,28 @@ def common_factor_words(off: np.ndarray, scatter: float) -> str:
             f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
 
 
-def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz) -> None:
+def _far_off(measured_hz, computed_hz, groups, partner, prior_spread) -> np.ndarray:
+    """(n_measured, n_computed) of bool: another mode's by its frequency, beside the one that a measured mode is paired
+    with; of modes compared as a plane the nearest counts."""
+    far = np.zeros((len(measured_hz), len(computed_hz)), bool)
+    error = None if prior_spread is None else np.hypot(prior_spread, MODEL_ERROR)
+    for group in groups:
+        away = np.min(np.abs(np.log(computed_hz / measured_hz[list(group.measured), None])), axis=0)
+        for j in group.measured:
+            own = partner[j]
+            far[j] = away > away[own] + APART
+            if error is not None and away[own] < IMPROBABLE * error[own]:
+                far[j] |= away > IMPROBABLE * error
+            far[j, own] = False
+    return far
+
+
+def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz,
+                      prior_spread=None) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
-    score = np.nan_to_num(criterion[rows], nan=-1.0)
+    far = _far_off(modal_set.frequency_hz, frequency_hz, groups, partner, prior_spread)
+    score = np.nan_to_num(np.where(far, -1.0, criterion)[rows], nan=-1.0)
     column = np.array([partner[j] for j in rows], int)
     best = score[np.arange(len(rows)), column].sum()
     ends = np.cumsum([len(group.measured) for group in groups])
@@ -435,9 +464,8 @@ def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, 
         for i in group.computed:
             # a mate instead of its own is no other choice
             blocked = [i, *group.mates]
-            # a mode that hardly moves the channels has a shape there by chance, one far off in frequency is another's
-            away = np.min(np.abs(np.log(frequency_hz[:, None] / modal_set.frequency_hz[list(group.measured)])), axis=1)
-            trial = np.where((visible < SEEN * visible[i]) | (away > away[i] + APART), -1.0, score)
+            # a mode that hardly moves the channels has a shape there by chance
+            trial = np.where(visible < SEEN * visible[i], -1.0, score)
             trial[:, column] = score[:, column]
             trial[here, blocked] = -1.0
             other = assign(trial)

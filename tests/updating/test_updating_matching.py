@@ -276,6 +276,34 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
         match(measured, solution, ROWS)
 
 
+def test_measured_modes_an_octave_apart_do_not_change_their_partners():
+    """Sensors on the top floor alone see first and second sway alike; that the two exchanged would be as alike in all
+    was a reason to refuse both."""
+    axes = np.eye(len(CHANNELS))
+    second = np.sqrt(0.98) * axes[0] + np.sqrt(0.02) * axes[2]
+    shape = np.column_stack([axes[0], axes[1], second])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([134.0, 147.0, 300.0]), shape=shape)
+    assert match(modal_set([131.0, 150.0, 295.0], shape), solution, ROWS).computed == (0, 1, 2)
+    # where either could be either, it is said
+    near = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([134.0, 147.0, 170.0]), shape=shape)
+    with pytest.raises(InputError, match="about as alike"):
+        match(modal_set([131.0, 150.0, 167.0], shape), near, ROWS, clusters=[(0,), (1,), (2,)])
+
+
+def test_an_alternative_that_the_prior_cannot_bring_near_is_none():
+    """A bridge's bending at 9.5 Hz, and one at 12 Hz that is a little less alike: refused, although no stiffness
+    allows it."""
+    axes = np.eye(len(CHANNELS))
+    shape = np.column_stack([axes[0], np.sqrt(0.15) * axes[1] + np.sqrt(0.85) * axes[0]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([9.534, 11.98]), shape=shape)
+    measured = modal_set([9.55], np.sqrt(0.99) * axes[:, :1] + np.sqrt(0.01) * axes[:, 1:2])
+    assert match(measured, solution, ROWS, prior_spread=lambda: np.array([0.02, 0.03])).computed == (0,)
+    # a soft soil's mode may be there
+    for spread in (None, lambda: np.array([0.02, 0.2])):
+        with pytest.raises(InputError, match="about as alike"):
+            match(measured, solution, ROWS, prior_spread=spread)
+
+
 def test_one_axis_of_sensors_does_not_ask_for_the_pairs_other_half():
     model = chain_model()
     exact = model.solve(np.array([0.7, 1.06, 0.97, 0.0]), 10)
