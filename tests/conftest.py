@@ -5,8 +5,8 @@ from peer_packages import opensees
 from validation import Collector, Row, properties
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
-NUMBERS = {"calibration", "campaign", "diagnosis", "farms", "identification", "lifetime", "reporting", "structure",
-           "updating", "virtual"}
+NUMBERS = {"calibration", "campaign", "diagnosis", "drawn", "farms", "identification", "lifetime", "reporting",
+           "structure", "updating", "virtual"}
 # of these what is about files, processes and other packages
 ASKED_OF_ALL = {"test_campaign_convert", "test_campaign_parquet", "test_campaign_reading", "test_campaign_zarr",
                 "test_effects_files", "test_identification_executors", "test_identification_resume",

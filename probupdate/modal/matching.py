@@ -30,8 +30,9 @@ TURNED = 0.05
 # an alternative farther in frequency than the paired mode by this much more (in ln f) is none, however alike its shape
 APART = 0.3
 # a computed mode is none for a measured one where its frequency is farther off than so many standard deviations of what
-# prior and a model's own error (of ln f) may do to it, if the one it is paired with is not
-IMPROBABLE, MODEL_ERROR = 4.0, 0.03
+# the prior, given the other pairs, and an error of the model's own (of ln f) may do to it, if the one it is paired with
+# is not
+IMPROBABLE, MODEL_ERROR = 4.0, 0.02
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
@@ -134,14 +135,14 @@ def match(
     min_mac: float = MIN_MAC,
     refuse: bool = True,
     planes: bool = True,
-    prior_spread: Callable[[], np.ndarray] | None = None,
+    prior_cov: Callable[[], np.ndarray] | None = None,
 ) -> Matching:
     """Pair measured with computed modes one to one by the largest sum of criteria.
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
-    measured, its computed mode has a mate, unless `planes` is False. `prior_spread`: gives the standard deviations
-    (n_computed,) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is zero, where no
+    measured, its computed mode has a mate, unless `planes` is False. `prior_cov`: gives the covariance (n_computed,
+    n_computed) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is zero, where no
     mode can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two
     computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first two are no
     error, for a picture of a poor model.
@@ -183,10 +184,10 @@ def match(
         try:
             _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
         except InputError:
-            if prior_spread is None:
+            if prior_cov is None:
                 raise
             _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz,
-                              prior_spread())
+                              prior_cov())
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -434,27 +435,46 @@ def common_factor_words(off: np.ndarray, scatter: float) -> str:
             f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
 
 
-def _far_off(measured_hz, computed_hz, groups, partner, prior_spread) -> np.ndarray:
+def _far_off(measured_hz, computed_hz, groups, partner, prior_cov) -> np.ndarray:
     """(n_measured, n_computed) of bool: another mode's by its frequency, beside the one that a measured mode is paired
     with; of modes compared as a plane the nearest counts."""
-    far = np.zeros((len(measured_hz), len(computed_hz)), bool)
-    error = None if prior_spread is None else np.hypot(prior_spread, MODEL_ERROR)
+    off = np.log(measured_hz[:, None] / computed_hz)
+    far = np.zeros(off.shape, bool)
+    pairs = [(j, partner[j]) for group in groups for j in group.measured]
     for group in groups:
-        away = np.min(np.abs(np.log(computed_hz / measured_hz[list(group.measured), None])), axis=0)
-        for j in group.measured:
-            own = partner[j]
-            far[j] = away > away[own] + APART
-            if error is not None and away[own] < IMPROBABLE * error[own]:
-                far[j] |= away > IMPROBABLE * error
-            far[j, own] = False
+        own = list(group.measured)
+        away = np.min(np.abs(off[own]), axis=0)
+        score = None if prior_cov is None else np.min(_scores(off, own, pairs, prior_cov), axis=0)
+        for j in own:
+            mine = partner[j]
+            far[j] = away > away[mine] + APART
+            if score is not None and score[mine] < IMPROBABLE:
+                far[j] |= score > IMPROBABLE
+            far[j, mine] = False
     return far
 
 
+def _scores(off, own, pairs, prior_cov) -> np.ndarray:
+    """(n_own, n_computed): distance of measured modes from computed ones in standard deviations of ln f, given all pairs
+    but theirs and the computed one's."""
+    score = np.empty((len(own), off.shape[1]))
+    for row, mode in enumerate(own):
+        for c in range(off.shape[1]):
+            given = [(j, i) for j, i in pairs if j != mode and i != c]
+            known = [i for _, i in given]
+            cov = prior_cov[np.ix_(known, known)] + MODEL_ERROR**2 * np.eye(len(known))
+            gain = np.linalg.solve(cov, prior_cov[known, c])
+            mean = gain @ np.array([off[j, i] for j, i in given])
+            variance = prior_cov[c, c] - gain @ prior_cov[known, c] + MODEL_ERROR**2
+            score[row, c] = np.abs(off[mode, c] - mean) / np.sqrt(max(variance, MODEL_ERROR**2))
+    return score
+
+
 def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz,
-                      prior_spread=None) -> None:
+                      prior_cov=None) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
-    far = _far_off(modal_set.frequency_hz, frequency_hz, groups, partner, prior_spread)
+    far = _far_off(modal_set.frequency_hz, frequency_hz, groups, partner, prior_cov)
     score = np.nan_to_num(np.where(far, -1.0, criterion)[rows], nan=-1.0)
     column = np.array([partner[j] for j in rows], int)
     best = score[np.arange(len(rows)), column].sum()

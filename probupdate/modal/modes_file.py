@@ -138,8 +138,8 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
                                  f"in set {numbers[key]}", "give numbers, and null where there was no measurement")
 
 
-# of a mode that an accelerometer on a structure shows; what lies above is a slip of the pen or of the unit
-HIGHEST_HZ = 1e5
+# of a structure of a tenth of a millimetre; what lies above is a slip of the pen or of the unit
+HIGHEST_HZ = 1e8
 # what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
 CLOCK = 1e-7
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only",

@@ -509,11 +509,11 @@ def _ascending_in_groups(columns: np.ndarray, groups: tuple[ResponseGroup, ...])
     return result
 
 
-def _prior_spread(model: Model, n_mode: int) -> np.ndarray:
-    """(n_mode,) standard deviation of ln f by the prior, to first order."""
+def _prior_cov(model: Model, n_mode: int) -> np.ndarray:
+    """(n_mode, n_mode) covariance of ln f by the prior, to first order."""
     solution = model.solve(model.parameters.initial, n_mode, derivatives=True)
     slope = solution.both_derivatives[0] / solution.frequency_hz[:, None]
-    return np.sqrt(np.einsum("mp,pq,mq->m", slope, model.parameters.covariance, slope))
+    return slope @ model.parameters.covariance @ slope.T
 
 
 def build_problem(
@@ -540,7 +540,7 @@ def build_problem(
     solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
     try:
         matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters,
-                         planes=weights.shapes != "components", prior_spread=lambda: _prior_spread(model, len(solution.frequency_hz)))
+                         planes=weights.shapes != "components", prior_cov=lambda: _prior_cov(model, len(solution.frequency_hz)))
     except InputError as error:
         likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
         raise error if likely is None else with_mistake(error, likely) from None

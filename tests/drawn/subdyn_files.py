@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from subdyn_text import subdyn
+
 from drawn import toml_text
 from drawn.plans import Plan
 from drawn.skeleton import Change, Spring
-from subdyn_text import subdyn
 
 ACTS = {"stiffness": "stiffness", "mass": "mass", "spring": "soil"}
 

@@ -297,11 +297,28 @@ def test_an_alternative_that_the_prior_cannot_bring_near_is_none():
     shape = np.column_stack([axes[0], np.sqrt(0.15) * axes[1] + np.sqrt(0.85) * axes[0]])
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([9.534, 11.98]), shape=shape)
     measured = modal_set([9.55], np.sqrt(0.99) * axes[:, :1] + np.sqrt(0.01) * axes[:, 1:2])
-    assert match(measured, solution, ROWS, prior_spread=lambda: np.array([0.02, 0.03])).computed == (0,)
+    assert match(measured, solution, ROWS, prior_cov=lambda: np.diag([0.02, 0.03]) ** 2).computed == (0,)
     # a soft soil's mode may be there
-    for spread in (None, lambda: np.array([0.02, 0.2])):
+    for cov in (None, lambda: np.diag([0.02, 0.2]) ** 2):
         with pytest.raises(InputError, match="about as alike"):
-            match(measured, solution, ROWS, prior_spread=spread)
+            match(measured, solution, ROWS, prior_cov=cov)
+
+
+def test_what_other_modes_say_of_the_soil_says_where_its_modes_are():
+    """A pile's mode that the prior of the soil could bring down to a measured one, if second bending did not show the
+    soil as it was thought to be."""
+    axes = np.eye(len(CHANNELS))
+    shape = np.column_stack([axes[0], axes[1], np.sqrt(0.99) * axes[1] + np.sqrt(0.01) * axes[2]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.9, 1.34, 1.6]), shape=shape)
+    measured = modal_set([0.905, 1.35], axes[:, :2])
+
+    def cov():
+        slope = np.array([0.3, 0.3, 0.5])  # of ln f, for a standard deviation of the soil
+        return np.outer(slope, slope) * 0.25
+
+    assert match(measured, solution, ROWS, prior_cov=cov).computed == (0, 1)
+    with pytest.raises(InputError, match="about as alike"):
+        match(measured, solution, ROWS, prior_cov=lambda: np.diag(np.diag(cov())))
 
 
 def test_one_axis_of_sensors_does_not_ask_for_the_pairs_other_half():
