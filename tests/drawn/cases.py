@@ -20,6 +20,7 @@ PERIODS = 800.0  # of the first mode in a block
 FACTOR, OWN = 1.6, 0.002
 # of the largest: a mode that moves the sensors less is not measured
 SEEN = 0.03
+GRAVITY = 9.81
 GAIN, ANGLE_DEG = 0.01, 1.0  # of sound sensors, one standard deviation
 
 
@@ -134,13 +135,27 @@ def true_modes(s: Scene, block: Block) -> tuple[np.ndarray, np.ndarray]:
     attached = h.attached if h and block.amount else ()
     solution = s.drawn.solve(changes=changes, attached=attached, level=block.level, warmer=block.warmer,
                              count=n + (2 if attached else 0) + 1)
-    f, shape = solution.frequency_hz, solution.shape
-    wanted = s.drawn.solve(count=n).shape[:, chosen_modes(s.drawn)]
+    reading = read_by_accelerometers if holds_gravity(s) else lambda _, x: x.shape
+    f, shape = solution.frequency_hz, reading(s.drawn, solution)
+    wanted = reading(s.drawn, s.drawn.solve(count=n))[:, chosen_modes(s.drawn)]
     f, shape = in_order(f, shape, wanted)
     shape = s.sensors @ shape
     if h and h.seen and block.amount:
         shape = h.seen(shape, f, block.amount)
     return f, shape / np.abs(shape).max(axis=0)
+
+
+def read_by_accelerometers(s: Drawn, solution) -> np.ndarray:
+    """(n_channel, n) of displacements (u_x + g theta_y / w^2, u_y - g theta_x / w^2): a sensor that tilts reads
+    gravity's component too."""
+    direction = np.array([x["direction"] for x in s.sensors])
+    tilt = direction[:, :1] * solution.tilt[:, 1] - direction[:, 1:2] * solution.tilt[:, 0]
+    return solution.shape + GRAVITY * tilt / (2 * np.pi * solution.frequency_hz) ** 2
+
+
+def holds_gravity(s: Scene) -> bool:
+    """Whether the sets are of accelerometers' readings: half of those of frames."""
+    return not s.case.kind.startswith("matrices") and bool(s.rng(7).random() < 0.5)
 
 
 def in_order(f, shape, wanted) -> tuple[np.ndarray, np.ndarray]:
@@ -188,4 +203,6 @@ def write_modes(s: Scene, path: Path) -> None:
                      "shape_im": shape.imag.T.tolist(), "shape_std": shape_std.T.tolist(),
                      "environment": block.columns})
     content = {"channels": [x["channel"] for x in s.drawn.sensors], "sets": sets}
+    if not holds_gravity(s):
+        content["gravity"] = False
     path.write_text(json.dumps(content), encoding="utf-8")

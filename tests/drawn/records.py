@@ -9,16 +9,15 @@ import numpy as np
 from scipy import signal
 
 from drawn import toml_text
-from drawn.cases import START, Scene
+from drawn.cases import GRAVITY, START, Scene
 
-GRAVITY = 9.81
 BLOCK_PERIODS = 700.0  # of the first mode
 SETTLING = 6.0  # time constants of the first mode before a block
 NOISE = 0.01  # of a channel's standard deviation
 MORE_MODES = 4  # above those that are looked for
 
 
-def write_campaign(s: Scene, folder: Path, *, gravity: bool = True, blocks: int = 16) -> dict:
+def write_campaign(s: Scene, folder: Path, *, blocks: int = 16) -> dict:
     """raw/*.csv and a folder campaign/ that `convert` fills -> rate and minutes of a block."""
     raw, campaign = folder / "raw", folder / "campaign"
     raw.mkdir(parents=True, exist_ok=True)
@@ -33,7 +32,7 @@ def write_campaign(s: Scene, folder: Path, *, gravity: bool = True, blocks: int 
     rows = []
     for k, block in enumerate(picked):
         start = START + np.timedelta64(k * max(minutes, 10), "m")
-        samples = _block(s, block, rate, minutes, damping, rng, gravity=gravity)
+        samples = _block(s, block, rate, minutes, damping, rng)
         times = np.arange(len(samples)) / rate
         np.savetxt(raw / f"{k:03d}_{np.datetime_as_string(start, unit='s').replace(':', '')}.csv",
                    np.column_stack([times, samples]), delimiter=",", fmt="%.9g", comments="",
@@ -52,7 +51,7 @@ def write_campaign(s: Scene, folder: Path, *, gravity: bool = True, blocks: int 
     return head
 
 
-def _block(s: Scene, block, rate, minutes, damping, rng, *, gravity: bool) -> np.ndarray:
+def _block(s: Scene, block, rate, minutes, damping, rng) -> np.ndarray:
     """(n_sample, n_channel) in m/s2. An accelerometer reads along its axis what it is accelerated by, and gravity's
     component as it tilts."""
     h, count = s.hidden, s.drawn.n_mode + MORE_MODES
@@ -72,9 +71,7 @@ def _block(s: Scene, block, rate, minutes, damping, rng, *, gravity: bool) -> np
         bottom = [1.0, 2 * zeta * omega, omega**2]
         accelerated, moved = (signal.lfilter(b.ravel(), a, force) for b, a, _ in (
             signal.cont2discrete((top, bottom), 1 / rate, method="zoh") for top in ([1.0, 0.0, 0.0], [1.0])))
-        motion += accelerated[:, None] * solution.shape[:, j]
-        if gravity:
-            motion += moved[:, None] * tilts[:, j]
+        motion += accelerated[:, None] * solution.shape[:, j] + moved[:, None] * tilts[:, j]
     motion = motion @ s.sensors.T
     if h and h.seen and block.amount:
         # what a sensor does at each frequency, of the whole record

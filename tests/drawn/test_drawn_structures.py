@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+
 from drawn import commands, structures
 from drawn.cases import Case
-
 from probupdate import modes
 
 # kind, what is hidden, seed, what the diagnosis should come to: small ones of every form
