@@ -142,10 +142,10 @@ def match(
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
     measured, its computed mode has a mate, unless `planes` is False. `prior_cov`: gives the covariance (n_computed,
-    n_computed) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is zero, where no
-    mode can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two
-    computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first two are no
-    error, for a picture of a poor model.
+    n_computed) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is
+    zero, where no mode can be used, where the set is not this model's, where frequencies are in another unit, where a
+    mode has two computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first
+    two are no error, for a picture of a poor model.
     """
     modal_set.refuse_zero_shapes(f"set {modal_set.id}")
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
@@ -455,8 +455,8 @@ def _far_off(measured_hz, computed_hz, groups, partner, prior_cov) -> np.ndarray
 
 
 def _scores(off, own, pairs, prior_cov) -> np.ndarray:
-    """(n_own, n_computed): distance of measured modes from computed ones in standard deviations of ln f, given all pairs
-    but theirs and the computed one's."""
+    """(n_own, n_computed): distance of measured modes from computed ones in standard deviations of ln f, given all
+    pairs but theirs and the computed one's."""
     score = np.empty((len(own), off.shape[1]))
     for row, mode in enumerate(own):
         for c in range(off.shape[1]):

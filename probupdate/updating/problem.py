@@ -540,7 +540,8 @@ def build_problem(
     solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
     try:
         matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters,
-                         planes=weights.shapes != "components", prior_cov=lambda: _prior_cov(model, len(solution.frequency_hz)))
+                         planes=weights.shapes != "components",
+                         prior_cov=lambda: _prior_cov(model, len(solution.frequency_hz)))
     except InputError as error:
         likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
         raise error if likely is None else with_mistake(error, likely) from None

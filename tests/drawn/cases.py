@@ -175,7 +175,8 @@ def identified(f, shape, rng) -> tuple[np.ndarray, ...]:
     std = FACTOR * np.sqrt(DAMPING / (2 * np.pi * PERIODS * f / f.min()))
     pole = 2 * np.pi * f * (-DAMPING + 1j * np.sqrt(1 - DAMPING**2))
     size = np.sqrt(np.outer(2 * np.pi * f * std, 2 * np.pi * f * std))
-    value, mixed = np.linalg.eig(np.diag(pole) + size * (rng.standard_normal((n, n)) + 1j * rng.standard_normal((n, n))))
+    pushed = rng.standard_normal((n, n)) + 1j * rng.standard_normal((n, n))
+    value, mixed = np.linalg.eig(np.diag(pole) + size * pushed)
     share, order = np.abs(mixed) ** 2, np.full(n, -1)
     for _ in range(n):
         mode, vector = np.unravel_index(np.argmax(share), share.shape)

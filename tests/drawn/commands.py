@@ -88,8 +88,8 @@ def hidden_row(s: Scene) -> dict | None:
     h = s.hidden
     if h is None:
         return None
-    return {"name": h.name, "class": h.kind, "right": sorted(map(list, h.right)), "size": h.size if h.size == h.size else None,
-            "profile": h.profile}
+    return {"name": h.name, "class": h.kind, "right": sorted(map(list, h.right)), "profile": h.profile,
+            "size": h.size if h.size == h.size else None}
 
 
 def judged(s: Scene, path: Path) -> dict:
@@ -102,8 +102,8 @@ def judged(s: Scene, path: Path) -> dict:
     right = s.hidden.right if s.hidden else frozenset()
     named = [(f["cause"], f["location"]) for f in findings]
     others = [(a["cause"], a["location"]) for f in findings for a in f["alternatives"]]
-    limits = [abs(x["size"]) for x in content["detectable_sizes"]
-              if (x["cause"], x["location"]) in right and x["time_profile"] == s.hidden.profile and x["size"] is not None]
+    limits = [abs(x["size"]) for x in content["detectable_sizes"] if (x["cause"], x["location"]) in right
+              and x["time_profile"] == s.hidden.profile and x["size"] is not None]
     if content["verdict"] == "none":
         word = "silent"
     elif content["verdict"] == "unexplained" or not findings:
@@ -114,7 +114,7 @@ def judged(s: Scene, path: Path) -> dict:
         word = "in the set" if right & {*named, *others} else "wrong"
     return {"verdict": content["verdict"], "judged": word, "p": content["p_value"],
             "limit": min(limits) if limits else None,
-            "findings": [{"cause": f["cause"], "location": f["location"], "profile": f["time_profile"], "size": f["size"],
-                          "std": f["size_std"], "probability": f["posterior_probability"],
+            "findings": [{"cause": f["cause"], "location": f["location"], "profile": f["time_profile"],
+                          "size": f["size"], "std": f["size_std"], "probability": f["posterior_probability"],
                           "alternatives": [[a["cause"], a["location"], a["posterior_probability"]]
                                            for a in f["alternatives"][:4]]} for f in findings[:4]]}

@@ -274,7 +274,8 @@ def _braces(m: _Mesh, fine: int) -> None:
             m.place[centre] = low[0] + w0 / (w0 + w1) * (high[1] - low[0])
             for first, second in ((left, right), (right, left)):
                 # one diagonal rises from the first leg, the other from the second
-                tags = {"group": "brace", "face": left + right, "bay": number, "part": f"brace {first}{second}-{number}"}
+                part = f"brace {first}{second}-{number}"
+                tags = {"group": "brace", "face": left + right, "bay": number, "part": part}
                 for leg, z in ((first, bay["bottom_m"]), (second, bay["top_m"])):
                     end = _brace_end(m, leg, z, m.place[centre], bay["brace"], {**tags, "leg": leg})
                     m.line(end, centre, bay["brace"], m.scaled("k_j"), {**tags, "half": leg}, pieces=2 * fine)
@@ -294,7 +295,8 @@ def _brace_end(m: _Mesh, leg: str, z: float, centre, brace: dict, tags) -> str:
     D, gamma = own["diameter_m"], own["diameter_m"] / (2 * own["thickness_m"])
     beta, sine = brace["diameter_m"] / D, math.sin(math.acos(abs(float(chord @ x))))
     # Fessler, Mockford and Webster (1986), one brace at a time
-    E = m.steel.E * m.theta.get("LJF", 1.0) * m.theta.get("k_j", 1.0) * m.state.factor("joint", {**tags, "group": "joint"})
+    loosened = m.state.factor("joint", {**tags, "group": "joint"})
+    E = m.steel.E * m.theta.get("LJF", 1.0) * m.theta.get("k_j", 1.0) * loosened
     axial = E * D / (1.95 * gamma**2.15 * (1 - beta) ** 1.3 * sine**2.19)
     in_plane = E * D**3 / (134.0 * gamma**1.73 * math.exp(-4.52 * beta) * sine**1.22)
     out = E * D**3 / (85.5 * gamma**2.2 * math.exp(-3.85 * beta) * sine**2.16)
@@ -383,8 +385,8 @@ def _above(m: _Mesh, fine: int) -> None:
             m.line(a, b, tp["column"], steel, {"group": "column", "part": "column"}, pieces=3, water=False)
     for name in raw["jacket"]["leg_names"]:
         for end, group in (("struts", "strut"), ("foot", "tie")):
-            m.line(node_of_leg(name, top), end, tp[group], steel, {"group": group, "leg": name, "part": f"{group} {name}"},
-                   pieces=3, water=False)
+            tags = {"group": group, "leg": name, "part": f"{group} {name}"}
+            m.line(node_of_leg(name, top), end, tp[group], steel, tags, pieces=3, water=False)
     m.bodies.append(Body(node="struts", mass=tp["lumped_mass_kg"] + m.state.amount("kg", {"group": "column"}),
                          tags={"group": "tp mass"}))
     for k, (low, high) in enumerate(zip(stations[:-1], stations[1:], strict=True)):

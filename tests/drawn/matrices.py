@@ -1,4 +1,4 @@
-"""Plans as matrices: Bernoulli-Euler tubes and bars assembled here with numpy, solved by scipy, written as model.npz."""
+"""Plans as matrices: Bernoulli-Euler tubes and bars assembled with numpy, solved by scipy, written as model.npz."""
 
 from __future__ import annotations
 

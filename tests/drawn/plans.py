@@ -182,8 +182,8 @@ def lattice(rng, extent, bars) -> Plan:
                 for m in members)
     bodies = tuple(Body(node=f"{n}.{k}", mass=float(total) * heavy / legs, tags={"platform": 1}) for k in range(legs))
     parameters = [_row(f"leg{k}_{b}", {"bay": b, "leg": k}, 0.03) for b in range(1, n + 1) for k in range(1, legs + 1)]
-    parameters += [_row(f"face{k + 1}{(k + 1) % legs + 1}_{b}", {"bay": b, "face": f"{k + 1}{(k + 1) % legs + 1}"}, 0.05)
-                   for b in range(1, n + 1) for k in range(legs)]
+    faces = [f"{k + 1}{(k + 1) % legs + 1}" for k in range(legs)]
+    parameters += [_row(f"face{f}_{b}", {"bay": b, "face": f}, 0.05) for b in range(1, n + 1) for f in faces]
     parameters.append(_row("platform", {"platform": 1}, 0.05, "mass"))
     levels = sorted({n, max(1, n // 2), max(1, n - 1)})
     readings = [r for b in levels for k in range(2)
@@ -235,8 +235,8 @@ def monopile(rng, extent) -> Plan:
               Body(node=f"n{n_soil + n_water}", mass=0.1 * float(mass), tags={"piece": 1}))
     parameters = [_row("pile", {"part": "pile"}, 0.05), _row("shaft", {"part": "shaft"}, 0.05)]
     parameters += [_row(f"tower{k + 1}", {"third": f"tower {k}"}, 0.04) for k in range(3)]
-    parameters += [_row("soil_upper", {"soil": "upper"}, 0.3, "spring"), _row("soil_lower", {"soil": "lower"}, 0.3, "spring"),
-                   _row("rna", {"top": 1}, 0.03, "mass"), _row("transition", {"piece": 1}, 0.1, "mass")]
+    parameters += [_row(f"soil_{half}", {"soil": half}, 0.3, "spring") for half in ("upper", "lower")]
+    parameters += [_row("rna", {"top": 1}, 0.03, "mass"), _row("transition", {"piece": 1}, 0.1, "mass")]
     foot = n_soil + n_water
     nodes = [foot, foot + 3, foot + 5, len(z) - 1]
     readings = [r for k, node in enumerate(nodes) for r in _read(f"n{node}", (0, 1), f"M{k + 1}")]
@@ -262,11 +262,12 @@ def jacket(rng, extent, bars) -> Plan:
                                   tags={"leg": k + 1, "bay": b}))
             members += [Member(a=f"{b - 1}.{one}", b=f"{b}.{two}", diameter=0.6 * D, wall=D / 45, steel=steel,
                                tags={"face": face, "bay": b}, pinned=bars) for one, two in ((k, q), (q, k))]
-        members.append(Member(a=f"{n}.{k}", b=f"{n}.{q}", diameter=1.2 * D, wall=D / 20, steel=steel, tags={"frame": 1}))
-        members.append(Member(a=f"{n}.{k}", b="hub", diameter=1.6 * D, wall=D / 18, steel=steel, tags={"frame": 1}))
+        members += [Member(a=f"{n}.{k}", b=end, diameter=d * D, wall=D / w, steel=steel, tags={"frame": 1})
+                    for end, d, w in ((f"{n}.{q}", 1.2, 20), ("hub", 1.6, 18))]
     for a, b, name in (("hub", "mid", "lower"), ("mid", "top", "upper")):
         members.append(Member(a=a, b=b, diameter=4.2 * D, wall=D / 45, steel=steel, tags={"tower": name}))
-    mass = sum(m.steel.density * math.pi * m.diameter * m.wall * np.linalg.norm(place[m.b] - place[m.a]) for m in members)
+    mass = sum(m.steel.density * math.pi * m.diameter * m.wall * np.linalg.norm(place[m.b] - place[m.a])
+               for m in members)
     bodies = (Body(node="top", mass=0.45 * float(mass), tags={"top": 1}, inertia=(0.05 * float(mass) * high**2,) * 3),
               Body(node="hub", mass=0.3 * float(mass), tags={"deck": 1}))
     k = 3.0 * steel.E * math.pi * D * D / 30 / height * float(rng.uniform(0.5, 2.0))
@@ -275,7 +276,8 @@ def jacket(rng, extent, bars) -> Plan:
                     for i in range(legs))
     faces = [f"{i + 1}{(i + 1) % legs + 1}" for i in range(legs)]
     parameters = [_row(f"face{f}_{b}", {"face": f, "bay": b}) for b in range(1, n + 1) for f in faces]
-    parameters += [_row(f"leg{i + 1}_{b}", {"leg": i + 1, "bay": b}, 0.03) for b in range(1, n + 1) for i in range(legs)]
+    parameters += [_row(f"leg{i + 1}_{b}", {"leg": i + 1, "bay": b}, 0.03)
+                   for b in range(1, n + 1) for i in range(legs)]
     parameters += [_row(f"foot{i + 1}", {"foot": i + 1}, 0.1, "spring") for i in range(legs)]
     parameters += [_row("tower_lower", {"tower": "lower"}, 0.03), _row("tower_upper", {"tower": "upper"}, 0.03),
                    _row("top", {"top": 1}, 0.03, "mass")]

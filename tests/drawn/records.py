@@ -1,5 +1,5 @@
-"""A case as raw accelerations: modal oscillators under white forces, by an exact recursion between samples, in CSV files
-with a campaign.toml and a convert.toml beside them."""
+"""A case as raw accelerations: modal oscillators under white forces, by an exact recursion between samples, in CSV
+files with a campaign.toml and a convert.toml beside them."""
 
 from __future__ import annotations
 
