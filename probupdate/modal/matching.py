@@ -181,13 +181,8 @@ def match(
     groups, unlike = _alike(clusters, partner, mates, criterion, min_mac, name, modal_set.id)
     left_out += unlike
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        try:
-            _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
-        except InputError:
-            if prior_cov is None:
-                raise
-            _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz,
-                              prior_cov())
+        _refuse_doubtful(prior_cov, modal_set, measured, groups, partner, criterion, visible, name,
+                         solution.frequency_hz)
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -468,6 +463,16 @@ def _scores(off, own, pairs, prior_cov) -> np.ndarray:
             variance = prior_cov[c, c] - gain @ prior_cov[known, c] + MODEL_ERROR**2
             score[row, c] = np.abs(off[mode, c] - mean) / np.sqrt(max(variance, MODEL_ERROR**2))
     return score
+
+
+def _refuse_doubtful(prior_cov, *pairing) -> None:
+    """The prior is asked, which takes derivatives, where a pairing is in doubt without it."""
+    try:
+        _refuse_ambiguous(*pairing)
+    except InputError:
+        if prior_cov is None:
+            raise
+        _refuse_ambiguous(*pairing, prior_cov())
 
 
 def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz,
