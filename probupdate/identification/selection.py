@@ -24,10 +24,13 @@ from probupdate.io.result_table import with_units
 from probupdate.modal.conditions import COLUMNS, KNOWN, SIMILAR, misnamed
 from probupdate.modal.labels import is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
+from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
 # where the standard deviations that a kept set carries come from
 CAMPAIGN, OWN = "campaign", "identification"
+# share of selections in which a set is unlike the others by chance
+FALSE_ODD = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,24 +109,57 @@ def select(
     if criteria.required is None and seldom and not any(map(is_bending, labels)):
         notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
                      f"{', '.join(seldom)}")
+    notes += _rounding_notes(sets, labels)
     pairs = perpendicular_pairs(data.labels)
     failed = [failed_criteria(s, tests, data.labels, required, pairs, criteria) for s in sets]
     passed = np.array([not names for names in failed])
     if not passed.any():
         raise _none_passes(failed)
     good = [s for s, p in zip(sets, passed, strict=True) if p]
-    score = np.full(len(sets), np.nan)
+    score, odd = np.full(len(sets), np.nan), np.zeros(len(sets), bool)
     score[passed] = inconsistency(good, required, pairs)
-    order = np.argsort(np.where(passed, score, np.inf), kind="stable")[: min(count, int(passed.sum()))]
-    scatter = _scatter(labels, sets, passed)
+    odd[passed] = unlike_the_others(good, required)
+    kept = passed & ~odd
+    order = np.argsort(np.where(kept, score, np.inf), kind="stable")[: min(count, int(kept.sum()))]
+    notes += _odd_notes(sets, odd, kept, required, labels)
+    scatter = _scatter(labels, sets, passed, odd)
     chosen = [_with_own(sets[k], labels) for k in sorted(order)]
     if std_from == CAMPAIGN:
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
+        good = [s for s, k in zip(sets, kept, strict=True) if k]
         chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
+    else:
+        chosen = _with_rounding(chosen, sets)
     result = replace(data, sets=tuple(chosen), reference_set=sets[order[0]].id)
     table = _table(sets, failed, score, order, labels, pairs)
     return Selection(data=result, table=table, scatter=scatter, criteria=criteria, std_from=std_from,
-                     notes=tuple(notes), summary=_summary(result, table, scatter, count, std_from, notes))
+                     notes=tuple(notes),
+                     summary=_summary(result, table, scatter, count, std_from, notes, int(odd.sum())))
+
+
+def _rounding_notes(sets: Sequence[ModalSet], labels: Sequence[str], share: float = 0.1) -> list[str]:
+    """Of the modes whose rounding is this share of their scatter at least."""
+    steps: dict[float, list[str]] = {}
+    for label, values in zip(labels, np.array([s.frequency_hz for s in sets]).T, strict=True):
+        step = rounding_step(values)
+        if step > 0 and UNIFORM * step >= share * np.nanstd(values):
+            steps.setdefault(float(f"{step:.4g}"), []).append(label)
+    return [f"frequencies of {', '.join(some)} are rounded to {step:g} Hz: {UNIFORM * step:.2g} Hz is counted as the "
+            "standard deviation of that" for step, some in steps.items()]
+
+
+def _odd_notes(
+    sets: Sequence[ModalSet], odd: np.ndarray, kept: np.ndarray, required: list[int], labels: Sequence[str],
+    most: int = 5,
+) -> list[str]:
+    frequency = np.array([s.frequency_hz for s in sets])
+    middle = np.median(frequency[kept], axis=0)
+    said = []
+    for k in np.flatnonzero(odd)[:most]:
+        j = max(required, key=lambda j: abs(np.log(frequency[k, j] / middle[j])))
+        said.append(f"not kept, as unlike the others: {sets[k].id}, {labels[j]} at {frequency[k, j]:.4g} Hz (median of "
+                    f"the others {middle[j]:.4g} Hz)")
+    return said + [f"and {int(odd.sum()) - most} more"] * bool(odd.sum() > most)
 
 
 def _none_passes(failed: Sequence[Sequence[str]]) -> InputError:
@@ -155,13 +191,16 @@ def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
     return replace(s, environment=dict(s.environment) | own)
 
 
+def _with_rounding(chosen: Sequence[ModalSet], sets: Sequence[ModalSet]) -> list[ModalSet]:
+    """What a set states of its frequencies, and their rounding beside it."""
+    rounding = np.array([UNIFORM * rounding_step(f) for f in np.array([s.frequency_hz for s in sets]).T])
+    return [replace(s, frequency_std_hz=np.hypot(s.frequency_std_hz, rounding)) for s in chosen]
+
+
 def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
     """Frequency, damping and shapes with the scatter over the campaign; where it cannot be estimated (one block alone),
     what a set came with stays."""
-    damping = np.array([s.damping_ratio for s in sets])
-    enough = np.sum(np.isfinite(damping), axis=0) > 1
-    spread = np.full(damping.shape[1], np.nan)
-    spread[enough] = np.nanstd(damping[:, enough], axis=0, ddof=1)
+    spread = np.array([_std(column) for column in np.array([s.damping_ratio for s in sets]).T])
     shape = shape_scatter(good, pairs)
     return [replace(
         s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
@@ -191,7 +230,10 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
             middle = np.mean(onto, axis=0)
             middle = middle / np.abs(middle).max(axis=0)
         onto = [c[rows] @ np.linalg.lstsq(c[rows], middle, rcond=None)[0] for c in columns]
-        found[np.ix_(rows, list(group))] = np.std(onto, axis=0, ddof=1)
+        # as they are printed, shapes may be the same in most sets
+        rounding = UNIFORM * rounding_step(np.ravel(columns))
+        scatter = np.maximum(np.std(onto, axis=0, ddof=1), rounding / np.median(np.abs(columns).max(axis=1), axis=0))
+        found[np.ix_(rows, list(group))] = np.where(scatter > 1e-12, scatter, np.nan)
     return found
 
 
@@ -220,40 +262,83 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     """(n_set,) distance of each set from the middle of them all, in robust standard deviations; small is consistent.
 
     Root mean square, over the required modes, of (f - median) / scale and, over pairs, of the angle between the set's
-    plane and the mean plane over its scale. Scales are 1.4826 median absolute deviations; zero scatter counts as 0.
+    plane and the mean plane over its scale. Scales are 1.4826 median absolute deviations, the standard deviation of
+    rounding at least: of the numbers that a report prints to 0.01 Hz half are often the same one.
     """
     frequency = np.array([s.frequency_hz[required] for s in sets])
-    terms = [(frequency - np.median(frequency, axis=0)) / _scale(frequency - np.median(frequency, axis=0))]
+    residual = frequency - np.median(frequency, axis=0)
+    terms = [residual / robust_std(residual, [rounding_std(f) for f in frequency.T])]
     for i, j in pairs:
         if i not in required or j not in required:
             continue
         rows = np.all([np.isfinite(s.shape[:, [i, j]]).all(axis=1) for s in sets], axis=0)
         if rows.sum() < 3:
             continue
-        planes = [np.linalg.qr(np.real(s.shape[rows][:, [i, j]]))[0] for s in sets]
+        shapes = np.real([s.shape[rows][:, [i, j]] for s in sets])
+        planes = [np.linalg.qr(shape)[0] for shape in shapes]
         # the plane closest to all of them: leading eigenvectors of the mean projector
         mean = np.linalg.eigh(np.mean([q @ q.T for q in planes], axis=0))[1][:, -2:]
         angle = np.array([np.arccos(np.sqrt(min(plane_mac(q, mean), 1.0))) for q in planes])[:, None]
-        terms.append(angle / _scale(angle))
+        terms.append(angle / robust_std(angle, _angle_of_rounding(shapes)))
     return np.sqrt(np.mean(np.concatenate(terms, axis=1) ** 2, axis=1))
 
 
-def _scale(distance: np.ndarray) -> np.ndarray:
-    scale = 1.4826 * np.median(np.abs(distance), axis=0)
-    return np.where(scale > 0, scale, np.inf)
+def unlike_the_others(sets: list[ModalSet], required: list[int]) -> np.ndarray:
+    """(n_set,) bool: one of its required frequencies is an outlier among theirs (generalised extreme Studentised
+    deviate, Rosner 1983); by chance in one of a thousand selections is any."""
+    odd = np.zeros(len(sets), bool)
+    for j in required:
+        odd |= outlying(np.array([s.frequency_hz[j] for s in sets]), FALSE_ODD / len(required))
+    return odd
+
+
+def outlying(values: np.ndarray, false_alarm: float) -> np.ndarray:
+    """(n,) bool: which of normally distributed, perhaps rounded, values (n,) are outliers: a third of them at most,
+    however they mask one another."""
+    from scipy import stats
+
+    rounding, left = rounding_std(values), np.arange(len(values))
+    order, found = [], 0
+    for _ in range(len(values) // 3):
+        far = int(np.argmax(np.abs(values[left] - values[left].mean())))
+        n, order = len(left), [*order, left[far]]
+        left = np.delete(left, far)
+        others = values[left]
+        # of rounded values the scatter is that of rounding at least
+        error = max(float(np.std(others, ddof=1)), rounding) * np.sqrt(n / (n - 1))
+        if abs(values[order[-1]] - others.mean()) > error * stats.t.isf(false_alarm / (2 * n), n - 2):
+            found = len(order)
+    return np.isin(np.arange(len(values)), order[:found])
+
+
+def _angle_of_rounding(shapes: np.ndarray) -> float:
+    """Angle (rad) by which the rounding of shapes (n_set, n_row, 2) turns their plane; an angle is known to the square
+    root of double precision."""
+    size = np.median(np.linalg.norm(shapes, axis=1))
+    return max(rounding_std(shapes.ravel()) * np.sqrt(shapes.shape[1]) / size, np.sqrt(np.finfo(float).eps))
+
+
+def _std(values: np.ndarray) -> float:
+    """Scatter of values, that of their rounding at least; NaN from fewer than two, and where all are one to the last
+    digit: copies of one number say nothing of its scatter."""
+    values = np.asarray(values, float)
+    values = values[np.isfinite(values)]
+    if len(values) < 2:
+        return np.nan
+    std = max(float(np.std(values, ddof=1)), UNIFORM * rounding_step(values))
+    return std if std > 1e-12 * np.max(np.abs(values)) else np.nan
 
 
 def _cov(values) -> float:
-    values = np.asarray(values, float)
-    values = values[np.isfinite(values)]
-    return float(np.std(values, ddof=1) / np.mean(values)) if len(values) > 1 else np.nan
+    return _std(values) / float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
 
-def _scatter(labels, sets, passed: np.ndarray) -> pd.DataFrame:
+def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray) -> pd.DataFrame:
     states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
-    usable = np.array([not s.environment.get("excluded") for s in sets])
+    # one wrong frequency would be most of a CoV
+    usable = np.array([not s.environment.get("excluded") for s in sets]) & ~odd
     subsets = {"all": usable, **{name: usable & (states == name) for name in dict.fromkeys(states[usable])},
-               "passed": passed}
+               "passed": passed & ~odd}
     rows = []
     for j, label in enumerate(labels):
         f = np.array([s.frequency_hz[j] for s in sets])
@@ -270,12 +355,13 @@ def _scatter(labels, sets, passed: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count: int, std_from: str, notes) -> str:
+def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count: int, std_from: str, notes,
+             odd: int) -> str:
     counts = table["criterion"].value_counts(sort=False)
     lines = [f"{int((table['criterion'] == '').sum())} of {len(table)} blocks pass, {len(data.sets)} kept"]
     lines += [f"  {n} left out: {name}" for name, n in counts.items() if name]
     if len(data.sets) < count:
-        lines.append(f"fewer than {count} pass: all of them were kept")
+        lines.append(f"fewer than {count} pass{' and are like one another' if odd else ''}: all of them were kept")
     lines.append(f"most consistent: {data.reference_set}")
     for label, rows in scatter.groupby("mode", sort=False):
         value = rows["cov"].iloc[0]

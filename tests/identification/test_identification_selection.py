@@ -15,7 +15,7 @@ from probupdate.identification.criteria import (
     read_criteria,
     resolved,
 )
-from probupdate.identification.selection import inconsistency, select, shape_scatter
+from probupdate.identification.selection import inconsistency, outlying, select, shape_scatter
 from probupdate.identification.ssi import identify_poles
 from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes
 
@@ -285,6 +285,55 @@ def test_a_building_with_a_spurious_mode_needs_no_scada_and_gives_no_warning(tmp
         select(replace(building, sets=tuple(replace(s, frequency_hz=np.full(4, np.nan)) for s in sets)))
     with pytest.raises(InputError, match="preset: 'bridge' is unknown"):
         preset_criteria("bridge")
+
+
+# Rounded numbers -----------------------------------------------------------------------------------------------------
+
+
+def printed_sets(n, step, seed, stray=(), at=0.45) -> ModalData:
+    """Frequencies that scatter by 1 %, as a report prints them; those of `stray` have another first frequency."""
+    rng = np.random.default_rng(seed)
+    sets = []
+    for k in range(n):
+        f = np.array([0.32, 0.33, 1.93, 2.0]) * (1 + 0.01 * rng.standard_normal(4))
+        f[0] = at if k in stray else f[0]
+        sets.append(ModalSet(id=str(k), frequency_hz=np.round(np.round(f / step) * step, 9), shape=np.zeros((0, 4)),
+                             damping_ratio=np.full(4, 0.01), frequency_std_hz=np.full(4, np.nan),
+                             shape_std=np.zeros((0, 4))))
+    return ModalData(channels=(), sets=tuple(sets))
+
+
+@pytest.mark.parametrize("step", [0.01, 0.005, 0.02, 1 / 600, 1e-9])
+@pytest.mark.parametrize("n", [9, 11, 20])
+def test_a_stray_frequency_is_never_chosen_however_rounded(step, n):
+    for seed in range(8):
+        kept = select(printed_sets(n, step, seed, stray=(2, 5)), criteria=preset_criteria("structure"))
+        assert not {"2", "5"} & {s.id for s in kept.data.sets}
+        assert any("unlike the others: 2, 1 at 0.4" in note for note in kept.notes)
+        # what the campaign's scatter is of the others
+        assert kept.cov["1"]["all"] < 0.04
+
+
+def test_like_sets_have_an_outlier_once_in_a_thousand(validation):
+    row = validation(what="share of nine numbers of one population with an outlier", reference="0.001, as stated",
+                     why="four standard deviations of 2000 draws")
+    rng = np.random.default_rng(5)
+    found = sum(outlying(np.round(0.32 + 0.003 * rng.standard_normal(9), 3), 1e-3).any() for _ in range(2000))
+    row.error(found / 2000 - 1e-3, below=2.8e-3)
+
+
+def test_equal_printed_frequencies_have_the_rounding_as_their_deviation():
+    sets = [replace(s, frequency_hz=np.array([0.32, 0.33, 1.93, 2.0])) for s in printed_sets(12, 0.01, 0).sets]
+    kept = select(ModalData(channels=(), sets=tuple(sets)), criteria=preset_criteria("structure"))
+    # uniform within half a step to both sides; two whole hertz are printed so too, as far as one can see
+    for s in kept.data.sets:
+        assert s.frequency_std_hz[:3] == pytest.approx(np.full(3, 0.01 / np.sqrt(12)))
+    assert any("are rounded to 0.01 Hz" in note for note in kept.notes)
+    assert np.all(kept.data.sets[0].damping_ratio_std > 0)
+    stated = [replace(s, frequency_std_hz=np.full(4, 0.004)) for s in sets]
+    own = select(ModalData(channels=(), sets=tuple(stated)), criteria=preset_criteria("structure"),
+                 std_from="identification")
+    assert own.data.sets[0].frequency_std_hz[0] == pytest.approx(np.hypot(0.004, 0.01 / np.sqrt(12)))
 
 
 # The perpendicular criterion ----------------------------------------------------------------------------------------

@@ -1,0 +1,69 @@
+"""The step to which numbers were rounded, as reports print them, and scales that are never zero because of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# of normally distributed numbers the standard deviation over the median absolute deviation
+NORMAL_MAD = 1.4826
+# of a number rounded to a step the standard deviation of its error, uniform over half a step to both sides
+UNIFORM = 1 / np.sqrt(12)
+# as many significant digits may be a report's; more are a computer's
+MOST_DIGITS = 7
+# a value lies on a grid that misses it by less than this share of the step
+ON_GRID = 1e-4
+# by chance all values lie on a grid so coarse with a smaller probability
+CHANCE = 0.01
+# grids between two powers of ten: a step is printed in ones, twos or fives, or is the resolution of a spectrum
+PARTS = np.arange(1, 41)
+
+
+def rounding_step(values: np.ndarray) -> float:
+    """Step of the grid on which all of `values` lie, 0 where there is none; NaN counts for nothing.
+
+    Found from the digits with which they are written, and coarser where that is no chance: steps of 0.005, or the
+    resolution of the spectrum from which peaks were taken.
+    """
+    values = np.unique(np.abs(values[np.isfinite(values)]))
+    values = values[values > 0]
+    if not len(values):
+        return 0.0
+    printed = _printed_step(values)
+    steps = {*(np.min(np.diff(values, prepend=0)) / PARTS), *(printed * PARTS)} - {0.0}
+    for step in sorted(steps, reverse=True):
+        # a single value says nothing of a grid but by its digits
+        likely = (2 * ON_GRID if printed == 0 else printed / step) ** max(len(values) - 1, 1)
+        if likely < CHANCE and len(values) > 1 and _all_on(values, step):
+            return float(max(step, printed))
+    return printed
+
+
+def rounding_std(values: np.ndarray) -> float:
+    """Standard deviation of the rounding of `values`, in their unit; that of double precision at least."""
+    values = np.asarray(values, float)
+    some = values[np.isfinite(values)]
+    if not len(some):
+        return 0.0
+    return float(max(UNIFORM * rounding_step(some), np.spacing(np.max(np.abs(some)))))
+
+
+def robust_std(residual: np.ndarray, rounding: np.ndarray | float) -> np.ndarray:
+    """Scale (n_column,) of residuals (n_row, n_column): their median absolute deviation from zero as a standard
+    deviation, that of rounding (n_column,) at least: where more than half of rounded numbers are one and the same, the
+    former is zero. Where it is not, it holds the rounding already. NaN counts for nothing."""
+    return np.maximum(NORMAL_MAD * np.nanmedian(np.abs(residual), axis=0), rounding)
+
+
+def _printed_step(values: np.ndarray) -> float:
+    """The last decimal place with which any of them is written, 0 beyond seven significant digits."""
+    highest = int(np.floor(np.log10(values.max())))
+    for place in range(highest, highest - MOST_DIGITS, -1):
+        step = float(f"1e{place}")
+        if np.all(np.abs(values / step - np.round(values / step)) < 1e-9 * values / step + 1e-12):
+            return step
+    return 0.0
+
+
+def _all_on(values: np.ndarray, step: float) -> bool:
+    count = values / step
+    return bool(np.all(np.abs(count - np.round(count)) < ON_GRID))

@@ -1,0 +1,35 @@
+"""Steps to which numbers were rounded, found from the numbers alone."""
+
+import numpy as np
+import pytest
+
+from probupdate.modal.rounding import robust_std, rounding_std, rounding_step
+
+
+@pytest.mark.parametrize("step", [0.01, 0.001, 0.005, 1 / 600, 1 / 256, 1.0, 1e-4])
+def test_the_step_of_rounded_numbers_is_found(step):
+    rng = np.random.default_rng(3)
+    for centre in np.array([32, 193, 2460]) * step:
+        values = np.round(centre * (1 + 0.1 * rng.standard_normal(60)) / step) * step
+        found = rounding_step(np.append(values, np.nan))
+        # of too few different values no more than their last digit is known
+        assert found == pytest.approx(step) or len(np.unique(values)) < 6 and 0 < found <= 2 * step
+
+
+def test_numbers_of_a_computer_have_no_step():
+    rng = np.random.default_rng(0)
+    assert not any(rounding_step(0.32 + 0.01 * rng.standard_normal(n)) for n in (3, 5, 9, 100) for _ in range(50))
+    assert rounding_step(np.array([np.nan])) == 0.0
+
+
+def test_one_number_often_has_its_last_digit_as_step():
+    assert rounding_step(np.full(9, 0.32)) == pytest.approx(0.01)
+    assert rounding_step(np.array([0.32] * 7 + [0.45] * 2)) == pytest.approx(0.01)
+    assert rounding_std(np.full(9, 0.32)) == pytest.approx(0.01 / np.sqrt(12))
+
+
+def test_a_robust_scale_is_never_zero():
+    values = np.array([0.32] * 7 + [0.45] * 2)
+    assert robust_std(values - 0.32, rounding_std(values)) == pytest.approx(0.01 / np.sqrt(12))
+    exact = np.array([np.pi / 9] * 7 + [0.45] * 2)
+    assert 0 < robust_std(exact - np.pi / 9, rounding_std(exact)) < 1e-15
