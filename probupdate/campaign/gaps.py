@@ -84,7 +84,7 @@ def _beyond_chance(size: np.ndarray, tolerance: float) -> bool:
     if not len(beyond):
         return False
     near = np.count_nonzero(beyond <= 1.5 * beyond.min())
-    return len(known) - len(beyond) > PILE * near and near < 0.5 * len(beyond)
+    return bool(len(known) - len(beyond) > PILE * near and near < 0.5 * len(beyond))
 
 
 def zero_filled(piece: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -62,7 +62,7 @@ class BlockPoles:
 
     rms: root mean square over samples and channels of the motion about its mean, in SI units of `quantity`; line_hz
     and spectrum (n_line,): one-sided power spectral density summed over channels, at the rate of identification.
-    unmeasured (3, n_channel): shares of samples that are lost, repeated and filled (`Block`).
+    unmeasured (3, n_channel): shares of samples that are lost, repeated and filled (`Block`); (3, 0) where not known.
     """
 
     id: str
@@ -76,7 +76,7 @@ class BlockPoles:
     others: tuple[Poles, ...]
     line_hz: np.ndarray
     spectrum: np.ndarray
-    unmeasured: np.ndarray
+    unmeasured: np.ndarray = field(default_factory=lambda: frozen_array(np.zeros((3, 0))))
 
     @property
     def every_order(self) -> tuple[Poles, ...]:

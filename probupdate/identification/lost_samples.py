@@ -191,7 +191,7 @@ def pair_covariances(
     n_channel = data.shape[1]
     covariance = np.empty((n_lag + 1, n_channel, len(references)))
     changes = np.empty((sub_records, *covariance.shape))
-    lossy = np.isnan(data).any(axis=0)
+    lossy = np.asarray(np.isnan(data).any(axis=0))
     whole = np.flatnonzero(~lossy)
     if len(whole):
         # as of any record; where all channels are so that is less work by far

@@ -102,8 +102,8 @@ def _refuse_explained(
             f"average, with that mended {1 - left:.3f}")
     if kind == "reversed":
         # of two references either explains it
-        doubt = [references[c] for x, k, (*m,), _ in found for c in m if k == kind and x <= 1.01 * left + 1e-12
-                 and references[c] not in names]
+        doubt = [str(references[rows[0]]) for rest, how, rows, _ in found if how == kind and rest <= 1.01 * left + 1e-12
+                 and references[rows[0]] not in names]
         names, doubt = _who(first, second, names, doubt)
         raise InputError(
             f"setups {first.name} and {second.name}, reference {names[0]}",

@@ -16,6 +16,7 @@ import pandas as pd
 
 import probupdate
 from probupdate.campaign.blocks import blocks
+from probupdate.campaign.gaps import interpolated
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
@@ -70,7 +71,7 @@ def with_harmonics_removed(campaign: Campaign, identification: Identification, r
         conditions = environment[block.id]
         if conditions.get("excluded"):
             continue
-        record = resampled(block.data, campaign.sampling_rate_hz, RATE_HZ)
+        record = resampled(interpolated(block.data, len(block.data))[0], campaign.sampling_rate_hz, RATE_HZ)
         speed = [float(conditions.get(f"rotor_speed_rpm_{end}", np.nan)) for end in ("min", "max")]
         removal = without_harmonics(record, RATE_HZ, (speed[0], speed[1]))
         followed[block.id] = removal.followed

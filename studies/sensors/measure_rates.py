@@ -50,7 +50,7 @@ def day(folder: Path, rng: np.random.Generator, said: dict[str, list[bool]]) -> 
         if found is not None:
             pieces += found.pieces
             lowest.append(found.lowest_hz)
-        sway = block_sway(block, campaign.sensors, np.isfinite(block.data).all(axis=0), conditions)
+        sway = block_sway(block, campaign.sensors, block.measured >= 0.5, conditions)
         sways += [] if sway is None else [sway]
     lowest_hz, n = float(np.nanmedian(lowest)), len(pieces)
     cases = [("10 % in a channel", [int(c)], float(rng.choice([0.9, 1.1]))) for c in rng.choice(18, 5, replace=False)]
