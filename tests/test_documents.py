@@ -143,12 +143,12 @@ def test_files_of_a_run_and_keys_of_its_head_are_named():
 
 
 def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys, validation):
-    row = validation(what="posterior of the README's example, two masses and two parameters: means, variances",
+    row = validation(what="posterior of the Python page's example, two parameters: means, variances",
                      reference="quadrature over a grid", unit="standard errors")
-    (code,) = blocks("README.md", "python")
+    code = blocks(PYTHON, "python")[0]
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "example"}
-    exec(compile(code, "README.md", "exec"), names)
+    exec(compile(code, PYTHON, "exec"), names)
     assert re.search(r"^lower .*strongly identified$", capsys.readouterr().out, re.MULTILINE)
     posterior = names["posterior"]
     # a grid over eight deviations: for a smooth density that ends within it the plain sum is exact to rounding
@@ -277,7 +277,11 @@ def test_papers_hold_no_machine_path_and_no_address(name):
 
 
 def test_the_readme_is_short():
-    assert len(text("README.md").splitlines()) <= 130
+    assert len(text("README.md").split()) <= 450
+
+
+def test_the_change_log_is_read_in_two_minutes():
+    assert len(text("CHANGELOG.md").splitlines()) <= 60
 
 
 @pytest.mark.parametrize("name", (*PAPERS, *PAGES))
