@@ -272,8 +272,8 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Map
         # of a mode all columns are known, or none
         known = np.isfinite(array)
         if np.any(known.any(axis=-1) != known.all(axis=-1)):
-            raise InputError(f"{path}, its covariance factors, {raw.get('id', number)}", f"{key} has columns that are no numbers",
-                             "make it again with `probupdate identify`")
+            raise InputError(f"{path}, its covariance factors, {raw.get('id', number)}",
+                             f"{key} has columns that are no numbers", "make it again with `probupdate identify`")
     found = ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
