@@ -8,10 +8,12 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.diagnosis.diagnose import SURE, Outcome
+from probupdate.diagnosis.fitting import error_scale
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.results import Finding
+from probupdate.diagnosis.search import model_error_dispersion
 
 # alternatives less probable than this are not looked into; at most so many
 PROBABLE, MOST = 0.02, 3
@@ -50,24 +52,31 @@ def _candidate(problem: DiagnosisProblem, finding: Finding, key: Hashable) -> in
     return min(found)[1] if found else None
 
 
-def needed_z(score_correlation: float) -> float:
-    """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records."""
-    return QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
+def needed_z(score_correlation: float, error: float = 0.0) -> float:
+    """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records, their
+    signatures known but for a share `error` (`model_error_dispersion`); inf where no |z| is enough."""
+    by_noise = QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
+    left = 1 + by_noise**2 * (1 - model_error_dispersion(1.0, error))
+    return float(by_noise / np.sqrt(left)) if left > 0 else np.inf
 
 
 def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best: int, competitor: int) -> str:
     score_correlation = float(np.abs(design.score_correlation([best, competitor])[0, 1]))
     first, second = (problem.effects[problem.which[k, 0]] for k in (best, competitor))
-    needed = needed_z(score_correlation)
+    error = error_scale(first)
+    needed = needed_z(score_correlation, error)
     text = (f"{first.name} and {second.name} have a score correlation of {score_correlation:.2f} once all that is "
             "normal has taken its part: ")
     if score_correlation > 0.999:
         return text + f"no record of these modes and channels distinguishes them; {_checks(first, second)}"
+    places = " and ".join(places_of_difference(problem, design, best, competitor))
+    if not np.isfinite(needed):
+        return text + (f"with signatures known to {error:.0%} no length of record distinguishes them; they differ most "
+                       f"in {places}; {_checks(first, second)}")
     text += f"distinguishing them asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
     if finding.time_profile != "constant" and needed > abs(finding.z):
         times = (needed / abs(finding.z)) ** 2
         text += f"about {times:.{0 if times > 3 else 1}f} times as many blocks would do, or "
-    places = " and ".join(places_of_difference(problem, design, best, competitor))
     return text + f"they differ most in {places}; {_checks(first, second)}"
 
 

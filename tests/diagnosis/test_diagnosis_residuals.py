@@ -231,6 +231,9 @@ def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record
     assert "parameter, k2" in sentence and "group of parameters, second storey" in sentence
     assert "no record of these modes" in sentence
     row.error([needed_z(0.8) - 5.2, needed_z(0.95) - 10.4], 0.05)
+    # evidence divided by 1 + (0.1 z)^2 / 4: z^2 = 10.4^2 (1 + z^2 / 400), and never more than 20 of noise alone
+    assert needed_z(0.95, 0.1) == pytest.approx(10.4 / np.sqrt(1 - 10.4**2 / 400), rel=1e-3)
+    assert np.isinf(needed_z(0.99, 0.1))
     assert "to split them:" in found.summary
     assert (f"threshold |z| = {found.threshold:.1f} of the whole catalogue, before any finding is included (below 5 % "
             "of false alarms); ") in found.summary
