@@ -53,8 +53,8 @@ def _candidate(problem: DiagnosisProblem, finding: Finding, key: Hashable) -> in
 
 
 def needed_z(score_correlation: float, error: float = 0.0) -> float:
-    """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records, their
-    signatures known but for a share `error` (`model_error_dispersion`); inf where no |z| is enough."""
+    """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records,
+    their signatures known but for a share `error` (`model_error_dispersion`); inf where no |z| is enough."""
     by_noise = QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
     left = 1 + by_noise**2 * (1 - model_error_dispersion(1.0, error))
     return float(by_noise / np.sqrt(left)) if left > 0 else np.inf

@@ -112,8 +112,8 @@ def write_record(path: Path, seed: int, *, factors: dict, first: int = 0, gains:
 def test_a_frame_of_a_hand_s_height_has_a_verdict(bench, tmp_path, seed, hidden, cause, location, size, validation):
     """All that lies within 0.1 m had the same words, and was refused as listed twice where something was to be found.
     One diagonal or another of a storey is not always settled by six modes."""
-    row = validation(what="bench frame of 0.14 m height with nodes 35 mm apart, by `diagnose`: nothing, a gain of a tenth, "
-                          "a diagonal that loses half: first finding; size in its standard deviations",
+    row = validation(what="bench frame of 0.14 m height with nodes 35 mm apart, by `diagnose`: nothing, a gain of a "
+                          "tenth, a diagonal that loses half: first finding; size in its standard deviations",
                      reference="what was hidden")
     data, out = tmp_path / "modes.json", tmp_path / "diagnosis.json"
     write_record(data, seed, **hidden)
