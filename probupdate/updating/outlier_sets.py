@@ -16,7 +16,7 @@ from probupdate.modal.modes import ModalData
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.settings import CONSTANTS
 
-SHARE, WIDE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide
+SHARE, WIDE, SURE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide, CONSTANTS.outlier_sure
 # fewer sets show no outlier among them; passes in which outliers stop counting among the others
 FEWEST, PASSES = 4, 4
 # of ln f, where nothing is stated and all sets agree to the last digit
@@ -36,8 +36,8 @@ class OutlierSets:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Sets that are outliers more likely than not."""
-        return tuple(int(k) for k in np.flatnonzero(self.probability > 0.5))
+        """Sets that are outliers with a probability of SURE or more."""
+        return tuple(int(k) for k in np.flatnonzero(self.probability >= SURE))
 
     @property
     def sentences(self) -> list[str]:

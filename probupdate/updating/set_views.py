@@ -299,7 +299,8 @@ def _left_out(likelihoods, common: Common, population: Population, lent, alone, 
             again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)
             many[j], refitted[j] = population_score(again, likelihoods, j), True
     # the others count shapes by what their alignment leaves
-    taken = [p.noise_alone(common.scales.new).taken_by_alignment for p in common.error.problems]
+    taken = [p.noise_alone(common.scales.new).taken_by_alignment - p.taken_by_alignment
+             for p in common.error.problems]
     score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many - lent + np.array(taken)}
     return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
                    pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))

@@ -86,6 +86,7 @@ class UpdatingConstants:
     population_r_hat_limit: float = stated(1.02, "-", "R-hat of the population below which it has converged")
     outlier_share: float = stated(0.05, "-", "share of sets that are outliers a priori")
     outlier_wide: float = stated(0.05, "ln f", "standard deviation of the frequency of an outlier's mode")
+    outlier_sure: float = stated(0.95, "-", "probability from which a set is left out of the population as an outlier")
     strong: float = stated(0.5, "-", "posterior over prior standard deviation below which the data decide")
     blind: float = stated(0.9, "-", "above this one the parameter keeps its prior")
     good_k: float = stated(0.5, "-", "Pareto k below which importance sampling alone is trusted", "Vehtari et al. 2024")

@@ -139,7 +139,7 @@ class SharedError:
                 root, lost = marginal_root(root, J * tau)
             white = root @ columns if noise.root is not None or tau is not None else columns / noise.std[:, None]
             found.append(Inner(middle=self.middle, products=white.T @ white,
-                               constant=noise.log_constant + noise.taken_by_alignment - 0.5 * lost))
+                               constant=noise.log_constant + noise.taken_by_alignment - problem.taken_by_alignment - 0.5 * lost))
         return found
 
     @cached_property
@@ -166,7 +166,8 @@ class SharedError:
         std = np.sqrt(np.maximum(own + (np.where(kind > 0, new[1], new[0]) * unit) ** 2, least))
         white = rows / std[:, None]
         return Inner(middle=self.middle, products=white.T @ white,
-                     constant=-float(counted @ (np.log(std) + 0.5 * np.log(2 * np.pi))))
+                     constant=-float(counted @ (np.log(std) + 0.5 * np.log(2 * np.pi)))
+                     - sum(p.taken_by_alignment for p in self.problems))
 
     def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> Averaged:
         """Of the sets summed in `inner` at one common u, averaged over the scales."""
