@@ -138,8 +138,9 @@ class SharedError:
             if tau is not None:
                 root, lost = marginal_root(root, J * tau)
             white = root @ columns if noise.root is not None or tau is not None else columns / noise.std[:, None]
+            left = noise.taken_by_alignment - problem.taken_by_alignment
             found.append(Inner(middle=self.middle, products=white.T @ white,
-                               constant=noise.log_constant + noise.taken_by_alignment - problem.taken_by_alignment - 0.5 * lost))
+                               constant=noise.log_constant + left - 0.5 * lost))
         return found
 
     @cached_property
