@@ -56,6 +56,11 @@ STUDIES = {
     "discovery": Study(
         question="Are three faults in one month found, and what does knowing them gain?",
         runs=(("run.py", OUT),), seeds="7", takes="minutes"),
+    "drawn": Study(
+        question="Do all commands work on structures that nobody drew by hand, and what does the diagnosis name there?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--kinds", "matrices truss", "--classes", "null", "structural",
+                                         "--most", "1"),),
+        seeds="the number of the case", takes="hours"),
     "farm": Study(
         question="How many turbine-months an hour, and what does a year of 70 turbines take?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),),

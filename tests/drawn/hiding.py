@@ -105,10 +105,11 @@ def _rotation(rng, sensors) -> Hidden:
 
 
 def _logger(rng, sensors) -> tuple[list[int], str]:
-    """Channels of one logger: of a level with several places, or of a place."""
+    """Channels of one logger: of a level with several places, or, where the model's files state no levels, of a
+    place."""
     levels: dict[str, list[int]] = {}
     for k, s in enumerate(sensors):
-        levels.setdefault(s["level"], []).append(k)
+        levels.setdefault(s["level"] if s.get("states_level", True) else str(s["position_m"]), []).append(k)
     level = str(rng.choice(sorted(levels)))
     rows = levels[level]
     own = [p for p in places(sensors) if p == rows]

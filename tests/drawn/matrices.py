@@ -48,12 +48,12 @@ class Assembly:
             way = (self.place[b] - self.place[a]) / np.linalg.norm(self.place[b] - self.place[a])
             both = np.r_[way, 0, 0, 0, -way, 0, 0, 0]
             self._add(self.K, (a, b), k * np.outer(both, both))
-        # nothing turns or moves out of the way of what swings
-        for name in s.level_only:
-            for d in dofs:
-                if d > 1:
-                    self.K[self.index[name, d], self.index[name, d]] += 1e3 * np.abs(self.K).max()
-                    self.M[self.index[name, d], self.index[name, d]] += 1.0
+        # what swings has motions that nothing else shares: as fast as the fastest of the others, no faster, as rounding
+        # is of the largest eigenvalue
+        alone = [self.index[name, d] for name in s.level_only for d in dofs if d > 1]
+        others = np.setdiff1d(np.arange(size), alone)
+        fastest = np.max(np.diag(self.K)[others] / np.diag(self.M)[others])
+        self.K[alone, alone], self.M[alone, alone] = fastest, 1.0
 
     def _add(self, matrix, nodes, own) -> None:
         rows, picked = [], []

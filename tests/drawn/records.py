@@ -40,7 +40,8 @@ def write_campaign(s: Scene, folder: Path, *, blocks: int = 16) -> dict:
         for minute in range(0, max(minutes, 10), 10):
             rows.append([f"{start + np.timedelta64(minute, 'm')}Z", *map(str, block.columns.values())])
     head = {"name": s.drawn.title, "sampling_rate_hz": rate, "block_minutes": minutes}
-    sensors = [{**x, "quantity": "acceleration", "unit": "m/s2"} for x in s.drawn.sensors]
+    sensors = [{k: v for k, v in x.items() if k != "states_level"} | {"quantity": "acceleration", "unit": "m/s2"}
+               for x in s.drawn.sensors]
     (campaign / "campaign.toml").write_text(toml_text.text({**head, "sensor": sensors}), encoding="utf-8")
     (campaign / "convert.toml").write_text(toml_text.text({
         "files": "*.csv", "time": "t", "time_unit": "s", "start_pattern": r"_(\d{4}-\d{2}-\d{2}T\d{6})",

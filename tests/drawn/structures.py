@@ -201,9 +201,10 @@ def _plan_state(plan: plans.Plan, rng) -> tuple[State, dict]:
     return State(changes=tuple(Change(what=p.what, on=p.on, value=theta[p.name]) for p in plan.parameters)), theta
 
 
-def _plan_sensors(plan: plans.Plan) -> tuple[dict, ...]:
+def _plan_sensors(plan: plans.Plan, *, states_level: bool) -> tuple[dict, ...]:
     return tuple({"channel": r.channel, "level": r.level, "direction": [float(r.axis == k) for k in range(3)],
-                  "position_m": [float(x) for x in plan.skeleton.place[r.node]]} for r in plan.readings)
+                  "position_m": [float(x) for x in plan.skeleton.place[r.node]], "states_level": states_level}
+                 for r in plan.readings)
 
 
 def _plan_fault(rng, plan: plans.Plan) -> Hidden:
@@ -269,7 +270,7 @@ def _subdyn(rng, kind: str, designed: bool) -> Drawn:
 
 def _of_plan(rng, kind, title, plan, write, raw_solve, designed) -> Drawn:
     sound, theta = (State(), {}) if designed else _plan_state(plan, rng)
-    sensors, known = _plan_sensors(plan), {}
+    sensors, known = _plan_sensors(plan, states_level=kind.startswith("subdyn")), {}
 
     def solve(changes=(), attached=(), level=0.0, warmer=0.0, count=plan.n_mode, at=None) -> Solution:
         key = (repr(changes), attached, warmer, count, at)
