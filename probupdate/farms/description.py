@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ NEEDS = {"select": ("identify",), "update": ("identify",), "sample": ("identify"
          "diagnose": ("identify",), "report": ("identify",)}
 # names become folders
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}")
+CAMPAIGN = "campaign.toml"
 REMEDY = "see docs/howto/farm.md"
 
 
@@ -120,13 +122,15 @@ class Month:
 
 @dataclass(frozen=True, kw_only=True)
 class Farm:
-    """months: turbine by turbine as the file has them, a turbine's in the order of time."""
+    """months: turbine by turbine as the file has them, a turbine's in the order of time. left_out: turbine, folder
+    that its pattern finds, why that is no campaign."""
 
     name: str
     steps: tuple[str, ...]
     seed: int
     options: Options
     months: tuple[Month, ...]
+    left_out: tuple[tuple[str, str, str], ...] = ()
 
 
 def read_farm(path: str | Path) -> Farm:
@@ -148,7 +152,8 @@ def read_farm(path: str | Path) -> Farm:
     turbines = [table_as(TurbineTable, one, f"{path}, turbine {k}") for k, one in enumerate(given, 1)]
     _refuse_twice([t.name.casefold() for t in turbines], str(path), "turbine")
     months = tuple(month for turbine in turbines for month in _months(path, turbine, head.model))
-    return Farm(name=head.name, steps=_steps(head.steps, content, path), seed=head.seed, options=options, months=months)
+    return Farm(name=head.name, steps=_steps(head.steps, content, path), seed=head.seed, options=options, months=months,
+                left_out=tuple(left for turbine in turbines for left in _left_out(path, turbine)))
 
 
 def _steps(given: tuple[str, ...], content: Mapping, path: Path) -> tuple[str, ...]:
@@ -174,9 +179,12 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
     root = path.parent.resolve()
     if chosen not in REFERENCE_STATES:
         chosen = str(named_within(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
-    found = sorted(_folders(root, turbine.campaigns, where), key=lambda folder: in_order(folder.name))
+    folders = list(_folders(root, turbine.campaigns, where))
+    found = sorted((f for f in folders if (f / CAMPAIGN).is_file()), key=lambda folder: in_order(folder.name))
     if not found:
-        raise InputError(f"{where}, campaigns", f"'{turbine.campaigns}' finds no folder with a campaign.toml",
+        others = "; ".join(f"{f.name}: {_why_none(f)}" for f in folders[:3])
+        raise InputError(f"{where}, campaigns", f"'{turbine.campaigns}' finds no folder with a campaign.toml"
+                         f"{f' ({others})' if others else ''}",
                          "write the pattern relative to farm.toml, such as 'T12/2019-*'")
     _refuse_twice([folder.name.casefold() for folder in found], where, "month")
     for folder in found:
@@ -189,6 +197,20 @@ def in_order(name: str) -> list[str | int]:
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"(\d+)", name))]
 
 
+def _left_out(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, str, str]]:
+    root = path.parent.resolve()
+    for folder in sorted(_folders(root, turbine.campaigns, turbine.name), key=lambda folder: in_order(folder.name)):
+        if not (folder / CAMPAIGN).is_file():
+            yield turbine.name, folder.name, _why_none(folder)
+
+
+def _why_none(folder: Path) -> str:
+    close = difflib.get_close_matches(CAMPAIGN, [p.name for p in folder.iterdir() if p.name != CAMPAIGN], n=1,
+                                      cutoff=0.7)
+    there = [p.name for p in folder.iterdir() if p.name.casefold() == CAMPAIGN] or close
+    return f"has no campaign.toml; rename {there[0]} if that is it" if there else "has no campaign.toml"
+
+
 def _folders(root: Path, pattern: str, where: str) -> Iterator[Path]:
     if pattern.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", pattern) or "**" in pattern or "\0" in pattern:
         raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is no pattern of folders below farm.toml's",
@@ -198,7 +220,7 @@ def _folders(root: Path, pattern: str, where: str) -> Iterator[Path]:
     except (ValueError, NotImplementedError, OSError) as error:
         raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is no pattern ({error})", REMEDY) from None
     for folder in found:
-        if (folder / "campaign.toml").is_file():
+        if folder.is_dir():
             if not folder.resolve().is_relative_to(root):
                 raise InputError(where, f"{folder.name} leads out of farm.toml's folder by a link", "copy it there")
             yield folder

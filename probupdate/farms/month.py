@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping
@@ -13,10 +14,11 @@ from typing import TYPE_CHECKING
 from probupdate import __version__, verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
-from probupdate.farms.description import Farm, Month, Options
-from probupdate.identification.block_store import content_hash, forget_changed
+from probupdate.farms.description import STEPS, Farm, Month, Options
+from probupdate.farms.records import changed_records, keep, read_kept, record_table
+from probupdate.identification.block_store import forget_changed
 from probupdate.identification.settings import IdentificationSettings
-from probupdate.io.files import PART, read_json_table, write_json, write_text
+from probupdate.io.files import read_json_table, write_json, write_text
 from probupdate.io.outputs import belonging
 from probupdate.io.schema import checked_table
 from probupdate.reporting import report as write_report
@@ -29,6 +31,21 @@ if TYPE_CHECKING:
 
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1
+# step -> what of `made_of` it depends on beside what `identify` does; step -> the steps that it takes something of
+DEPENDS = {
+    "identify": ("records", "campaign", "model", "version", "options of identify"),
+    "select": ("scada", "options of select"),
+    "update": ("options of update", "selected"),
+    "sample": ("options of update", "options of sample", "selected", "seed"),
+    "compare": (), "diagnose": ("scada", "options of diagnose", "seed"), "report": ("scada",),
+}
+FOLLOWS: Mapping[str, tuple[str, ...]] = {
+    "identify": (), "select": ("identify",), "update": ("identify", "select"), "sample": ("identify", "select"),
+    "compare": ("update", "sample"), "diagnose": ("identify",),
+    "report": ("identify", "select", "update", "sample", "compare", "diagnose"),
+}
+WRITES = {"identify": "modes.json", "select": "nine.json", "update": "update.json", "sample": "posterior.nc",
+          "compare": "compare.json", "diagnose": "diagnosis.json", "report": "report.html"}
 ANEW = "delete it: the month's finished steps are done again"
 
 
@@ -61,23 +78,38 @@ def read_state(folder: Path) -> MonthState | None:
 
 
 def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) -> bool:
-    return state is not None and not state.failed and dict(state.made_of) == dict(made_of) and \
-        all(step in state.finished for step in farm.steps)
+    return state is not None and not state.failed and len(still_finished(state, farm, made_of)) == len(farm.steps)
 
 
-def made_of(month: Month, farm: Farm) -> dict[str, str]:
-    """What a month's results depend on: the records, the other files of campaign and model by content, the options, the
-    seed, the version."""
-    folder = month.campaign / "acceleration"
-    # of a Zarr array each of its files
-    records = sorted((p.relative_to(folder).as_posix(), content_hash(p)) for p in folder.rglob("*") if
-                     p.suffix != PART and not p.is_dir())
-    tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
+def made_of(month: Month, farm: Farm, records: Mapping[str, Mapping[str, str]] | None = None) -> dict[str, str]:
+    """What a month's results depend on: records, the other files of campaign and model by content, the options of every
+    step, whether sets are selected, the seed, the version. records: `record_table`; None: it is made."""
+    table = record_table(month.campaign / "acceleration", {}) if records is None else records
+    contents = sorted((name, each["content"]) for name, each in table.items())
+    files = {"campaign": month.campaign / "campaign.toml", "scada": month.campaign / "scada.csv"}
     return {
-        "records": _hash([repr(records).encode()]), "campaign": _hash(p.read_bytes() for p in tables),
+        "records": _hash([repr(contents).encode()]),
+        **{name: _hash([p.read_bytes()] if p.is_file() else []) for name, p in files.items()},
         "model": _model_hash(verbs.model_path(month.model)),
-        "options": _hash([repr(asdict(farm.options)).encode()]), "seed": str(farm.seed), "version": __version__,
+        **{f"options of {name}": _hash([repr(table).encode()]) for name, table in asdict(farm.options).items()},
+        "selected": str("select" in farm.steps), "seed": str(farm.seed), "version": __version__,
     }
+
+
+def still_finished(known: MonthState | None, farm: Farm, now: Mapping[str, str]) -> dict[str, float]:
+    """Steps that were finished of what is now, with their seconds; one that follows a step to be done again is too."""
+    kept: dict[str, float] = {}
+    if known is None:
+        return kept
+    differ = {name for name in {*known.made_of, *now} if known.made_of.get(name) != now.get(name)}
+    again: set[str] = set()
+    for step in farm.steps:
+        stale = differ & {*DEPENDS["identify"], *DEPENDS[step]} or again & set(FOLLOWS[step])
+        if stale or step not in known.finished:
+            again.add(step)
+        else:
+            kept[step] = known.finished[step]
+    return kept
 
 
 def _model_hash(model: Path) -> str:
@@ -100,16 +132,21 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
     finished: dict[str, float] = {}
     now: dict[str, str] = {}
     try:
-        now = made_of(month, farm)
+        kept = read_kept(folder)
+        records = record_table(month.campaign / "acceleration", kept)
+        now = made_of(month, farm, records)
         known = read_state(folder)
-        if known is not None and dict(known.made_of) == now:
-            finished = dict(known.finished)
-        elif known is not None and known.made_of.get("records", now["records"]) != now["records"]:
-            forget_changed(folder / STORE, read_campaign(month.campaign).files)
+        finished = still_finished(known, farm, now)
+        if "identify" not in finished and known is not None:
+            _make_way(month, folder / STORE, farm, known.made_of, now, changed_records(kept, records))
+        keep(folder, records)
         for step in farm.steps:
             if step in finished:
                 continue
             begun = time.monotonic()
+            # what it or a later step wrote of something else is not taken for this one's
+            for later in (s for s in STEPS[STEPS.index(step):] if s not in finished):
+                (folder / WRITES[later]).unlink(missing_ok=True)
             _RUN[step](month, folder, farm.options, farm.seed)
             finished[step] = round(time.monotonic() - begun, 3)
             _write(folder, MonthState(format=FORMAT, made_of=now, finished=finished))
@@ -123,6 +160,18 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
                        f"its trace is in {month.folder.as_posix()}/{TRACE}")
     (folder / TRACE).unlink(missing_ok=True)
     return MonthState(format=FORMAT, made_of=now, finished=finished)
+
+
+def _make_way(
+    month: Month, store: Path, farm: Farm, before: Mapping[str, str], now: Mapping[str, str], changed: set[str]
+) -> None:
+    """Of the poles kept, those of other records; all where the channels, the settings or the rotor's speed were others.
+    """
+    whole = {"campaign", "options of identify"} | ({"scada"} if farm.options.identify.harmonics == "remove" else set())
+    if any(before.get(name) != now[name] for name in whole):
+        shutil.rmtree(store, ignore_errors=True)
+    elif store.is_dir():
+        forget_changed(store, read_campaign(month.campaign).files, changed)
 
 
 def lost_month(month: Month, farm: Farm, out: Path) -> MonthState:
@@ -159,9 +208,6 @@ def _chosen(folder: Path) -> Path:
 
 
 def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
-    # what a step wrote of another model or other records is not taken for this one's
-    for name in ("nine.json", "update.json", "posterior.nc", "compare.json", "diagnosis.json", "report.html"):
-        (folder / name).unlink(missing_ok=True)
     asked = options.identify
     settings = IdentificationSettings(
         order=asked.order, block_rows=asked.block_rows, rate_hz=asked.rate_hz, harmonics=asked.harmonics)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
-from probupdate.farms.summary import DONE, FAILED, WAITING, MonthRow, by_turbine, labels_of, months_of
+from probupdate.farms.summary import DONE, FAILED, LEFT_OUT, WAITING, MonthRow, by_turbine, labels_of, months_of
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Section, Table, number, percent
@@ -25,13 +25,17 @@ PANEL_IN, MOST_NAMED = 1.5, 12
 def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
     from probupdate.reporting.page import render
 
-    failed = [row for row in rows if row.state == FAILED]
+    failed, left_out = ([row for row in rows if row.state == state] for state in (FAILED, LEFT_OUT))
+    rows = [row for row in rows if row.state != LEFT_OUT]
     changed = [row for row in rows if row.changes]
     count = {state: sum(row.state == state for row in rows) for state in (DONE, FAILED, WAITING)}
     items: list[Element] = []
     if failed:
         items.append(Items(title="Failed", level="warning", statements=tuple(
             f"{row.turbine}, {row.month}, at {row.failed_step}: {row.failed}" for row in failed)))
+    if left_out:
+        items.append(Items(title="Folders left out", level="warning", statements=tuple(
+            f"{row.turbine}, {row.month}: {row.failed}" for row in left_out)))
     if changed:
         items.append(Items(title="Changed since the month before", statements=tuple(
             f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in changed)))

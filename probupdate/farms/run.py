@@ -12,7 +12,8 @@ from probupdate.errors import InputError, ProbupdateError
 from probupdate.farms.description import Farm, Month, read_farm
 from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
 from probupdate.farms.page import write_page
-from probupdate.farms.summary import FAILED, WAITING, MonthRow, farm_rows, rows_table, write_rows
+from probupdate.farms.records import read_kept, record_table
+from probupdate.farms.summary import FAILED, LEFT_OUT, WAITING, MonthRow, farm_rows, rows_table, write_rows
 from probupdate.io.files import holds_nothing, read_json_table, remove_stale, write_json
 from probupdate.runtime.executors import Executor, Shard, executor
 from probupdate.runtime.progress import Progress, silent
@@ -43,13 +44,15 @@ class FarmRun:
 
     @property
     def summary(self) -> str:
-        done = sum(row.state not in (FAILED, WAITING) for row in self.rows)
+        months = [row for row in self.rows if row.state != LEFT_OUT]
+        done = sum(row.state not in (FAILED, WAITING) for row in months)
         waiting = sum(row.state == WAITING for row in self.rows)
         turbines = len({row.turbine for row in self.rows})
-        lines = [f"{turbines} turbines, {len(self.rows)} turbine-months: {done} done ({self.run} worked on now), "
+        lines = [f"{turbines} turbines, {len(months)} turbine-months: {done} done ({self.run} worked on now), "
                  f"{len(self.failed)} failed, {waiting} waiting"]
         lines += [f"{row.turbine}, {row.month}: failed at {row.failed_step}: {row.failed}" for row in self.failed]
         lines += [f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in self.rows if row.changes]
+        lines += [f"{row.turbine}, {row.month}: left out: {row.failed}" for row in self.rows if row.state == LEFT_OUT]
         return "\n".join([*lines, f"open {self.folder / PAGE}"])
 
 
@@ -70,7 +73,9 @@ def farm(
     _claim(out, read)
     known = {month: _known(out / month.folder) for month in read.months}
     mine = list(read.months) if share is None else share.chunk(read.months)
-    todo = [month for month in mine if not is_done(known[month], read, _made_of(month, read))]
+    # the records of a month that was never begun are read where it is worked on
+    todo = [month for month in mine
+            if known[month] is None or not is_done(known[month], read, _made_of(month, read, out / month.folder))]
     progress("turbine-months", len(mine) - len(todo), len(mine))
     with executor(jobs) as runs:
         lost = partial(_lost, farm=read, out=out)
@@ -95,9 +100,9 @@ def _lost(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, MonthState]:
     return task[0], lost_month(task[0], farm, out)
 
 
-def _made_of(month: Month, farm: Farm) -> dict[str, str]:
+def _made_of(month: Month, farm: Farm, folder: Path) -> dict[str, str]:
     try:
-        return made_of(month, farm)
+        return made_of(month, farm, record_table(month.campaign / "acceleration", read_kept(folder)))
     except (ProbupdateError, OSError):
         # said by the month itself
         return {}

@@ -18,14 +18,14 @@ from probupdate.farms.month import MonthState
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import read_modes
+from probupdate.modal.rounding import robust_std, rounding_std
 from probupdate.updating.update_file import read_update
 
 if TYPE_CHECKING:
     import pandas as pd
 
-DONE, FAILED, WAITING = "done", "failed", "waiting"
-# of normally distributed numbers the standard deviation over the median absolute one
-NORMAL_MAD = 1.4826
+# left out: a folder that the pattern finds and that is no campaign
+DONE, FAILED, WAITING, LEFT_OUT = "done", "failed", "waiting", "left out"
 # standard error of a median beside that of a mean, and by how many of them medians must differ to be said
 MEDIAN_ERROR, ERRORS = 1.2533, 3.0
 # fewest blocks whose scatter says something
@@ -44,9 +44,9 @@ class Frequency:
 
 @dataclass(frozen=True, kw_only=True)
 class MonthRow:
-    """state: done, failed or waiting. frequency: label -> of the modes of interest; parameters: name -> most probable
-    value and standard deviation. p_value None where nothing was diagnosed. changes: since the month before of this
-    turbine that is known, in words; change: label -> relative change of the frequency."""
+    """state: done, failed, waiting or left out. frequency: label -> of the modes of interest; parameters: name -> most
+    probable value and standard deviation. p_value None where nothing was diagnosed. changes: since the month before of
+    this turbine that is known, in words; change: label -> relative change of the frequency."""
 
     turbine: str
     month: str
@@ -75,11 +75,15 @@ def farm_rows(farm: Farm, known: Mapping[Month, MonthState | None], out: Path) -
         if row.frequency:
             before[month.turbine] = row
         rows.append(row)
-    return rows
+    return rows + [replace(_nothing(turbine, name), state=LEFT_OUT, failed=why) for turbine, name, why in farm.left_out]
+
+
+def _nothing(turbine: str, month: str) -> MonthRow:
+    return MonthRow(turbine=turbine, month=month, state=WAITING, frequency={}, parameters={}, change={})
 
 
 def _row(month: Month, farm: Farm, state: MonthState | None, folder: Path) -> MonthRow:
-    nothing = MonthRow(turbine=month.turbine, month=month.month, state=WAITING, frequency={}, parameters={}, change={})
+    nothing = _nothing(month.turbine, month.month)
     if state is None:
         return nothing
     row = replace(nothing, failed_step=state.failed_step, failed=state.failed)
@@ -110,7 +114,8 @@ def _frequency(values: Sequence[float]) -> Frequency | None:
     if not len(found):
         return None
     middle = float(np.median(found))
-    std = NORMAL_MAD * float(np.median(np.abs(found - middle))) if len(found) >= LEAST_BLOCKS else float("nan")
+    enough = len(found) >= LEAST_BLOCKS
+    std = float(robust_std(found - middle, rounding_std(found))) if enough else float("nan")
     return Frequency(hz=middle, std_hz=std, blocks=len(found))
 
 

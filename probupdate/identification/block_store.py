@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -258,12 +258,14 @@ def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
     return read_block_poles(path) if path.exists() else None
 
 
-def forget_changed(folder: Path, files: tuple[RecordFile, ...]) -> int:
-    """Remove stored blocks that were made of records which are none of `files` any more, for whoever wants them anew
-    without asking; returns how many."""
+def forget_changed(folder: Path, files: tuple[RecordFile, ...], changed: Collection[str] = ()) -> int:
+    """Remove stored blocks that were made of records which are none of `files` any more, or are named in `changed`, for
+    whoever wants them anew without asking; returns how many."""
     there, count = set(sources(files)), 0
     for path in folder.glob(f"*{POLES}"):
-        if _is_whole(path) and all(text in there or text.startswith(ROTOR) for text in _read_sources(path)):
+        if _is_whole(path) and all(
+                text.startswith(ROTOR) or (text in there and text.split(", ")[0] not in changed)
+                for text in _read_sources(path)):
             continue
         path.unlink()
         path.with_name(path.name.replace(POLES, FACTORS)).unlink(missing_ok=True)
