@@ -203,7 +203,8 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
     if kind == mounting.SWAPPED:
         text = f"suspect: {channels[0]} and {channels[1]} look swapped"
     elif kind == mounting.FLIPPED:
-        text = f"suspect: {name} looks flipped: it has the opposite sign"
+        text = f"suspect: {name} looks flipped: it has the opposite sign; turn its direction in campaign.toml once "
+        text += "its mounting has been looked at"
     elif kind == mounting.TURNED:
         text = f"suspect: {name} looks turned by about {size:.0f} deg from its stated direction, or is another channel"
     elif kind == mounting.DEAD:

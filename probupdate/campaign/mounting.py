@@ -2,8 +2,8 @@
 
 Two facts are used. What is fixed to one level moves, at low frequencies, as one rigid body. And a tower or jacket
 bends, in its lowest motion, to one side over its whole height: more the higher, and it leans to where it goes. What
-breaks either fact and is mended by one change of one or two channels is suspected of just that. Structures that keep
-neither (a bridge's deck) are not judged.
+breaks either fact and is mended by one change of one or two channels is suspected of just that. Of structures that keep
+neither (a bridge's deck, a plane frame) lines of sensors are judged by themselves (`sensor_lines`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from probupdate.campaign.rigid_bodies import levelled
+from probupdate.campaign.sensor_lines import reversed_in_line, whole_line
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modal.modes import Sensor
 
@@ -67,6 +68,20 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     if lowest is None:
         return set_aside
     level, mended = [], {}
+    for members in _rigid_levels(sensors, alive):
+        for one in _rigid(spectra, sensors, members, lowest):
+            level.append(one)
+            if not one.ambiguous_with:
+                mended |= dict.fromkeys(one.channels, one)
+    bending = [s for s in _bent(spectra, sensors, alive, lowest) if not set(s.channels) & set(mended)]
+    named = {c for s in bending for c in s.channels}
+    # what the rigid body leaves open, the bending may have named
+    level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
+    return set_aside + level + bending
+
+
+def _rigid_levels(sensors: tuple[Sensor, ...], alive: list[int]) -> list[list[int]]:
+    """Channels by level, horizontal and vertical ones apart, without lines that are the structure's length."""
     along = {"horizontal": [i for i in alive if _horizontal(sensors[i])],
              "vertical": [i for i in alive if _vertical(sensors[i])]}
     # apart, as vertical channels are often little more than noise
@@ -75,16 +90,15 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     oblique = {sensors[i].level for i in alive if not _horizontal(sensors[i]) and not _vertical(sensors[i])}
     apart = [m for m in apart if sensors[m[0]].level not in oblique]
     apart += [m for level, m in levels(sensors, alive).items() if level in oblique]
-    for members in apart:
-        for one in _rigid(spectra, sensors, members, lowest):
-            level.append(one)
-            if not one.ambiguous_with:
-                mended |= dict.fromkeys(one.channels, one)
-    bending = [s for s in _cantilever(spectra, sensors, alive, lowest) if not set(s.channels) & set(mended)]
-    named = {c for s in bending for c in s.channels}
-    # what the rigid body leaves open, the bending may have named
-    level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
-    return set_aside + level + bending
+    return [m for m in apart if not whole_line(sensors, m)]
+
+
+def _bent(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int], lowest: float) -> list[Suspicion]:
+    """By the whole height as a cantilever, or where that is not seen by each line of sensors."""
+    found = _cantilever(spectra, sensors, alive, lowest)
+    if found is not None:
+        return found
+    return [Suspicion(kind=FLIPPED, channels=(sensors[i].channel,)) for i in reversed_in_line(spectra, sensors, alive)]
 
 
 def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]]:
@@ -256,9 +270,10 @@ class _Bending:
         return np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float) -> list[Suspicion]:
+def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float) -> list[Suspicion] | None:
+    """None where the sensors do not allow it: no level sees two directions, or they do not stand above one another."""
     if not is_upright(sensors):
-        return []
+        return None
     kept = (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
     covariance = np.real(spectra.density[kept]).mean(axis=0)
     # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
@@ -270,7 +285,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
         if len(across) >= 2 and np.linalg.svd(plane, compute_uv=False)[-1] > 0.5:
             candidates.append(_bending(covariance, sensors, alive, across, plane, level, n_free))
     if not candidates:
-        return []
+        return None
     # a level that is wrong itself agrees with few others; among about equal ones the highest, which moves most
     height = {s.level: s.position_m[2] for s in sensors}
     agree = [int(np.sum(np.abs(b.angle_deg()) < TURNED_DEG)) for b in candidates]

@@ -1,0 +1,166 @@
+"""Reversed sensors of a line: along something that bends, the lowest mode changes its sign at no single sensor.
+
+A cantilever with a free top, and a beam between two supports, move to one side in their lowest mode; a sensor that
+alone goes the other way, by as much as its neighbours suggest, is suspected of a reversed sign. Higher modes do change
+their sign, but then a sensor goes where its neighbours' shape continues: that is asked of the lowest mode and of the
+next, so that a record in which the lowest mode does not show raises no suspicion. Sensors that stand much farther apart
+than the others are not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from probupdate.campaign.spectra import CrossSpectra
+from probupdate.modal.modes import Sensor, rotate_to_real
+
+# share of a line's length by which its sensors may lie beside it
+BESIDE = 0.05
+# of the sensors' whole extent, from which a line is the structure's length
+WHOLE = 0.9
+# fewest sensors of a line that stands upright (one sign of the lowest mode is certain where its top is free) and of any
+FEWEST_UPRIGHT, FEWEST = 3, 4
+# a peak of the line's motion stands out so many times from the median of so many lines to each side ...
+PEAK, BESIDE_LINES = 3.0, 20
+# ... and is one motion in which a channel takes part by this share of its own
+PART, ONE_MOTION, REAL = 0.5, 0.8, 0.95
+# |moved + said| over |moved - said| of a reversed sensor in the lowest mode, and in the next: half to twice, a third to
+# three times what its neighbours say
+ALIKE, ALIKE_NEXT = 1 / 3, 1 / 2
+# distance to the neighbours over the largest among the others
+LARGEST_GAP = 1.6
+# a shape that grows with height may fall by so much of its largest
+FALL = 0.1
+
+
+def reversed_in_line(spectra: CrossSpectra, sensors: Sequence[Sensor], alive: Sequence[int]) -> list[int]:
+    """Sensors (indices) of which each alone has a sign that no neighbour shares, in the lowest mode of a line of
+    sensors along one direction. Nothing where the lines are too short or show no mode."""
+    found = []
+    for members, place, sign in _lines(sensors, alive):
+        density = spectra.density[:, members][:, :, members] * np.outer(sign, sign)
+        upright = _upright(sensors, members)
+        shapes = _lowest_shapes(density, FEWEST_UPRIGHT if upright else FEWEST)
+        if shapes and (one := _against_its_neighbours(place, shapes, upright)) is not None:
+            found.append(members[one])
+    return found
+
+
+def whole_line(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
+    """Whether some sensors are a line of one direction as long as all sensors reach: the structure's length and no
+    rigid part of it."""
+    extent = np.linalg.norm(np.ptp([s.position_m for s in sensors], axis=0))
+    return any(len(line) == len(members) and np.ptp(place) > WHOLE * extent
+               for line, place, _ in _lines(sensors, members))
+
+
+def _lines(sensors: Sequence[Sensor], alive: Sequence[int]) -> list[tuple[list[int], np.ndarray, np.ndarray]]:
+    """Members along one direction at different places of a straight line, in their order, with their coordinate and
+    sign."""
+    left, found = list(alive), []
+    while left:
+        first = sensors[left[0]].direction
+        group = [i for i in left if abs(float(sensors[i].direction @ first)) > 0.9]
+        left = [i for i in left if i not in group]
+        position = np.array([sensors[i].position_m for i in group])
+        centred = position - position.mean(axis=0)
+        _, extent, axes = np.linalg.svd(centred, full_matrices=False)
+        along = centred @ axes[0]
+        length = float(np.ptp(along))
+        aside = centred - np.outer(along, axes[0])
+        if len(group) < FEWEST_UPRIGHT or extent[0] <= 0 or np.abs(aside).max() > BESIDE * length:
+            continue
+        along = along * np.sign(axes[0][2] if abs(axes[0][2]) > 1e-6 else 1.0)
+        order = np.argsort(along, kind="stable")
+        if np.diff(along[order]).min() < 0.01 * length:
+            continue
+        members = [group[k] for k in order]
+        sign = np.sign([float(sensors[i].direction @ first) for i in members])
+        found.append((members, along[order], sign))
+    return found
+
+
+def _upright(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
+    extent = np.ptp([sensors[i].position_m for i in members], axis=0)
+    return bool(extent[2] > 2 * np.hypot(*extent[:2]) and abs(sensors[members[0]].direction[2]) < 0.3)
+
+
+def _lowest_shapes(density: np.ndarray, fewest: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Real shapes (n,), largest 1, at the two lowest peaks in which the line has one motion, and (n,) whether a channel
+    has so much part in it that its sign is known."""
+    power = np.real(np.einsum("fii->fi", density))
+    total = (power / np.maximum(power.sum(axis=0), 1e-300)).sum(axis=1)
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    for f in range(1, len(total) - 1):
+        near = total[max(f - BESIDE_LINES, 0): f + BESIDE_LINES + 1]
+        around = total[max(f - 3, 0): f + 4]
+        if total[f] < around.max() or total[f] < PEAK * np.median(near):
+            continue
+        shape = _shape(density[f - 1: f + 2].mean(axis=0), fewest)
+        if shape is not None:
+            found.append(shape)
+        if len(found) == 2:
+            break
+    return found
+
+
+def _shape(density: np.ndarray, fewest: int) -> tuple[np.ndarray, np.ndarray] | None:
+    scale = np.sqrt(np.real(np.diag(density)))
+    value, vector = np.linalg.eigh(density / np.outer(scale, scale))
+    part = value[-1] * np.abs(vector[:, -1]) ** 2
+    known = part > PART
+    if known.sum() < fewest or part[known].mean() < ONE_MOTION:
+        return None
+    # conj(X_i) X_j is density[i, j]: the shape is the conjugate of its eigenvector
+    shape = rotate_to_real((scale * vector[:, -1]).conj()[:, None])[:, 0]
+    if np.sum(np.real(shape[known]) ** 2) < REAL * np.sum(np.abs(shape[known]) ** 2):
+        return None
+    return np.real(shape) / np.abs(np.real(shape)).max(), known
+
+
+def _against_its_neighbours(
+    place: np.ndarray, shapes: list[tuple[np.ndarray, np.ndarray]], upright: bool
+) -> int | None:
+    """The one sensor of the line that is reversed; None."""
+    first, members = shapes[0]
+    known = np.flatnonzero(members)
+    sign = np.sign(first[known])
+    for lone in (1.0, -1.0):
+        if np.sum(sign == lone) == 1 and len(known) >= FEWEST_UPRIGHT:
+            k = int(known[np.flatnonzero(sign == lone)[0]])
+            if _judged(place[known], int(np.flatnonzero(known == k)[0])):
+                break
+    else:
+        return None
+    size = np.abs(first[known])
+    if upright and np.any(np.maximum.accumulate(size) - size > FALL):
+        return None
+    votes = [(*_vote(place, shape, k), alike)
+             for (shape, members), alike in zip(shapes, (ALIKE, ALIKE_NEXT), strict=False) if members[k]]
+    # what goes on where its neighbours point in one of the two modes is no reversed sensor
+    if any(with_them < against / 2 for against, with_them, _ in votes):
+        return None
+    # of a line that does not stand upright it is not known whether something supports it in between: both agree
+    enough = any if upright else all
+    return k if enough(against < alike * with_them for against, with_them, alike in votes) else None
+
+
+def _judged(place: np.ndarray, k: int) -> bool:
+    """Whether a sensor is as near to its neighbours as others are to theirs."""
+    gap = np.diff(place)
+    own, others = gap[max(k - 1, 0): k + 1], np.delete(gap, range(max(k - 1, 0), min(k + 1, len(gap))))
+    return len(others) > 0 and own.max() <= LARGEST_GAP * others.max()
+
+
+def _vote(place: np.ndarray, shape: np.ndarray, k: int) -> tuple[float, float]:
+    """|moved + said| and |moved - said| of what the nearest sensors say: between two of them, or straight on and along
+    a parabola at an end, whichever is nearer either way."""
+    others = np.delete(np.arange(len(place)), k)
+    if 0 < k < len(place) - 1:
+        said = [float(np.interp(place[k], place[others], shape[others]))]
+    else:
+        nearest = others[np.argsort(np.abs(place[others] - place[k]))]
+        said = [float(np.polyval(np.polyfit(place[nearest[:n]], shape[nearest[:n]], n - 1), place[k]))
+                for n in (2, 3) if len(nearest) >= n]
+    return min(abs(shape[k] + v) for v in said), min(abs(shape[k] - v) for v in said)

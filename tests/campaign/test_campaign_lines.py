@@ -1,0 +1,110 @@
+"""A reversed sensor among those of one line, without a model; sound lines stay silent. Motion by scipy alone."""
+
+import numpy as np
+import pytest
+from scipy import linalg, signal
+
+from probupdate.campaign.checking import check
+from probupdate.campaign.mounting import suspicions
+from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.spectra import cross_spectra
+from probupdate.modal.modes import Sensor
+
+RATE = 20.0
+EVEN, HIGHER = (1, 1, 1, 1, 1), (0.05, 1, 1, 0.5, 0.5)
+
+
+def chain(n=5):
+    """Frequencies (first 1) and shapes of equal storeys, at their floors."""
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    stiffness[-1, -1] = 1
+    value, shape = linalg.eigh(stiffness)
+    return np.sqrt(value / value[0]), shape, np.arange(1, n + 1) / n
+
+
+def beam(root, shape, places):
+    places = np.asarray(places)
+    return np.asarray(root) ** 2 / root[0] ** 2, np.array([shape(b, places) for b in root]).T, places
+
+
+def cantilever(places):
+    def shape(b, x):
+        k = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+        return np.cosh(b * x) - np.cos(b * x) - k * (np.sinh(b * x) - np.sin(b * x))
+
+    return beam((1.87510407, 4.69409113, 7.85475744), shape, places)
+
+
+def supported(places):
+    return beam(np.pi * np.arange(1, 5), lambda b, x: np.sin(b * x), places)
+
+
+def moved(structure, weight, seed, noise=0.02, first_hz=0.6, n=12000):
+    ratio, shape, _ = structure
+    rng = np.random.default_rng(seed)
+    y = np.zeros((n, len(shape)))
+    for j in np.flatnonzero(first_hz * ratio < 0.4 * RATE):
+        w = 2 * np.pi * first_hz * ratio[j]
+        pole = np.exp((-0.01 + 1j) * w / RATE)
+        q = signal.lfilter([1, 0, -1], np.poly([pole, pole.conj()]).real, rng.standard_normal(n + 2000))[2000:]
+        y += weight[j] * np.outer(q / q.std(), shape[:, j] / np.abs(shape[:, j]).max())
+    return y + noise * y.std(axis=0).max() * rng.standard_normal(y.shape)
+
+
+def sensors_of(places, upright):
+    return tuple(Sensor(channel=f"A{k + 1}", level="", position_m=[0, 0, 15 * x] if upright else [15 * x, 0, 0],
+                        direction=[1, 0, 0] if upright else [0, 0, 1]) for k, x in enumerate(places))
+
+
+def flipped(structure, upright, data):
+    found = suspicions(cross_spectra(data, RATE, 0.4 * RATE), sensors_of(structure[2], upright))
+    return [s.channels[0] for s in found if s.kind == "flipped"]
+
+
+LINES = {
+    "storeys": (chain(), True), "four storeys": (chain(4), True), "mast": (cantilever([0.2, 0.4, 0.6, 0.8, 1.0]), True),
+    "uneven mast": (cantilever([0.25, 0.45, 0.6, 0.85, 1.0]), True),
+    "beam": (supported(np.arange(1, 6) / 6), False),
+}
+
+
+@pytest.mark.parametrize("weight", [EVEN, HIGHER], ids=["even", "higher modes"])
+@pytest.mark.parametrize("name", LINES)
+def test_each_reversed_sensor_of_a_line_is_named_and_sound_ones_are_silent(name, weight):
+    structure, upright = LINES[name]
+    data = moved(structure, weight, 11)
+    assert flipped(structure, upright, data) == []
+    for k in range(data.shape[1]):
+        turned = data * np.where(np.arange(data.shape[1]) == k, -1, 1)
+        assert flipped(structure, upright, turned) == [f"A{k + 1}"]
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.3])
+@pytest.mark.parametrize("weight", [(0, 1, 1, 1, 1), (0, 0, 1, 1, 1), (1, 0, 0, 0, 0)], ids=str)
+@pytest.mark.parametrize("name", LINES)
+def test_a_sound_line_is_silent_whatever_modes_it_shows(name, weight, noise):
+    structure, upright = LINES[name]
+    assert flipped(structure, upright, moved(structure, weight, 12, noise)) == []
+
+
+def test_a_first_mode_of_two_spans_is_no_reversed_sensor():
+    """Over a support in the middle the lowest mode changes its sign; one sensor is beyond it."""
+    places = np.array([0.1, 0.2, 0.3, 0.4, 0.6])
+    structure = (np.array([1.0, 4.0]), np.array([np.sin(2 * np.pi * places), np.sin(4 * np.pi * places)]).T, places)
+    assert flipped(structure, False, moved(structure, EVEN, 13)) == []
+
+
+def test_check_says_which_of_five_is_reversed_and_what_to_do(campaign_folder):
+    head = 'name = "Storeys"\nsampling_rate_hz = 20.0\nblock_minutes = 10\n' + "".join(
+        f'[[sensor]]\nchannel = "F{k}"\nlevel = "F{k}"\nposition_m = [0.0, 0.0, {3.0 * k}]\n'
+        f'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n' for k in range(1, 6))
+    data = moved(chain(), EVEN, 14, n=36000)
+    data[:, 2] *= -1
+    import h5py
+
+    folder = campaign_folder([(0, data)], head=head)
+    with h5py.File(folder / "acceleration" / "0.h5", "a") as file:
+        file["data"].attrs["sampling_rate_hz"] = RATE
+    found = [text for text in check(read_campaign(folder)).findings if "flipped" in text]
+    assert len(found) == 1 and found[0].startswith("suspect: F3 looks flipped")
+    assert "turn its direction in campaign.toml" in found[0] and "(in 3 of 3 blocks compared)" in found[0]
