@@ -12,9 +12,10 @@ from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
+from probupdate.identification.free_decay import SAID, DecayRecord, decay_of
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
-from probupdate.identification.preprocessing import resampled
+from probupdate.identification.preprocessing import filter_reach, resampled
 from probupdate.identification.record import IdentifiedRecord, references_within
 from probupdate.identification.ssi import Poles
 from probupdate.modal.modes import Sensor
@@ -53,6 +54,7 @@ class BlockSettings:
 
 # a block's note on the rotor's harmonics begins with one of these
 TAKEN_OUT, STAY = "harmonics taken out: ", "harmonics stay: "
+BRIDGED = "lines over gaps: the rotor's angle and what is taken out with it were estimated with straight lines there"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,12 +184,15 @@ def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFil
 
 def _prepared(
     block: Block, campaign: Campaign, settings: BlockSettings, rotor_rpm: tuple[float, float] | None
-) -> tuple[WholeRecord | LossyRecord, tuple[str, ...]]:
+) -> tuple[WholeRecord | LossyRecord | DecayRecord, tuple[str, ...]]:
     """The record as it is identified, without harmonics if so asked, and what was done about them."""
     rate, target = campaign.sampling_rate_hz, settings.target_rate_hz
     whole = (block.measured == 1).all() or np.isfinite(block.data).all()
     lossy = None if whole else LossyRecord(data=block.data, rate_hz=rate, target_hz=target)
     record = WholeRecord(data=resampled(block.data, rate, target), target_hz=target) if lossy is None else lossy
+    if lossy is None and (decay := decay_of(record, edge=filter_reach(rate, target), order=settings.order,
+                                            block_rows=settings.block_rows)):
+        return decay, (SAID,)
     if settings.harmonics == "keep":
         return record, ()
     thin = record.data if lossy is None else lossy.bridged()
@@ -197,11 +202,11 @@ def _prepared(
     said = f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}"
     if lossy is None:
         return WholeRecord(data=cleaned.record, target_hz=target), (said,)
-    return lossy.less(thin - cleaned.record), (said,)
+    return lossy.less(thin - cleaned.record), (said, BRIDGED)
 
 
 def _identified(
-    record: WholeRecord | LossyRecord, block: Block, settings: BlockSettings, sub_records: int,
+    record: WholeRecord | LossyRecord | DecayRecord, block: Block, settings: BlockSettings, sub_records: int,
     orders: tuple[int, ...] | None = None,
 ) -> IdentifiedRecord:
     n_sample = int(block.minutes * 60 * settings.target_rate_hz)

@@ -26,6 +26,12 @@ def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     return centred if taps is None else _filtered(centred, up, down, taps)
 
 
+def filter_reach(rate_hz: float, target_hz: float) -> int:
+    """Samples at target_hz on each side of one that `resampled` makes it of; 0 where the rate stays."""
+    up, down, taps = _design(rate_hz, target_hz)
+    return 0 if taps is None else -(-(len(taps) // 2) // down)
+
+
 def covariance_weights(rate_hz: float, target_hz: float, n_lag: int) -> tuple[int, np.ndarray]:
     """What `resampled` does to covariances: the first lag k0 at rate_hz, and W (n_lag + 1, n) so that W R, with R (n,)
     the covariances at lags k0, k0 + 1, ... at rate_hz, are those at lags 0..n_lag at target_hz.

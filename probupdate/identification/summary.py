@@ -12,8 +12,9 @@ import pandas as pd
 from probupdate.campaign.blocks import COUNTED_AS_LOST, PART
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
-from probupdate.identification.block_poles import STAY, TAKEN_OUT, BlockPoles, common_quantity
+from probupdate.identification.block_poles import BRIDGED, STAY, TAKEN_OUT, BlockPoles, common_quantity
 from probupdate.identification.chosen_poles import StoredBlock
+from probupdate.identification.free_decay import SAID
 from probupdate.io.result_table import plural
 from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import ModalData
@@ -41,6 +42,7 @@ def summarise(
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     lines += _of_scada(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)
+    lines += _counted(found, (SAID, BRIDGED))
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
@@ -49,6 +51,12 @@ def summarise(
     elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
+
+
+def _counted(blocks: Sequence[BlockPoles], notes: tuple[str, ...]) -> list[str]:
+    """In how many blocks each note stands, where in any."""
+    count = {note: sum(note in block.notes for block in blocks) for note in notes}
+    return [f"in {n} of {len(blocks)} blocks: {note}" for note, n in count.items() if n]
 
 
 def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list[str]:

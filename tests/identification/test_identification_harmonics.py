@@ -1,10 +1,14 @@
 """The rotor's multiples taken out where its angle can be followed, and nothing taken out where it cannot."""
 
+import h5py
 import numpy as np
 import pytest
 from scipy import signal
 
+from probupdate.campaign.blocks import block_files
+from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
+from probupdate.identification.block_poles import BlockSettings, identify_block
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.ssi import identify_poles
 
@@ -88,3 +92,24 @@ def test_short_and_broken_records(jacket):
     assert "shorter than 400 s" in without_harmonics(jacket.record(1000, seed=1), RATE, (12.0, 13.0)).reason
     with pytest.raises(InputError, match="holds NaN"):
         without_harmonics(np.full((3000, 2), np.nan), RATE, (12.0, 13.0))
+
+
+@pytest.mark.parametrize("lossy", [False, True])
+def test_lines_over_gaps_are_said_where_the_record_lacks_samples(tmp_path, jacket, lossy):
+    data = jacket.record(9000, seed=3) + lines(rotor(3, 12.4), jacket.shape, 0.2, 0.2)
+    if lossy:
+        data[4000:4015, 2] = np.nan
+    (tmp_path / "acceleration").mkdir()
+    text = f'name = "Gaps"\nsampling_rate_hz = {RATE}\nblock_minutes = 30\n'
+    for k in range(data.shape[1]):
+        text += (f'[[sensor]]\nchannel = "A{k}"\nlevel = "{k}"\nposition_m = [0.0, 0.0, {3.0 * k}]\n'
+                 'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n')
+    (tmp_path / "campaign.toml").write_text(text)
+    with h5py.File(tmp_path / "acceleration" / "0.h5", "w") as file:
+        file.create_dataset("data", data=data)
+        file["data"].attrs["start"], file["data"].attrs["sampling_rate_hz"] = "2024-05-01T00:00:00Z", RATE
+    campaign = read_campaign(tmp_path)
+    (start, files), = block_files(campaign).items()
+    found = identify_block(campaign, start, files, BlockSettings(harmonics="remove", sub_records=0), (12.0, 12.8))
+    assert any(note.startswith("harmonics taken out: 3P, 6P") for note in found.notes)
+    assert any("straight lines" in note for note in found.notes) == lossy
