@@ -44,17 +44,20 @@ class SetupModes:
 
 
 def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) -> list[str]:
-    """What setups of equal shapes and other frequencies say of themselves; references are the common channels. Raises
-    InputError where one change of a reference explains why a setup's modes are unlike the first's that shares them."""
+    """What setups of equal shapes and other frequencies say of themselves; references are channels of two or more.
+    Raises InputError where one change of a reference explains why a setup's modes are unlike those of another that has
+    it too."""
     notes = []
     for first, second in combinations(setups, 2):
+        here = [{s.channel for s in one.sensors} for one in (first, second)]
+        shared = [c for c in references if c in here[0] & here[1]]
         pairs = _pairs(first.frequency_hz, second.frequency_hz)
-        if len(pairs) < 2 or len(references) < 2:
+        if len(pairs) < 2 or len(shared) < 2:
             continue
-        one, two = first.at(references)[:, pairs[:, 0]], second.at(references)[:, pairs[:, 1]]
+        one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
         unlike = _unlike(one, two)
         if unlike.mean() > UNLIKE and unlike.max() > MOST_UNLIKE:
-            _refuse_explained(first, second, references, one, two)
+            _refuse_explained(first, second, shared, one, two)
             continue
         away = np.log(second.frequency_hz[pairs[:, 1]] / first.frequency_hz[pairs[:, 0]])
         if np.abs(away).min() > SHIFT and np.ptp(np.sign(away)) == 0:
@@ -102,12 +105,12 @@ def _refuse_explained(
             f"average, with that mended {1 - left:.3f}")
     if kind == "reversed":
         # of two references either explains it
-        doubt = [str(references[rows[0]]) for rest, how, rows, _ in found if how == kind and rest <= 1.01 * left + 1e-12
-                 and references[rows[0]] not in names]
-        names, doubt = _who(first, second, names, doubt)
+        others = [str(references[rows[0]]) for rest, how, rows, _ in found
+                  if how == kind and rest <= 1.01 * left + 1e-12 and references[rows[0]] not in names]
+        names, others = _who(first, second, names, others)
         raise InputError(
             f"setups {first.name} and {second.name}, reference {names[0]}",
-            f"{names[0]} is reversed between the setups" + (f" (or {', '.join(doubt)} instead)" if doubt else "")
+            f"{names[0]} is reversed between the setups" + (f" (or {', '.join(others)} instead)" if others else "")
             + f": {said}", f"turn its direction in the campaign.toml of one of them (direction = "
             f"{_opposite(second, names[0])} in {second.name}), and they are merged with that")
     if kind == "exchanged":
@@ -125,11 +128,11 @@ def _times(shape: np.ndarray, row: int, gain: float) -> np.ndarray:
     return scaled
 
 
-def _who(first: SetupModes, second: SetupModes, names: list[str], doubt: list[str]) -> tuple[list[str], list[str]]:
+def _who(first: SetupModes, second: SetupModes, names: list[str], others: list[str]) -> tuple[list[str], list[str]]:
     """Of references that explain a reversal alike the one that goes against the sensors of its direction in one setup
-    and with them in the other, in the lowest mode in which it moves; none in doubt then."""
-    against = [c for c in (*names, *doubt) if _sense(first, c) * _sense(second, c) < 0]
-    return (against, []) if len(against) == 1 else (names, doubt)
+    and with them in the other, in the lowest mode in which it moves; no others then."""
+    against = [c for c in (*names, *others) if _sense(first, c) * _sense(second, c) < 0]
+    return (against, []) if len(against) == 1 else (names, others)
 
 
 def _sense(setup: SetupModes, channel: str) -> float:

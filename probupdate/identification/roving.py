@@ -1,8 +1,8 @@
 """Several setups of one structure, measured one after the other with some sensors in common, merged into one set.
 
-Each setup is identified by itself and its blocks are averaged; its shapes are scaled, by least squares, to one setup's
-at the common references (PoSER: Reynders, Magalhaes, De Roeck & Cunha 2009), and all covariance factors are carried
-along.
+Each setup is identified by itself and its blocks are averaged; its shapes are scaled, by least squares, to another
+setup's at the channels that the two share (PoSER: Reynders, Magalhaes, De Roeck & Cunha 2009), that to a third's, and
+so on to the one that knows its references best; all covariance factors are carried along.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Setup:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Merged:
-    """data: one set over the channels of all setups; sensors in its order; references: the common channels; table: a
-    row a mode and setup with label, setup, blocks, frequency_hz, frequency_std_hz, misfit (share of the references'
-    motion that scaling leaves), p_value (that the setups' frequencies are one, by chi-square)."""
+    """data: one set over the channels of all setups; sensors in its order; references: channels of two or more setups;
+    table: a row a mode and setup with label, setup, blocks, frequency_hz, frequency_std_hz, misfit (share of the
+    references' motion that scaling leaves), p_value (that the setups' frequencies are one, by chi-square)."""
 
     data: ModalData
     sensors: tuple[Sensor, ...]
@@ -107,14 +107,13 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
         raise InputError("setups", f"{len(setups)} cannot be merged", "give two or more")
     references = _references(setups)
     means = [_mean(setup) for setup in setups]
-    labels, columns = _common_modes(setups, means, references, same_modes)
+    labels, columns = _common_modes(setups, means, same_modes)
     if not labels:
         raise InputError("setups", "have no mode in common", "check the frequencies and the references")
     means = [_of_modes(mean, column) for mean, column in zip(means, columns, strict=True)]
-    rows = [[s.data.channels.index(c) for c in references] for s in setups]
     channels = tuple(dict.fromkeys([*references, *(c for s in setups for c in s.data.channels)]))
     known = {sensor.channel: sensor for s in setups for sensor in s.sensors}
-    shape, d_shape, misfit, noise = _joined_shapes(setups, means, rows, channels, references)
+    shape, d_shape, misfit, noise = _joined_shapes(setups, means, channels, references)
     parts = [m.d_ln_frequency.shape[1] for m in means]
     ln_frequency, d_ln_frequency, spread, p_value = _weighted([m.ln_frequency for m in means],
                                                               [m.d_ln_frequency for m in means], parts)
@@ -143,17 +142,22 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
 
 
 def _references(setups: Sequence[Setup]) -> tuple[str, ...]:
-    return common_channels([(s.name, tuple(x for x in s.sensors if x.channel in s.data.channels)) for s in setups])
+    return shared_channels([(s.name, tuple(x for x in s.sensors if x.channel in s.data.channels)) for s in setups])
 
 
-def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[str, ...]:
-    """The channels that all setups (name, sensors) have. Raises InputError where there is none, or where channels of
-    one name sit at different places."""
+def shared_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[str, ...]:
+    """The channels that two or more setups (name, sensors) have. Raises InputError where these do not join all setups,
+    or where channels of one name sit at different places."""
     places = [{sensor.channel: sensor for sensor in sensors} for _, sensors in setups]
-    common = [c for c in places[0] if all(c in place for place in places)]
-    if not common:
-        raise InputError("setups", "have no channel in common", "name the references alike in every campaign.toml")
-    for channel in sorted({c for place in places for c in place}):
+    joined, left = {0}, set(range(1, len(places)))
+    while more := {k for k in left if any(places[k].keys() & places[j].keys() for j in joined)}:
+        joined, left = joined | more, left - more
+    if left:
+        first, second = (", ".join(setups[k][0] for k in sorted(some)) for some in (joined, left))
+        raise InputError("setups", f"have no channel in common: {first} and {second}",
+                         "name the references alike in every campaign.toml")
+    every = dict.fromkeys(c for place in places for c in place)
+    for channel in sorted(every):
         here = [place[channel] for place in places if channel in place]
         for other in here[1:]:
             moved = float(np.linalg.norm(other.position_m - here[0].position_m))
@@ -161,7 +165,14 @@ def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
                 raise InputError(f"channel {channel}", f"sits elsewhere in another setup ({moved:.2g} m away, or of "
                                  "another direction or gravity)",
                                  "name sensors that were moved anew in each setup")
-    return tuple(common)
+    return tuple(c for c in every if sum(c in place for place in places) > 1)
+
+
+def _shared(first: Setup, second: Setup) -> tuple[list[int], list[int]]:
+    """Rows of the channels that two setups share, in each."""
+    one, two = first.data.channels, second.data.channels
+    names = [c for c in one if c in two]
+    return [one.index(c) for c in names], [two.index(c) for c in names]
 
 
 def _mean(setup: Setup) -> _Mean:
@@ -243,7 +254,7 @@ def scaled_to(
 
 
 def _common_modes(
-    setups, means: list[_Mean], references, same_modes: bool
+    setups, means: list[_Mean], same_modes: bool
 ) -> tuple[tuple[str, ...], list[list[int]]]:
     """Labels, and for each setup the column of each, -1 where it does not have the mode."""
     first = setups[0].data
@@ -254,25 +265,27 @@ def _common_modes(
         kept = [j for j in range(first.n_mode) if sum(bool(t[j]) for t in there) >= least]
         labels = tuple(first.labels[j] for j in kept) if named else tuple(str(k + 1) for k in range(len(kept)))
         return labels, [[j if t[j] else -1 for j in kept] for t in there]
-    rows = [[s.data.channels.index(c) for c in references] for s in setups]
-    modes = [m for m in _alike_at_references(means, there, rows) if len(m) >= least]
+    modes = [m for m in _alike_at_references(setups, means, there) if len(m) >= least]
     modes.sort(key=lambda m: np.mean([means[k].ln_frequency[j] for k, j in m.items()]))
     columns = [[m.get(k, -1) for m in modes] for k in range(len(setups))]
     return tuple(str(k + 1) for k in range(len(modes))), columns
 
 
 def _alike_at_references(
-    means: list[_Mean], there: list[np.ndarray], rows: list[list[int]]
+    setups: Sequence[Setup], means: list[_Mean], there: list[np.ndarray]
 ) -> list[dict[int, int]]:
-    """Modes as setup -> column, by frequency and by the shapes at the references (`rows` of each setup)."""
+    """Modes as setup -> column, by frequency and by the shapes at the channels that two setups share."""
     # setups with most modes first; each mode is held against those of the setups before that have it best
     modes: list[dict[int, int]] = []
     for k in sorted(range(len(means)), key=lambda k: -int(there[k].sum())):
         criterion = np.full((len(modes), len(there[k])), np.nan)
         for m, known in enumerate(modes):
             for other, column in known.items():
-                alike = mac(means[other].shape[np.ix_(rows[other], [column])], means[k].shape[rows[k]])[0]
                 away = np.abs(means[k].ln_frequency - means[other].ln_frequency[column])
+                theirs, ours = _shared(setups[other], setups[k])
+                # setups without a channel in common may have a mode of the same frequency, known by a third
+                alike = (mac(means[other].shape[np.ix_(theirs, [column])], means[k].shape[ours])[0] if ours
+                         else np.full(len(away), SAME_MAC))
                 # of two about as alike the nearer
                 value = np.where((away <= SAME_FREQUENCY) & (alike >= SAME_MAC), alike - away / SAME_FREQUENCY, np.nan)
                 criterion[m] = np.fmax(criterion[m], value + 1)
@@ -311,49 +324,47 @@ def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
     return groups + [[k] for k in order if k not in taken]
 
 
-def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
-    """Shape (n_channel, n_mode) of all channels, its covariance factors over the columns of all setups, the misfit at
-    the references of each setup and mode (n_setup, n_mode), NaN where a setup gives no shape, and how well each setup's
-    references know the mode (n_setup, n_mode), relative. NaN: channels of setups without the mode, or in which the
-    references hardly move."""
+def _joined_shapes(setups, means: list[_Mean], channels, references):
+    """Shape (n_channel, n_mode) of all channels, its covariance factors over the columns of all setups, the misfit of
+    each setup and mode (n_setup, n_mode) at the channels shared with the setup that it is scaled to, NaN where a setup
+    gives no shape, and how well each setup's references know the mode (n_setup, n_mode), relative. NaN: channels of
+    setups without the mode, or in which the references hardly move."""
     n_mode, widths = len(means[0].ln_frequency), [m.d_ln_frequency.shape[1] for m in means]
     place, total = np.cumsum([0, *widths]), sum(widths)
     shape = np.full((len(channels), n_mode), np.nan + 0j)
     misfit, known = np.full((len(means), n_mode), np.nan), np.full((len(means), n_mode), np.nan)
     d_shape = np.full((len(channels), n_mode, total), np.nan + 0j)
+    rows = [[s.data.channels.index(c) for c in references if c in s.data.channels] for s in setups]
     middle = (np.nanmean([m.ln_frequency for m in means], axis=0), np.nanmean([m.damping for m in means], axis=0))
     for group in _groups(*middle):
         noise = np.full(len(means), np.inf)
         for k, (m, r) in enumerate(zip(means, rows, strict=True)):
-            size = np.linalg.norm(m.shape[np.ix_(r, group)])
-            if np.isfinite(m.shape[:, group]).all() and np.isfinite(m.d_shape[:, group]).all() and size > 0:
-                noise[k] = np.linalg.norm(m.d_shape[np.ix_(r, group)]) / size
+            if np.isfinite(m.shape[:, group]).all() and np.isfinite(m.d_shape[:, group]).all():
+                noise[k] = _relative_noise(m, r, group)
         known[:, group] = noise[:, None]
-        base = int(np.argmin(noise))
-        usable = np.flatnonzero(noise <= LARGEST_STD)
-        if not len(usable):
+        usable = [int(k) for k in np.flatnonzero(noise <= LARGEST_STD)]
+        if not usable:
             continue
-        target = means[base].shape[np.ix_(rows[base], group)]
-        if np.linalg.cond(target / np.linalg.norm(target, axis=0)) > LARGEST_CONDITION:
-            raise InputError("references", f"{', '.join(references)} cannot distinguish modes of "
-                             f"{', '.join(f'{np.exp(means[base].ln_frequency[j]):.4g} Hz' for j in group)} apart",
-                             "take references in which they differ")
+        scaled: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        for k, parent in _tree(setups, means, group, usable, int(np.argmin(noise))):
+            d_own = np.zeros((*means[k].shape[:, group].shape, total), complex)
+            d_own[:, :, place[k]: place[k + 1]] = means[k].d_shape[:, group]
+            theirs, ours = _shared(setups[parent], setups[k])
+            # the first is scaled to itself
+            target, d_target = scaled.get(parent, (means[k].shape[:, group], d_own))
+            target, d_target = target[theirs], d_target[theirs]
+            _refuse_alike(target, [setups[k].data.channels[i] for i in ours], np.exp(means[k].ln_frequency[group]))
+            scaled[k] = scaled_to(means[k].shape[:, group], d_own, target, ours, d_target)
+            left = np.linalg.norm(target - scaled[k][0][ours], axis=0) / np.linalg.norm(target, axis=0)
+            misfit[k, group] = left**2
         value = np.zeros((len(channels), len(group)), complex)
         d_value = np.zeros((len(channels), len(group), total), complex)
         weights = np.zeros(len(channels))
-        for k in usable:
-            setup, mean = setups[k], means[k]
-            d_own = np.zeros((*mean.shape[:, group].shape, total), complex)
-            d_own[:, :, place[k]: place[k + 1]] = mean.d_shape[:, group]
-            d_target = np.zeros((len(references), len(group), total), complex)
-            d_target[:, :, place[base]: place[base + 1]] = means[base].d_shape[np.ix_(rows[base], group)]
-            scaled, d_scaled = scaled_to(mean.shape[:, group], d_own, target, rows[k], d_target)
-            left = np.linalg.norm(target - scaled[rows[k]], axis=0) / np.linalg.norm(target, axis=0)
-            misfit[k, group] = left**2
-            index = [channels.index(c) for c in setup.data.channels]
+        for k, (own, d_own) in scaled.items():
+            index = [channels.index(c) for c in setups[k].data.channels]
             weight = 1 / max(noise[k], 1e-12) ** 2
-            value[index] += weight * scaled
-            d_value[index] += weight * d_scaled
+            value[index] += weight * own
+            d_value[index] += weight * d_own
             weights[index] += weight
         reached = np.flatnonzero(weights > 0)
         shape[np.ix_(reached, np.array(group, int))] = value[reached] / weights[reached, None]
@@ -364,6 +375,38 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
             d_shape[seen_rows, j] = scaled_change(shape[seen_rows, j][:, None], d_shape[seen_rows, j][:, None])[:, 0]
             shape[seen_rows, j] = unit_largest(shape[seen_rows, j][:, None])[:, 0]
     return shape, d_shape, misfit, known
+
+
+def _relative_noise(mean: _Mean, rows: list[int], group: list[int]) -> float:
+    """Standard deviation of some channels' motion in a group of modes over that motion."""
+    size = np.linalg.norm(mean.shape[np.ix_(rows, group)])
+    return float(np.linalg.norm(mean.d_shape[np.ix_(rows, group)]) / size) if size > 0 else np.inf
+
+
+def _tree(
+    setups: Sequence[Setup], means: list[_Mean], group: list[int], usable: list[int], base: int
+) -> list[tuple[int, int]]:
+    """Setups with the one that each is scaled to, nearest to the base first. Left out are those that no channels join
+    to it which both know well enough."""
+    found, reached = [(base, base)], [base]
+    for parent in reached:
+        for k in usable:
+            if k in reached:
+                continue
+            theirs, ours = _shared(setups[parent], setups[k])
+            if ours and max(_relative_noise(means[parent], theirs, group),
+                            _relative_noise(means[k], ours, group)) <= LARGEST_STD:
+                found.append((k, parent))
+                reached.append(k)
+    return found
+
+
+def _refuse_alike(target: np.ndarray, references: Sequence[str], frequency_hz: np.ndarray) -> None:
+    size = np.linalg.norm(target, axis=0)
+    if len(target) < target.shape[1] or np.linalg.cond(target / size) > LARGEST_CONDITION:
+        raise InputError("references", f"{', '.join(references)} cannot distinguish modes of "
+                         f"{', '.join(f'{f:.4g} Hz' for f in frequency_hz)} apart",
+                         "take references in which they differ")
 
 
 def _weighted(values: list[np.ndarray], factors: list[np.ndarray], widths: list[int]):

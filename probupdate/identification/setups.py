@@ -17,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import SSISettings, pole_stack
 from probupdate.identification.counterparts import Matched, match_modes, records_of
-from probupdate.identification.identify import classified, in_memory, passed_hz
+from probupdate.identification.identify import classified, in_memory, passed_hz, physical_of
 from probupdate.identification.physical import (
     Candidates,
     PersistenceSettings,
@@ -30,7 +30,7 @@ from probupdate.identification.physical import (
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.references_between import SetupModes, compare_references
-from probupdate.identification.roving import Merged, Setup, common_channels, merge_setups
+from probupdate.identification.roving import Merged, Setup, merge_setups, shared_channels
 from probupdate.modal.modes import Sensor, rotate_to_real
 from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
@@ -50,14 +50,19 @@ def identify_setups(
 ) -> Merged:
     """The modes of a structure measured in several setups, in one set of all channels.
 
-    Poles of all setups' blocks are clustered together, by frequency and by their shape at the common channels, so that
+    Poles of all setups' blocks are clustered together, by frequency and by their shape at the channels that all have (a
+    chain of setups without such is identified setup by setup, and merged by what two share), so that
     a mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that
     it has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder
     below which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
     campaigns = in_one_sense(campaigns)
-    common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
+    shared = shared_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
+    common = [c for c in shared if all(c in campaign.channels for campaign in campaigns)]
+    if not common and reference is not None:
+        raise InputError("setups", "have no channel that all have, by which the model's modes would be found in them",
+                         "merge them without --model: `update` pairs what is merged with the model")
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         poles = []
         for campaign, name in zip(campaigns, names, strict=True):
@@ -70,7 +75,9 @@ def identify_setups(
         alone = [one for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True))
                  if (one := _alone(campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k],
                                    persistence))]
-        compared = compare_references(alone, common)
+        compared = compare_references(alone, shared)
+        if not common:
+            return _along_the_chain(campaigns, names, poles, compared, settings, runs, progress)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
         found = physical_modes(gathered([_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
                                n_block=len(owner), settings=persistence,
@@ -96,6 +103,24 @@ def identify_setups(
     named, matched = _named(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, matched, reference.labels, notes, settings)
+
+
+def _along_the_chain(
+    campaigns: Sequence[Campaign], names: Sequence[str], poles: Sequence[BlockStore], compared: list[str],
+    settings: SSISettings, runs: Executor, progress: Progress,
+) -> Merged:
+    """Setups without a channel common to all: each with the modes that its own poles come back at, merged."""
+    setups, notes = [], ["no channel is common to all setups: each was identified by itself, and they were merged "
+                         "along the chain of channels that two share"]
+    for campaign, name, blocks in zip(campaigns, names, poles, strict=True):
+        rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
+        found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
+        result = in_memory(classified(blocks, campaign, found, None, settings=settings, rule=rule, jobs=runs,
+                                      progress=progress))
+        setups.append(Setup(name=name, sensors=campaign.sensors, data=replace(result.data, records=())))
+        notes += [f"{name}: {text}" for text in found.notes]
+    merged = merge_setups(setups)
+    return replace(merged, summary="\n".join([merged.summary, *compared, *notes]))
 
 
 def in_one_sense(campaigns: Sequence[Campaign]) -> list[Campaign]:
