@@ -58,10 +58,12 @@ def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> 
     n_sample = len(data)
     energy = np.sum((data / np.where(scale > 0, scale, 1.0)) ** 2, axis=1)
     thirds = [float(part.sum()) for part in np.array_split(energy, 3)]
+    if thirds[0] < FALLING * thirds[2]:
+        return None
     width = max(n_sample // WINDOWS, 1)
     release = int(np.argmax(np.convolve(energy, np.ones(width), mode="valid")))
     kept = data[release + (width if release else 0) + edge: n_sample - edge]
-    if thirds[0] < FALLING * thirds[2] or 2 * len(kept) < n_sample or len(kept) < 8 * block_rows:
+    if 2 * len(kept) < n_sample or len(kept) < 8 * block_rows:
         return None
     found = DecayRecord(data=kept, target_hz=record.target_hz)
     poles = found.identified(limited=None, sub_records=0, block_rows=block_rows, order=order).poles
