@@ -16,7 +16,9 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError
+from probupdate.identification.covariate_shapes import Shape, alone, choose_shapes
 from probupdate.identification.settings import CONSTANTS
+from probupdate.identification.slow_error import whitened
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import ModalData, ModalSet
@@ -30,6 +32,9 @@ OUTLIER = CONSTANTS.outlier
 RATIOS, N_HOURS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 9
 # at most so many rounds of leaving outliers out
 ROUNDS = 10
+# words in the name of an angle that goes round, whatever part of the turn was measured; parts of a covariate's range
+# between which a residual may differ
+ROUND, SIXTHS = ("heading", "direction", "azimuth"), 6
 SPARE_ROWS = CONSTANTS.spare_rows
 
 
@@ -42,7 +47,8 @@ class Regression:
     intercept_std at their means. n rows used, n_outlier left out as outliers, n_missing for want of a covariate.
     explained: share of the weighted scatter that the covariates take away; noise_factor: the noise over the stated
     standard deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of
-    all rows, NaN where not used. joint: confounded pairs, with p of both together. notes: what was left out and what
+    all rows, NaN where not used. joint: pairs that are confounded or of one angle, with p of both together. shapes: how
+    the response follows covariates otherwise than along a line (names are then of the shape's columns). notes: what was left out and what
     is confounded.
     """
 
@@ -65,6 +71,7 @@ class Regression:
     slow_hours: float
     residual: np.ndarray
     joint: tuple[tuple[tuple[str, str], float], ...]
+    shapes: tuple[Shape, ...]
     notes: tuple[str, ...]
 
 
@@ -87,40 +94,103 @@ def regress(
         raise InputError(f"regression of {response}", "times do not rise", "sort the blocks by time, each once")
     notes: list[str] = []
     there = np.isfinite(value)
-    names, columns = _usable(covariates, there, notes)
+    names, columns = _usable(_round_about(covariates), there, notes)
     known = there & np.all([np.isfinite(c) for c in columns], axis=0) if names else there
     names, columns = _independent(names, columns, known, notes)
+    _refuse_few(response, value[known], names)
+    noise, plain = _noise(std, known), np.column_stack([np.ones(len(value)), *columns])
     rows = known.copy()
-    noise = _noise(std, rows)
-    table = np.column_stack([np.ones(len(value)), *columns]) if names else np.ones((len(value), 1))
-    if rows.sum() < table.shape[1] + SPARE_ROWS:
-        raise InputError(f"regression of {response}", f"{int(rows.sum())} blocks with the mode and all of "
-                         f"{', '.join(names) or 'nothing'} for {table.shape[1]} coefficients",
-                         "use fewer covariates or a longer campaign")
-    if np.ptp(value[rows]) <= 1e-12 * np.max(np.abs(value[rows])):
-        raise InputError(f"regression of {response}", f"it is {value[rows][0]:.4g} in all {int(rows.sum())} blocks",
-                         "give it as identified in each block")
+    rows[known] = ~alone(value[known], noise[known], plain[known], 2 * OUTLIER)
+    chosen = choose_shapes(value[rows], noise[rows], time_h[rows],
+                           {name: column[rows] for name, column in zip(names, columns, strict=True)})
+    own = 1 + np.arange(len(chosen.names))
+    table = np.zeros((len(value), 1 + len(chosen.names) + len(chosen.nuisances)))
+    table[rows] = np.column_stack([np.ones(int(rows.sum())), *chosen.columns, *chosen.nuisances])
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
-    rows = _without_large_outliers(table, value, noise, rows)
     fit, rows = _without_outliers(table, value, noise, time_h, rows)
-    spread = table[rows, 1:].std(axis=0, ddof=1)
     residual = np.full(len(value), np.nan)
     residual[rows] = value[rows] - table[rows] @ fit.coefficient
-    error = np.sqrt(np.diag(fit.covariance))
-    p_value = 2 * stats.t.sf(np.abs(fit.coefficient / error), rows.sum() - table.shape[1])
-    inflation = _inflation(table[rows, 1:])
-    joint = _together(names, table[rows, 1:], inflation, fit, int(rows.sum()) - table.shape[1], notes)
+    error = np.sqrt(np.diag(fit.covariance)[own] + np.diag(chosen.spread))
+    free = int(rows.sum()) - table.shape[1]
+    inflation = _inflation(table[rows][:, own])
+    joint = _together(chosen.names, table[rows][:, own], inflation, fit, free, notes)
+    notes += [_shape_words(shape) for shape in chosen.shapes]
+    notes += _follows_still(names, plain[:, 1:], table, fit, noise, time_h, value, rows)
     return Regression(
-        response=response, names=tuple(names), coefficient=frozen_array(fit.coefficient[1:]),
-        std_error=frozen_array(error[1:]), p_value=frozen_array(p_value[1:]), inflation=frozen_array(inflation),
-        mean=frozen_array(mean), spread=frozen_array(spread), intercept=float(fit.coefficient[0]),
-        intercept_std=float(error[0]), n=int(rows.sum()), n_outlier=int(known.sum() - rows.sum()),
-        n_missing=int(there.sum() - known.sum()), explained=_explained(value[rows], residual[rows], noise[rows]),
+        response=response, names=chosen.names, coefficient=frozen_array(fit.coefficient[own]),
+        std_error=frozen_array(error), p_value=frozen_array(2 * stats.t.sf(np.abs(fit.coefficient[own] / error), free)),
+        inflation=frozen_array(inflation), mean=frozen_array(mean[own - 1]),
+        spread=frozen_array(table[rows][:, own].std(axis=0, ddof=1)), intercept=float(fit.coefficient[0]),
+        intercept_std=float(np.sqrt(fit.covariance[0, 0])), n=int(rows.sum()),
+        n_outlier=int(known.sum() - rows.sum()), n_missing=int(there.sum() - known.sum()),
+        explained=_explained(value[rows], residual[rows], noise[rows]),
         noise_factor=float(fit.scale if std is not None else fit.scale * np.median(noise[rows])),
         slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
-        residual=frozen_array(residual), joint=joint, notes=tuple(notes),
+        residual=frozen_array(residual), joint=joint, shapes=chosen.shapes, notes=tuple(notes),
     )
+
+
+def _refuse_few(response: str, value: np.ndarray, names: Sequence[str]) -> None:
+    if len(value) < 1 + len(names) + SPARE_ROWS:
+        raise InputError(f"regression of {response}", f"{len(value)} blocks with the mode and all of "
+                         f"{', '.join(names) or 'nothing'} for {1 + len(names)} coefficients",
+                         "use fewer covariates or a longer campaign")
+    if np.ptp(value) <= 1e-12 * np.max(np.abs(value)):
+        raise InputError(f"regression of {response}", f"it is {value[0]:.4g} in all {len(value)} blocks",
+                         "give it as identified in each block")
+
+
+def _round_about(covariates: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Angles that go round (directions, headings, and others in degrees that span half a turn) as cosine and sine."""
+    found: dict[str, np.ndarray] = {}
+    for name, column in covariates.items():
+        column = np.asarray(column, float)
+        some = column[np.isfinite(column)]
+        turns = name.endswith("_deg") and len(some) and np.ptp(some) > 0 and (
+            any(word in name for word in ROUND) or np.ptp(some) > 180)
+        if turns:
+            angle = np.radians(column)
+            found |= {f"cos {name}": np.cos(angle), f"sin {name}": np.sin(angle)}
+        else:
+            found[name] = column
+    return found
+
+
+def _shape_words(shape: Shape) -> str:
+    size = f"{shape.constant:.3g} +- {shape.constant_std:.1g}"
+    odds = f"(odds e^{shape.ln_odds:.0f})"
+    return {
+        "lag": f"follows {shape.covariate} {size} h behind, as a first-order low-pass {odds}",
+        "bend": f"bends at {shape.covariate} {size} {odds}",
+        "saturation": f"follows {shape.covariate} on one side of {size} only {odds}",
+        "hysteresis": f"follows {shape.covariate} with hysteresis of width {size} {odds}",
+        "harmonic": f"follows {shape.covariate} twice a turn {odds}",
+        "day": f"has a daily period that no covariate explains {odds}",
+        "step": f"steps {size} h after the first block {odds}",
+    }[shape.kind]
+
+
+def _follows_still(names, columns, table, fit: _Fit, noise, time_h, value, rows) -> list[str]:
+    """Covariates (n_row, n_covariate) whose sixths the residual still differs between: Wald's F in the fit's errors."""
+    from scipy import stats
+
+    decay, said = np.exp(-np.diff(time_h[rows]) / fit.hours), []
+    for name, x in zip(names, columns[rows].T, strict=True):
+        part = np.searchsorted(np.quantile(x, np.linspace(0, 1, SIXTHS + 1)[1:-1]), x)
+        marks = (part[:, None] == np.arange(1, SIXTHS)).astype(float)
+        white, _ = whitened(np.column_stack([table[rows], value[rows], marks]), noise[rows], fit.ratio, decay)
+        q = np.linalg.qr(white[:, : table.shape[1]])[0]
+        y, m = (part - q @ (q.T @ part) for part in np.split(white[:, table.shape[1]:], [1], axis=1))
+        taken, _, rank, _ = np.linalg.lstsq(m, y, rcond=1e-8)
+        free = len(y) - table.shape[1] - rank
+        if rank == 0 or free < SPARE_ROWS:
+            continue
+        rest = float(np.sum((y - m @ taken) ** 2))
+        p = float(stats.f.sf((float(np.sum(y**2)) - rest) / rank / (rest / free), rank, free))
+        if p < 1e-3 / len(names):
+            said.append(f"the residual still follows {name} (p = {p:.1g}): in none of the shapes that were tried")
+    return said
 
 
 def _without_outliers(table, value, noise, time_h, rows) -> tuple[_Fit, np.ndarray]:
@@ -141,9 +211,10 @@ def _together(
 ) -> tuple[tuple[tuple[str, str], float], ...]:
     """Pairs of confounded covariates, each once, with p of the two together (Wald's F): either alone may seem
     to count for nothing where both do."""
-    from scipy import stats
-
     joint: dict[tuple[str, str], float] = {}
+    for k, name in enumerate(names):
+        if name.startswith("cos ") and "sin " + name[4:] in names:
+            joint[name, "sin " + name[4:]] = _wald(fit, [1 + k, 1 + names.index("sin " + name[4:])], free)
     for k in np.flatnonzero(inflation >= COLLINEAR):
         other = np.corrcoef(table.T)[k] * (np.arange(len(names)) != k)
         twin = int(np.argmax(np.abs(other)))
@@ -152,13 +223,19 @@ def _together(
         if pair in joint:
             continue
         both = [1 + first, 1 + second]
-        coefficient = fit.coefficient[both]
-        statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
-        joint[pair] = float(stats.f.sf(statistic, 2, free))
+        joint[pair] = _wald(fit, both, free)
         notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
                      f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count "
                      f"with p = {joint[pair]:.2g}")
     return tuple(joint.items())
+
+
+def _wald(fit: _Fit, both: list[int], free: int) -> float:
+    from scipy import stats
+
+    coefficient = fit.coefficient[both]
+    statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
+    return float(stats.f.sf(statistic, 2, free))
 
 
 def _usable(covariates, there, notes) -> tuple[list[str], list[np.ndarray]]:
@@ -196,23 +273,6 @@ def _noise(std, rows) -> np.ndarray:
     good = np.isfinite(std) & (std > 0)
     middle = float(np.median(std[good & rows])) if np.any(good & rows) else 1.0
     return np.where(good, std, middle)
-
-
-def _without_large_outliers(table, value, noise, rows) -> np.ndarray:
-    """Rows without what a robust fit (least absolute deviations, reweighted) finds off by far; such rows would widen
-    the scale by which outliers are judged."""
-    x, y = table[rows] / noise[rows, None], value[rows] / noise[rows]
-    weight, residual, scale = np.ones(len(y)), y, 0.0
-    for _ in range(30):
-        coefficient = np.linalg.lstsq(x * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0]
-        residual = y - x @ coefficient
-        scale = 1.4826 * np.median(np.abs(residual))
-        if not scale > 0:
-            return rows
-        weight = 1 / np.maximum(np.abs(residual) / scale, 0.1)
-    kept = rows.copy()
-    kept[np.flatnonzero(rows)[np.abs(residual) > 2 * OUTLIER * scale]] = False
-    return kept if kept.sum() >= table.shape[1] + SPARE_ROWS else rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,25 +321,6 @@ def _fit(table, value, noise, time_h) -> _Fit:
                 innovation=left / np.sqrt(variance))
 
 
-def whitened(columns: np.ndarray, noise: np.ndarray, slow: float, decay: np.ndarray) -> tuple[np.ndarray, float]:
-    """L^-1 columns (n_row, n_column) and ln det V of V = diag(noise^2) + slow^2 exp(-|dt| / hours) = L L^T.
-
-    Kalman's filter of the slow error, its work linear in the rows. decay (n_row - 1,): exp(-dt / hours).
-    """
-    white = np.empty_like(columns, dtype=float)
-    state, variance, log_determinant = np.zeros(columns.shape[1]), slow**2, 0.0
-    for k, row in enumerate(columns):
-        total = variance + noise[k] ** 2
-        difference = row - state
-        white[k] = difference / np.sqrt(total)
-        log_determinant += np.log(total)
-        if k < len(decay):
-            gain = variance / total
-            state = decay[k] * (state + gain * difference)
-            variance = decay[k] ** 2 * (1 - gain) * variance + slow**2 * (1 - decay[k] ** 2)
-    return white, float(log_determinant)
-
-
 def _inflation(table: np.ndarray) -> np.ndarray:
     """1 / (1 - R^2) of each column on the others (centred)."""
     if table.shape[1] < 2:
@@ -315,7 +356,7 @@ class ModalRegression:
                 clear = [f"{name} {c:+.2g} +- {e:.1g}" for name, c, e, p in
                          zip(fit.names, fit.coefficient, fit.std_error, fit.p_value, strict=True) if p < 0.01]
                 seen = {name for name, p in zip(fit.names, fit.p_value, strict=True) if p < 0.01}
-                clear += [f"{' or '.join(pair)} (together p = {p:.1g})" for pair, p in fit.joint
+                clear += [f"{_pair_words(pair)} (together p = {p:.1g})" for pair, p in fit.joint
                           if p < 0.01 and not seen & set(pair)]
                 lines.append(f"{label}, {fit.response}: {', '.join(clear) or 'follows none clearly'} ({fit.n} blocks, "
                              f"{100 * fit.explained:.0f} % explained)")
@@ -323,6 +364,10 @@ class ModalRegression:
 
     def write(self, out: str | Path) -> Path:
         return write_table(out, self.table)
+
+
+def _pair_words(pair: tuple[str, str]) -> str:
+    return pair[0][4:] if pair[0].startswith("cos ") and pair[1] == "sin " + pair[0][4:] else " or ".join(pair)
 
 
 def regress_modes(

@@ -1,0 +1,253 @@
+"""How a response follows a covariate, if not along a line: after a lag, with a bend, up to a saturation, with hysteresis;
+and beside all covariates over the day or by a step. Shapes compete by evidence under errors that last.
+
+Evidence is the marginal likelihood with coefficients of unit information (the Bayesian information criterion before its
+maximum over the error's size and length, and over a shape's own constant, which are averaged over).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.identification.slow_error import whitened
+
+# odds over the model without it from which a shape is taken; shapes share an even chance
+ODDS, MOST_SHAPES = 20.0, 4
+# ratios of slow error to noise and number of lengths over which evidence is averaged; points of a shape's own constant
+RATIOS, N_HOURS, N_COARSE, N_FINE = (0.0, 0.3, 1.0, 3.0), 5, 16, 9
+# a bend, a saturation or a step has so large a share of the blocks on each side, and eight at least
+LEAST_SHARE, LEAST_ROWS = 0.05, 8
+DAY_H = 24.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shape:
+    """kind: 'lag', 'bend', 'saturation', 'hysteresis', 'harmonic', 'day' or 'step', of `covariate` ('' of the last
+    two). constant with constant_std: hours of the lag or of the step, or in the covariate's unit; NaN where it has
+    none. ln_odds: of the model with it over that without. names of its columns."""
+
+    kind: str
+    covariate: str
+    constant: float
+    constant_std: float
+    ln_odds: float
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    kind: str
+    covariate: str
+    constants: np.ndarray
+    columns: Callable[[float], np.ndarray]
+    names: Callable[[float], tuple[str, ...]]
+    # columns that hold for what is not known and are no covariate's
+    nuisance: int = 0
+    adds: bool = False
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chosen:
+    """names and columns (n_row,) of all covariates as they are to be fitted, and of nuisances; shapes in the order in
+    which they were found; spread (n_name, n_name): covariance of the coefficients of `names` for what is not known of
+    the shapes' constants."""
+
+    names: tuple[str, ...]
+    columns: tuple[np.ndarray, ...]
+    nuisances: tuple[np.ndarray, ...]
+    shapes: tuple[Shape, ...]
+    spread: np.ndarray
+
+
+def choose_shapes(
+    value: np.ndarray, noise: np.ndarray, time_h: np.ndarray, covariates: Mapping[str, np.ndarray]
+) -> Chosen:
+    """Shapes of value (n_row,), all known, at time_h (n_row,) ascending with standard deviations noise (n_row,), one by
+    one as long as the odds for the best are twenty beyond all others' share. A name 'cos x' has its 'sin x'."""
+    blocks: dict[str, np.ndarray] = {name: column[:, None] for name, column in covariates.items()}
+    names: dict[str, tuple[str, ...]] = {name: (name,) for name in covariates}
+    nuisances: dict[str, np.ndarray] = {}
+    shapes: list[Shape] = []
+    spread: dict[str, np.ndarray] = {}
+    for _ in range(MOST_SHAPES):
+        taken = {(s.kind if s.covariate == "" else s.covariate) for s in shapes}
+        ahead = [c for c in _candidates(covariates, time_h) if (c.covariate or c.kind) not in taken]
+        if not ahead:
+            break
+        # with the constants found so far as if they were known, as the candidates have them
+        nothing = np.zeros((len(value), 0))
+        best = _evidence(value, noise, time_h, np.hstack([nothing, *blocks.values(), *nuisances.values()]), [nothing])[0]
+        found = [_weigh(c, value, noise, time_h, blocks, nuisances) for c in ahead]
+        k = int(np.argmax([f[0] for f in found]))
+        gain = found[k][0] - best - np.log(len(ahead))
+        if gain < np.log(ODDS):
+            break
+        candidate, (_, constant, std, scatter) = ahead[k], found[k]
+        columns, own = candidate.columns(constant), candidate.names(constant)
+        key = candidate.covariate if not candidate.adds else f"{candidate.kind} {candidate.covariate}"
+        blocks[key], names[key] = columns[:, : len(own)], own
+        if candidate.nuisance:
+            nuisances[key] = columns[:, len(own):]
+        spread[key] = scatter[: len(own), : len(own)]
+        shapes.append(Shape(kind=candidate.kind, covariate=candidate.covariate, constant=constant, constant_std=std,
+                            ln_odds=float(gain), names=own))
+    whole = np.zeros((sum(map(len, names.values())),) * 2)
+    at = 0
+    for key, own in names.items():
+        whole[at: at + len(own), at: at + len(own)] = spread.get(key, 0.0)
+        at += len(own)
+    return Chosen(
+        names=tuple(n for own in names.values() for n in own),
+        columns=tuple(c for block in blocks.values() for c in block.T),
+        nuisances=tuple(c for block in nuisances.values() for c in block.T), shapes=tuple(shapes), spread=whole)
+
+
+def _weigh(candidate: _Candidate, value, noise, time_h, blocks, nuisances) -> tuple[float, float, float, np.ndarray]:
+    """ln evidence, the constant with its standard deviation, scatter of the candidate's coefficients by it."""
+    rest = [b for key, b in blocks.items() if candidate.adds or key != candidate.covariate]
+    base = np.hstack([np.zeros((len(value), 0)), *rest, *nuisances.values()])
+    grid = candidate.constants
+    whole, each, _ = _evidence(value, noise, time_h, base, [candidate.columns(u) for u in grid])
+    if len(grid) == 1:
+        return whole, float(grid[0]), np.nan, np.zeros((8, 8))
+    share = 1.0
+    for _ in range(3):
+        # between the neighbours of the best, until the grid is finer than what is known of the constant
+        top = int(np.argmax(each))
+        low, high = max(top - 1, 0), min(top + 1, len(grid) - 1)
+        share *= (high - low) / (len(grid) - 1)
+        grid = np.linspace(grid[low], grid[high], N_FINE)
+        fine, each, coefficient = _evidence(value, noise, time_h, base, [candidate.columns(u) for u in grid])
+        weight = np.exp(each - each.max())
+        whole = max(whole, fine + float(np.log(share)))
+        if np.sum(weight > 0.1) >= 4:
+            break
+    weight /= weight.sum()
+    mean = float(weight @ grid)
+    apart = coefficient - weight @ coefficient
+    scatter = (apart * weight[:, None]).T @ apart
+    return whole, mean, float(np.sqrt(weight @ (grid - mean) ** 2)), scatter
+
+
+def _evidence(
+    value, noise, time_h, base: np.ndarray, options: Sequence[np.ndarray]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """ln evidence averaged over options, of each (n_option,), and the options' coefficients (n_option, n_column) where
+    each is likeliest; base (n_row, n_base), options [(n_row, n_column)]."""
+    n, q = len(value), options[0].shape[1]
+    fixed = np.column_stack([np.ones(n), base])
+    fixed[:, 1:] = (fixed[:, 1:] - fixed[:, 1:].mean(axis=0)) / np.maximum(fixed[:, 1:].std(axis=0), 1e-300)
+    every = np.hstack(options)
+    size = np.maximum(every.std(axis=0), 1e-300) if q else np.ones(0)
+    every = (every - every.mean(axis=0)) / size if q else every
+    step, unit = np.diff(time_h), float(np.median(noise))
+    hours = np.geomspace(step.min(), max(time_h[-1] - time_h[0], 4 * step.min()), N_HOURS)
+    points = [(last, ratio) for last in hours for ratio in RATIOS if ratio > 0 or last == hours[0]]
+    log = np.empty((len(points), len(options)))
+    coefficient = np.empty((len(points), len(options), q))
+    all_columns = np.column_stack([fixed, every, value - value.mean()])
+    for p, (last, ratio) in enumerate(points):
+        white, log_determinant = whitened(all_columns, noise, unit * ratio, np.exp(-step / last))
+        q_fixed = np.linalg.qr(white[:, : fixed.shape[1]])[0]
+        left = white[:, fixed.shape[1]:] - q_fixed @ (q_fixed.T @ white[:, fixed.shape[1]:])
+        y = left[:, -1]
+        for o in range(len(options)):
+            x = left[:, o * q: (o + 1) * q]
+            found = np.linalg.lstsq(x, y, rcond=1e-8)[0] if q else np.zeros(0)
+            rss = float(np.sum((y - x @ found) ** 2)) if q else float(y @ y)
+            k = fixed.shape[1] + q
+            log[p, o] = -0.5 * (n * np.log(max(rss, 1e-300) / n) + log_determinant + k * np.log(n))
+            coefficient[p, o] = found / size[o * q: (o + 1) * q]
+    # without a slow error its length is nothing: that point counts as the others of one length
+    each = np.logaddexp.reduce(log, axis=0) - np.log(len(points))
+    at = np.argmax(log, axis=0)
+    return (float(np.logaddexp.reduce(each) - np.log(len(each))), each, coefficient[at, np.arange(len(options))])
+
+
+def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> list[_Candidate]:
+    found: list[_Candidate] = []
+    n, span, step = len(time_h), time_h[-1] - time_h[0], float(np.median(np.diff(time_h)))
+    least = max(LEAST_ROWS, int(LEAST_SHARE * n))
+    if n <= 2 * least + 2:
+        return found
+    none = np.array([np.nan])
+    for name, x in covariates.items():
+        if name.startswith(("cos ", "sin ")):
+            if name.startswith("cos "):
+                found.append(_second_harmonic(name, x, covariates["sin " + name[4:]], none))
+            continue
+        inner = np.sort(x)[least: -least]
+        if inner[-1] > inner[0]:
+            points = np.linspace(inner[0], inner[-1], N_COARSE)
+            found += _hinges(name, x, points)
+            widths = np.linspace(0.05, 0.6, N_COARSE) * np.ptp(x)
+            found.append(_Candidate("hysteresis", name, widths, lambda r, x=x: play(x, r)[:, None],
+                                    lambda r, name=name: (name,)))
+        if span > 8 * step:
+            lags = np.geomspace(step, span / 6, N_COARSE)
+            found.append(_Candidate(
+                "lag", name, lags, lambda tau, x=x: np.column_stack([
+                    lagged(x, time_h, tau), np.exp(-(time_h - time_h[0]) / tau)]),
+                lambda tau, name=name: (name,), nuisance=1))
+    if span > 2 * DAY_H and step < DAY_H / 4:
+        turn = 2 * np.pi * time_h / DAY_H
+        found.append(_Candidate("day", "", none, lambda _: np.column_stack([np.cos(turn), np.sin(turn)]),
+                                lambda _: ("cos of the day", "sin of the day"), adds=True))
+    places = np.linspace(time_h[least], time_h[-least - 1], 4 * N_COARSE)
+    found.append(_Candidate("step", "", places, lambda t: (time_h >= t).astype(float)[:, None],
+                            lambda t: (f"step at {t:.4g} h",), adds=True))
+    return found
+
+
+def _second_harmonic(name: str, cos: np.ndarray, sin: np.ndarray, none: np.ndarray) -> _Candidate:
+    angle = name[4:]
+    return _Candidate("harmonic", angle, none, lambda _: np.column_stack([cos**2 - sin**2, 2 * sin * cos]),
+                      lambda _: (f"cos 2 {angle}", f"sin 2 {angle}"), adds=True)
+
+
+def _hinges(name: str, x: np.ndarray, points: np.ndarray) -> list[_Candidate]:
+    return [
+        _Candidate("bend", name, points, lambda c: np.column_stack([np.minimum(x - c, 0), np.maximum(x - c, 0)]),
+                   lambda c: (f"{name} below {c:.3g}", f"{name} above {c:.3g}")),
+        _Candidate("saturation", name, points, lambda c: np.minimum(x, c)[:, None],
+                   lambda c: (f"{name} below {c:.3g}",)),
+        _Candidate("saturation", name, points, lambda c: np.maximum(x, c)[:, None],
+                   lambda c: (f"{name} above {c:.3g}",)),
+    ]
+
+
+def lagged(x: np.ndarray, time_h: np.ndarray, tau_h: float) -> np.ndarray:
+    """First-order low-pass dz/dt = (x - z) / tau of x (n_row,), linear between rows, from z = x at the first."""
+    z = np.empty_like(x)
+    z[0] = x[0]
+    for k, dt in enumerate(np.diff(time_h)):
+        decay, slope = np.exp(-dt / tau_h), (x[k + 1] - x[k]) / dt
+        # exact for a straight line: it is followed tau behind
+        z[k + 1] = x[k + 1] - slope * tau_h + (z[k] - x[k] + slope * tau_h) * decay
+    return z
+
+
+def play(x: np.ndarray, width: float) -> np.ndarray:
+    """Play operator: follows x (n_row,) when it is pushed, half a width behind, and rests while x turns within."""
+    z = np.empty_like(x)
+    z[0] = x[0]
+    for k in range(1, len(x)):
+        z[k] = min(max(z[k - 1], x[k] - width / 2), x[k] + width / 2)
+    return z
+
+
+def alone(value: np.ndarray, noise: np.ndarray, base: np.ndarray, limit: float, around: int = 3) -> np.ndarray:
+    """(n_row,) bool: rows that lie off their neighbours in time by more than `limit` robust standard deviations, what
+    base (n_row, n_column) explains by least absolute deviations taken away: what lasts is no outlier."""
+    weight = np.ones(len(value))
+    for _ in range(20):
+        root = np.sqrt(weight) / noise
+        rest = (value - base @ np.linalg.lstsq(base * root[:, None], value * root, rcond=None)[0]) / noise
+        weight = 1 / np.maximum(np.abs(rest), 0.1 * max(float(np.median(np.abs(rest))), 1e-300))
+    padded = np.pad(rest, around, mode="reflect")
+    local = rest - np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * around + 1), axis=1)
+    scale = 1.4826 * np.median(np.abs(local[local != 0])) if np.any(local != 0) else np.inf
+    return np.abs(local) > limit * scale
