@@ -1,5 +1,5 @@
-"""How a response follows a covariate, if not along a line: after a lag, with a bend, up to a saturation, with hysteresis;
-and beside all covariates over the day or by a step. Shapes compete by evidence under errors that last.
+"""How a response follows a covariate, if not along a line: after a lag, with a bend, up to a saturation, with
+hysteresis; and beside all covariates over the day or by a step. Shapes compete by evidence under errors that last.
 
 Evidence is the marginal likelihood with coefficients of unit information (the Bayesian information criterion before its
 maximum over the error's size and length, and over a shape's own constant, which are averaged over).
@@ -79,7 +79,8 @@ def choose_shapes(
             break
         # with the constants found so far as if they were known, as the candidates have them
         nothing = np.zeros((len(value), 0))
-        best = _evidence(value, noise, time_h, np.hstack([nothing, *blocks.values(), *nuisances.values()]), [nothing])[0]
+        base = np.hstack([nothing, *blocks.values(), *nuisances.values()])
+        best = _evidence(value, noise, time_h, base, [nothing])[0]
         found = [_weigh(c, value, noise, time_h, blocks, nuisances) for c in ahead]
         k = int(np.argmax([f[0] for f in found]))
         gain = found[k][0] - best - np.log(len(ahead))

@@ -22,6 +22,7 @@ from probupdate.identification.slow_error import whitened
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.modal.rounding import rounding_std
 from probupdate.runtime.arrays import frozen_array
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
@@ -47,9 +48,9 @@ class Regression:
     intercept_std at their means. n rows used, n_outlier left out as outliers, n_missing for want of a covariate.
     explained: share of the weighted scatter that the covariates take away; noise_factor: the noise over the stated
     standard deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of
-    all rows, NaN where not used. joint: pairs that are confounded or of one angle, with p of both together. shapes: how
-    the response follows covariates otherwise than along a line (names are then of the shape's columns). notes: what was left out and what
-    is confounded.
+    all rows, NaN where not used. joint: pairs that are confounded or of one angle, with p of both together. shapes:
+    how the response follows covariates otherwise than along a line (names are then of the shape's columns). notes:
+    what was left out and what is confounded.
     """
 
     response: str
@@ -427,7 +428,8 @@ def _fits_of_mode(
 ) -> tuple[tuple[Regression, ...], list[str]]:
     """The regressions of ln f and of damping that can be made, and what is to be said after the mode's label."""
     f, zeta = np.array([s.frequency_hz[j] for s in sets]), np.array([s.damping_ratio[j] for s in sets])
-    f_std = np.array([s.frequency_std_hz[j] for s in sets]) / f
+    # of rounded frequencies the rounding is part of what is stated; where nothing is, of what is found
+    f_std = np.hypot([s.frequency_std_hz[j] for s in sets], rounding_std(f)) / f
     zeta_std = np.array([s.damping_ratio_std[j] for s in sets])
     made, said = [], []
     for response, value, std in (("ln frequency", np.log(f), f_std), ("damping ratio", zeta, zeta_std)):
@@ -447,6 +449,8 @@ def _number(value) -> float:
 
 def _table_rows(label: str, fit: Regression) -> list[dict]:
     common = {"mode": label, "response": fit.response}
+    shape = {name: s.kind for s in fit.shapes for name in s.names}
+    constant = {name: (s.constant, s.constant_std) for s in fit.shapes for name in s.names}
     about = {"n": fit.n, "n_outlier": fit.n_outlier, "n_missing": fit.n_missing, "explained": fit.explained,
              "noise_factor": fit.noise_factor, "slow_std": fit.slow_std, "slow_hours": fit.slow_hours}
     rows = [common | {"covariate": "intercept", "coefficient": fit.intercept, "std_error": fit.intercept_std} | about]
@@ -454,6 +458,8 @@ def _table_rows(label: str, fit: Regression) -> list[dict]:
         rows.append(common | {
             "covariate": name, "coefficient": fit.coefficient[k], "std_error": fit.std_error[k],
             "p_value": fit.p_value[k], "inflation": fit.inflation[k], "covariate_mean": fit.mean[k],
-            "covariate_std": fit.spread[k],
+            "covariate_std": fit.spread[k], "shape": shape.get(name, "line"),
+            "shape_constant": constant.get(name, (np.nan,) * 2)[0],
+            "shape_constant_std": constant.get(name, (np.nan,) * 2)[1],
         } | about)
     return rows
