@@ -16,7 +16,7 @@ ENDINGS = ("", "_std", "_min", "_max")
 COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
 # what the weather and a turbine can have, in the columns' units: beyond it a number stands for none
 POSSIBLE = {
-    "wind_speed_mps": (0.0, 120.0), "wind_direction_deg": (-720.0, 1080.0), "power_kw": (-1e5, 1e8),
+    "wind_speed_mps": (0.0, 120.0), "wind_direction_deg": (-720.0, 1080.0), "power_kw": (-1e5, 5e7),
     "rotor_speed_rpm": (-50.0, 1e4), "pitch_deg": (-180.0, 360.0), "nacelle_heading_deg": (-1e4, 1e4),
     "yaw_rate_degps": (-100.0, 100.0), "water_level_m": (-100.0, 1000.0), "air_temperature_c": (-90.0, 400.0),
     "wave_height_m": (0.0, 50.0), "wave_period_s": (0.0, 100.0),
@@ -75,7 +75,8 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
 
 def _without_fillers(table: pd.DataFrame, name: str, low: float, high: float) -> list[str]:
     values = table[name].to_numpy(float)
-    gone = np.isfinite(values) & ((values < low) | (values > high))
+    # infinite ones too; of NaN both are false
+    gone = (values < low) | (values > high)
     for value in np.unique(values[np.isfinite(values) & ~gone]):
         if _is_filler(float(value), values[~gone]):
             gone |= values == value

@@ -17,7 +17,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            shapes=a.shapes != "none", frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
+            shapes=a.shapes, frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
             sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
             progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)

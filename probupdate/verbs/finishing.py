@@ -43,7 +43,7 @@ def diagnose(
     campaign: str | Path | None = None,
     parameters: str | Path | None = None,
     without: Sequence[str] | None = None,
-    shapes: bool = True,
+    shapes: str = "all",
     frequency_std: float | None = None,
     shape_std: float | None = None,
     seed: int = 1,
@@ -54,7 +54,7 @@ def diagnose(
 
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
-    at, as a diagnosis has found that they are wrong. `shapes` False: frequencies alone. `frequency_std`, `shape_std`:
+    at, as a diagnosis has found that they are wrong. `shapes` "none": frequencies alone. `frequency_std`, `shape_std`:
     standard deviations of what states none, as shares of each frequency and of a shape's largest component; from
     eight sets on their own scatter says it. `options`: `sensors`, `groups`, `effects` and
     `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of
@@ -68,7 +68,7 @@ def diagnose(
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
     data = data.without_channels(without or ())
-    data = (data if shapes else data.frequencies_alone()).with_std(frequency_std, shape_std)
+    data = (data.frequencies_alone() if shapes == "none" else data).with_std(frequency_std, shape_std)
     # before a minute of preparation is spent on them
     gather(data if model is None else of_model(data)[0], "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None

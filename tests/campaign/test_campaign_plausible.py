@@ -146,10 +146,11 @@ def test_spoilt_records_are_checked_without_a_warning_and_named(campaign_folder,
 
 
 @pytest.mark.parametrize("value", ["inf", "-1e300", "1e8"])
-def test_numbers_that_no_turbine_has_are_refused(tmp_path, value):
-    (tmp_path / "scada.csv").write_text(f"time,power_kw\n2020-01-01T00:00Z,{value}\n")
-    with pytest.raises(InputError, match=r"scada\.csv, power_kw: .* is no number that a turbine or the weather has"):
-        read_scada(tmp_path / "scada.csv")
+def test_numbers_that_no_turbine_has_are_missing_and_said(tmp_path, value):
+    (tmp_path / "scada.csv").write_text(f"time,power_kw\n2020-01-01T00:00Z,{value}\n2020-01-01T00:10Z,500\n")
+    table = read_scada(tmp_path / "scada.csv")
+    np.testing.assert_array_equal(table["power_kw"], [np.nan, 500.0])
+    assert "1 value of power_kw" in table.attrs["notes"][0]
 
 
 def test_kelvin_are_no_degrees_celsius(tmp_path):

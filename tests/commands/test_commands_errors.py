@@ -160,7 +160,7 @@ TABLES = {
     "quoted": ("std = 0.2", 'std = "0.2"', ("parameter low, std", "not a number")),
     "both": ("std = 0.2", "std = 0.2\ncov = 0.1", ("exactly one",)),
     "cov of zero": ("std = 0.2", "cov = 0.2", ("give 'std'",)),
-    "prior": ("lower", 'prior = "uniform"\nlower', ("'uniform'", "normal, lognormal")),
+    "prior": ("lower", 'prior = "flat"\nlower', ("'flat'", "normal, lognormal")),
     "twice": ('"middle"', '"low"', ("low listed twice",)),
     "name": ('"middle"', '"midle"', ("K_midle",)),
     "update": ("lower", 'update = "no"\nlower', ("update", "true")),
