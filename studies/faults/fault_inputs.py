@@ -95,6 +95,7 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "sample": ["sample", *problem, "--ess", "100", "--max-steps", "400", "--out", f"{o}/posterior.nc"],
         "compare": ["compare", f"{i}/run/update.json", f"{i}/run/posterior.nc", "--out", f"{o}/compare.json"],
         "sets": ["sets", *problem, "--out", f"{o}/sets.json"],
+        "template": ["template", "matrices", f"{o}/template"],
         "inform": ["inform", *problem, "--out", f"{o}/information.json"],
         "diagnose": ["diagnose", *problem, "--no-extend", "--no-sampler", "--out", f"{o}/diagnosis.json"],
         "figures": ["figures", f"{i}/identified/modes.json", "--out", f"{o}/figures"],

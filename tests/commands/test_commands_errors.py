@@ -272,9 +272,6 @@ def test_a_report_of_strangers(estimated, tmp_path, refused):
         shutil.copy(estimated / name, tmp_path)
     text = (estimated / "parameters.toml").read_text()
     (tmp_path / "parameters.toml").write_text(text.replace("std", "update = false\nstd", 1))
-    content = matrices()
-    content.pop("K_low")
-    np.savez(tmp_path / "model.npz", **content)
     assert "different parameters" in refused("report", tmp_path, "--out", tmp_path / "r.html")
     assert not (tmp_path / "r.html").exists()
 
