@@ -109,7 +109,8 @@ def numbered(
     # without frequencies none are close
     apart = np.full(len(kind), np.inf)
     if frequency_hz is not None:
-        apart = np.diff(frequency_hz, prepend=-np.inf) / frequency_hz
+        # free motions are at 0 Hz
+        apart = np.diff(frequency_hz, prepend=-np.inf) / np.maximum(frequency_hz, np.finfo(float).tiny)
     for j in range(1, len(kind)):
         i, own, close = j - 1, kind[j], apart[j] < OBLIQUE_GAP
         if own == kind[i] and own < 2 and close and max(share[k, 1 - own] for k in (i, j)) > OBLIQUE:
