@@ -511,6 +511,13 @@ def farm(folder: Path) -> Made:
     return [path], lambda: read_farm(path)
 
 
+def farm_records(folder: Path) -> Made:
+    from probupdate.farms.records import keep, read_kept
+
+    keep(folder, {"a.h5": {"stamp": "12 bytes, 1, 2, ab", "content": "cd"}})
+    return list(folder.iterdir()), lambda: read_kept(folder)
+
+
 def farm_month(folder: Path) -> Made:
     from probupdate.farms.month import MonthState, _write, read_state
 
@@ -573,6 +580,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "farm": (farm, ("farms.description.read_farm",)),
     "farm_month": (farm_month, ("farms.month.read_state",)),
+    "farm_records": (farm_records, ("farms.records.read_kept",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }
 
