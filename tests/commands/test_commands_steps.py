@@ -385,17 +385,25 @@ def footbridge(tmp_path, *options):
 
 @pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
-def test_footbridge_by_default_comes_near_the_published_update(tmp_path, validation):
-    """Otsuki et al. 2022: -0.716 for the lateral support y1; the vertical ones z1 and z2 are hardly told."""
-    row = validation(what="measured footbridge with default options: y1; width of z1 and z2 over their prior's",
-                     reference="Otsuki et al. 2022: -0.716; hardly identified",
+def test_footbridge_with_a_stated_error_comes_near_the_published_update(tmp_path, validation):
+    """Otsuki et al. 2022: -0.716 for the lateral support y1; the vertical ones z1 and z2 are hardly identified."""
+    row = validation(what="measured footbridge, 1 % of every frequency stated as the model's error: y1; width of z1 and "
+                          "z2 over their prior's", reference="Otsuki et al. 2022: -0.716; hardly identified",
                      why="their three objectives differ by it")
-    record = footbridge(tmp_path)
+    record = footbridge(tmp_path, "--discrepancy", "0.01")
     k = {name: record.parameters.index(name) for name in ("y1", "z1", "z2")}
     width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
     row.error(record.map_theta[k["y1"]] + 0.716, below=0.10, of="y1")
     row.least([width[k["z1"]], width[k["z2"]]], above=0.5, of="width")
-    assert record.map_misfit < record.n_effective and "fits the data" in record.summary
+    assert record.map_misfit < record.n_effective
+
+
+@pytest.mark.numbers
+@pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
+def test_footbridge_by_default_says_not_to_rely_on_its_parameters(tmp_path):
+    """Its shapes and frequencies ask for different supports: what is learnt of the model's error is 6 % of a frequency."""
+    record = footbridge(tmp_path)
+    assert "not to be trusted" in record.summary
     assert "model discrepancy" in record.settings["weights"]
 
 
