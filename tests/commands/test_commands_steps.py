@@ -387,8 +387,8 @@ def footbridge(tmp_path, *options):
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
 def test_footbridge_with_a_stated_error_comes_near_the_published_update(tmp_path, validation):
     """Otsuki et al. 2022: -0.716 for the lateral support y1; the vertical ones z1 and z2 are hardly identified."""
-    row = validation(what="measured footbridge, 1 % of every frequency stated as the model's error: y1; width of z1 and "
-                          "z2 over their prior's", reference="Otsuki et al. 2022: -0.716; hardly identified",
+    row = validation(what="measured footbridge, 1 % of every frequency stated as the model's error: y1; width of z1 "
+                          "and z2 over their prior's", reference="Otsuki et al. 2022: -0.716; hardly identified",
                      why="their three objectives differ by it")
     record = footbridge(tmp_path, "--discrepancy", "0.01")
     k = {name: record.parameters.index(name) for name in ("y1", "z1", "z2")}
@@ -401,7 +401,7 @@ def test_footbridge_with_a_stated_error_comes_near_the_published_update(tmp_path
 @pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
 def test_footbridge_by_default_says_not_to_rely_on_its_parameters(tmp_path):
-    """Its shapes and frequencies ask for different supports: what is learnt of the model's error is 6 % of a frequency."""
+    """Its shapes and frequencies ask for different supports: 6 % of a frequency is learnt of the model's error."""
     record = footbridge(tmp_path)
     assert "not to be trusted" in record.summary
     assert "model discrepancy" in record.settings["weights"]
