@@ -13,7 +13,8 @@ from typing import cast
 import numpy as np
 from scipy import sparse
 
-from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
+from probupdate.diagnosis.small_basis import small_model
+from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel
 from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects, temperature_effect
 from probupdate.effects.gravity import gravity_effects
 from probupdate.effects.places import with_places

@@ -13,17 +13,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from probupdate.diagnosis.part_places import PartKey
-from probupdate.errors import ConvergenceError, InputError
+from probupdate.errors import ConvergenceError
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
-from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.affine import AffineModel
-from probupdate.structure.eigen import lowest_modes, mode_derivatives
 from probupdate.structure.moved_channels import MovedChannels, moved_to
-from probupdate.structure.projected_terms import Expansion, ProjectedTerms, patterned
+from probupdate.structure.projected_terms import Expansion, ProjectedTerms
 from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
 
 # angles that determine a trigonometric polynomial of second degree
@@ -34,30 +31,12 @@ N_KNOWN = 6
 N_CORE = 80
 # angles at which derivatives are taken at once
 PLACES = 18
-# modes a snapshot holds beyond those looked for: modes may trade places
-SPARE = 1
-# the highest of the modes looked through are there to be distinguished from others, and may be less exact
-UNSURE = 2
 # eigenvalues nearer to each other (relative): what turns their shapes into each other is given no more than they would
 # have at this distance, as no first-order change holds there
 EQUAL = 1e-3
-# points spread over prior and effects, and others to verify on; with so many the size of the basis hardly hangs on the
-# draw (four seeds: 199 to 214 vectors; with 36 points 189 to 272)
-N_POINT, N_VERIFY = 54, 6
-# relative frequency error the basis may have far from where it was built: a twentieth of what model form leaves
-TOLERANCE = 1.5e-4
-# share of a parameter below which it is all but lost, what of it is left then at least, and from which it is many times
-# itself
-LOST, LEAST, MANY = 0.2, 0.02, 2.0
-# and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a signature's own
-N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # standard deviation of ln f of a mass on a spring about the frequency it is given; how near that (in
 # (f / f_own)^2) no first-order change holds, as the two modes share their shapes
 TUNING_STD, NEAR_TUNING = 0.06, 0.05
-# energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
-CUTS = (3e-3, 1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
-# share of the largest mass of any motion of the basis below which one has none
-MASSLESS = 1e-14
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -320,7 +299,7 @@ class LocalModel:
         over all angles, which turn little (frequencies to 1e-5, shapes to 3e-4 of their largest)."""
         try:
             core, stiffness, mass, _ = self._core
-            wave = _harmonics(angle_deg)[: len(stiffness)]
+            wave = angle_harmonics(angle_deg)[: len(stiffness)]
             value, vectors = linalg.eigh(np.tensordot(wave, stiffness, 1), np.tensordot(wave, mass, 1),
                                          subset_by_index=None if count is None else (0, min(count, len(core.T)) - 1))
         except linalg.LinAlgError as error:
@@ -375,7 +354,7 @@ class LocalModel:
         wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
         ends, together = np.cumsum([0, *(phi.shape[1] for phi in wanted)]), np.hstack(wanted)
         size = self.small.at_channels.shape[1]
-        harmonics = np.repeat([_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
+        harmonics = np.repeat([angle_harmonics(angle) for angle, _, _ in places], np.diff(ends), axis=0)
         products = []
         for (still, *turning), weight in slopes.terms:
             product = still.times(weight, together[:size], onto[:size])
@@ -447,253 +426,7 @@ class LocalModel:
         return result
 
 
-def _harmonics(angle_deg: float) -> np.ndarray:
+def angle_harmonics(angle_deg: float) -> np.ndarray:
+    """(5,) of a second-degree polynomial in cosine and sine of an angle in degrees."""
     a = np.radians(angle_deg)
     return np.array([1.0, np.cos(a), np.sin(a), np.cos(2 * a), np.sin(2 * a)])
-
-
-def _harmonics_of(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list[sparse.csc_array]:
-    """Harmonics of a term that is known at all TURNS_DEG; what does not turn in it has none but the first."""
-    pattern, entry = patterned(terms)
-    at = entry.toarray()
-    found = turn @ at
-    found[1:][np.abs(found[1:]) < 1e-14 * np.abs(at).max(axis=0)] = 0.0
-    parts = []
-    for own in found:
-        part = sparse.csc_array((own, pattern.indices, pattern.indptr), shape=pattern.shape, copy=True)
-        part.eliminate_zeros()
-        parts.append(part)
-    return parts
-
-
-def _differ(a: sparse.csc_array, b: sparse.csc_array) -> bool:
-    apart = abs(a - b)
-    return bool(apart.nnz) and apart.max() > 1e-12 * abs(a).max()
-
-
-def small_model(
-    models: Sequence[AffineModel], *, n_mode: int, effects: Sequence[int], reach: np.ndarray, seed: int = 0
-) -> SmallModel:
-    """Project `models`, one for each of TURNS_DEG (or a single one that does not turn), on a common basis.
-
-    n_mode: the lowest modes that must be right. `effects`: which parameters are effects, drawn one at a time within
-    `reach` (n_param, 2); the others are drawn from their prior. They (where there are none, all that the structure
-    feels) are in the basis at the ends of their reach too. Raises ConvergenceError where the basis stays worse than
-    TOLERANCE.
-    """
-    first = models[0]
-    if len(models) not in (1, len(TURNS_DEG)):
-        raise InputError(first.name, f"{len(models)} angles given", f"give 1 or {len(TURNS_DEG)}")
-    rng = np.random.default_rng([seed, 11])
-    # what a model keeps of its sums would be as large as all its terms, and goes with the copy
-    count = min(n_mode + SPARE, replace(first).n_available)
-    felt = np.setdiff1d(np.arange(len(first.parameters)), first.of_channels)
-    points = _points(first.parameters, felt, effects, reach, rng)
-    moved = effects if len(effects) else felt.tolist()
-    points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
-    size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
-    check = _points(first.parameters, felt, effects, reach, rng)
-    numbers = rng.permutation(len(check))[:N_VERIFY]
-    sure = max(1, n_mode - UNSURE)
-    alone = _alone(first.parameters, effects, reach, rng)
-    # the snapshots, thousands of vectors, go with the call
-    energy, directions = _directions(_snapshots(models, points, count, n_mode, size),
-                                     _Sum(first).K(first.parameters.initial))
-    unseen = [_Sum(models[k % len(models)]).both(check[k]) for k in numbers]
-    exact = [_modes(matrices, count, first.name)[0][:sure] for matrices in unseen]
-    one = _Sum(first)
-    exact_change = [np.log(_modes(one.both(theta), count, first.name)[0][:sure]) for theta in alone]
-    basis, error, wrong = directions[:, :0], np.inf, np.inf
-    for cut in CUTS:
-        basis = directions[:, energy > cut]
-        error = max(float(np.max(np.abs(_projected_frequencies(matrices, basis, sure) / f - 1)))
-                    for matrices, f in zip(unseen, exact, strict=True))
-        wrong = _wrong_share([np.log(_projected_frequencies(one.both(theta), basis, sure)) for theta in alone],
-                             exact_change)
-        if error <= TOLERANCE and wrong <= CHANGE:
-            return replace(_project(models, basis, n_mode), frequency_error=error)
-    raise ConvergenceError(
-        f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where "
-        f"{TOLERANCE:g} is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % "
-        "is", error)
-
-
-def _snapshots(
-    models: Sequence[AffineModel], points: np.ndarray, count: int, n_mode: int, size: np.ndarray
-) -> np.ndarray:
-    """Lowest `count` modes of the models in turn at the points, and of the first two `_change` with steps of this
-    size: (n_dof, n_snapshot). The models' terms on one pattern are held of one model at a time."""
-    n_point, n_change = len(points) * count, n_mode * (1 + len(size))
-    result = np.empty((models[0].n_dof, n_point + n_change * len(models[:2])))
-    for number, model in enumerate(models):
-        one = _Sum(model)
-        for k in range(number, len(points), len(models)):
-            result[:, k * count : (k + 1) * count] = _modes(one.both(points[k]), count, model.name)[1]
-        if number < 2:
-            start = n_point + number * n_change
-            result[:, start : start + n_change] = _change(one, model.parameters.initial, n_mode, size)
-    return result
-
-
-def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:
-    """Principal directions of snapshots S (n_dof, n_snapshot) in the energy norm: energies (n,) and directions
-    (n_dof, n) of unit energy, n the lesser of the two sizes.
-
-    Eigenvectors of S^T K S where snapshots are few; of L^T S S^T L with K = L L^T, which has the same eigenvalues,
-    where they are more than degrees of freedom: the effects' changes alone are some thousands. """
-    n_dof, n_snapshot = snapshots.shape
-    if n_snapshot <= n_dof:
-        energy, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
-        seen = np.where(energy > 0, energy, np.inf)
-        return energy, snapshots @ (turn / np.sqrt(seen))
-    outer = snapshots @ snapshots.T
-    del snapshots
-    root = np.linalg.cholesky(K.toarray())
-    outer = root.T @ outer
-    outer = outer @ root
-    outer += outer.T
-    outer *= 0.5
-    energy, turn = np.linalg.eigh(outer)
-    del outer
-    return energy, linalg.solve_triangular(root, turn, lower=True, trans="T", overwrite_b=True)
-
-
-def _at_ends(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
-    """Each of these parameters by itself (n, n_param) where it is all but lost at the end of its reach, and where it is
-    many times as large: members of little stiffness and all their mass have modes of their own among the lowest, which
-    no other point holds."""
-    ends = []
-    for k in numbers:
-        least, initial = max(reach[k, 0], LEAST * parameters.initial[k]), parameters.initial[k]
-        ends += [(k, least)] if 0 < least < LOST * initial else []
-        ends += [(k, reach[k, 1])] if initial > 0 and MANY * initial <= reach[k, 1] < np.inf else []
-    theta = np.tile(parameters.initial, (len(ends), 1))
-    for row, (k, value) in zip(theta, ends, strict=True):
-        row[k] = value
-    return theta
-
-
-def _alone(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
-    """The prior's centre, and some of the effects by themselves there, half as strong as may be and stronger."""
-    chosen = rng.permutation(np.asarray(effects, int))[:N_CHANGE]
-    theta = np.tile(parameters.initial, (1 + len(chosen), 1))
-    for row, k in zip(theta[1:], chosen, strict=True):
-        row[k] += rng.uniform(0.5, 1.0) * max(reach[k] - row[k], key=abs)
-    return theta
-
-
-def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> float:
-    """Largest error of a change of ln f from the first, as a share of the change; none where it is UNSEEN."""
-    shares = [0.0]
-    for own, true in zip(found[1:], exact[1:], strict=True):
-        error = np.linalg.norm((own - found[0]) - (true - exact[0]))
-        if error > UNSEEN:
-            shares.append(float(error / np.linalg.norm(true - exact[0])))
-    return max(shares)
-
-
-def _projected_frequencies(matrices: Sequence[sparse.csc_array], basis: np.ndarray, count: int) -> np.ndarray:
-    K, M = (basis.T @ (matrix @ basis) for matrix in matrices)
-    masses = linalg.eigvalsh(M)
-    if masses[0] < MASSLESS * masses[-1]:
-        raise InputError("the model's mass matrix", "gives some motions no mass, which the diagnosis cannot follow",
-                         "condense the degrees of freedom without mass out of its matrices")
-    value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
-    return np.sqrt(np.maximum(value, 0)) / (2 * np.pi)
-
-
-class _Sum:
-    """K(theta) and M(theta) of a model with many terms, summed on one pattern."""
-
-    def __init__(self, model: AffineModel):
-        self.model = model
-        self._parts = [patterned(terms) for terms in (model.stiffness, model.mass)]
-
-    def K(self, theta: np.ndarray) -> sparse.csc_array:
-        return self._weighted(0, self.model.coefficients(theta)[0])
-
-    def both(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
-        cK, cM = self.model.coefficients(theta)
-        return self._weighted(0, cK), self._weighted(1, cM)
-
-    def _weighted(self, kind: int, weight: np.ndarray) -> sparse.csc_array:
-        pattern, data = self._parts[kind]
-        return sparse.csc_array((weight @ data, pattern.indices, pattern.indptr), shape=pattern.shape)
-
-    def times(self, kind: int, weights: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
-        result = np.empty((*phi.shape, weights.shape[1]))
-        for k, weight in enumerate(weights.T):
-            result[:, :, k] = self._weighted(kind, weight) @ phi
-        return result
-
-
-def _points(
-    parameters: Parameters, felt: np.ndarray, effects: Sequence[int], reach: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Prior draws of the parameters `felt` by the structure, in each of which a few of the effects have moved too."""
-    theta = np.tile(parameters.initial, (N_POINT, 1))
-    correlation = parameters.correlation
-    drawn = Parameters(tuple(parameters.items[k] for k in felt),
-                       None if correlation is None else correlation[np.ix_(felt, felt)])
-    theta[:, felt] = drawn.draw(rng, N_POINT)
-    # draws of a prior that is cut and broad lie too near its centre for a basis: stretched by half
-    centre = parameters.initial
-    theta = np.clip(centre + 1.5 * (theta - centre), parameters.lower, parameters.upper)
-    theta[:, list(effects)] = centre[list(effects)]
-    for place, k in enumerate(rng.permutation(np.asarray(effects, int))):
-        low, high = reach[k]
-        theta[place % N_POINT, k] = rng.uniform(low, high)
-    return theta
-
-
-def _modes(matrices: tuple[sparse.csc_array, sparse.csc_array], count: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (count,) and shapes (n_dof, count) of unit energy from K and M of the model of that name."""
-    value, phi = lowest_modes(*matrices, count, name)
-    return np.sqrt(value) / (2 * np.pi), phi / np.sqrt(value)
-
-
-def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.ndarray:
-    """The lowest modes and their first-order change when a parameter moves by its `size` (n_param,), of unit energy."""
-    K, M = one.both(theta)
-    value, phi = lowest_modes(K, M, count, one.model.name)
-    dcK, dcM = one.model.coefficient_derivatives(theta)
-    dK, dM = one.times(0, dcK * size, phi), one.times(1, dcM * size, phi)
-    close = [[0]]
-    for j in range(1, count):
-        if value[j] < 1.2 * value[close[-1][-1]]:
-            close[-1].append(j)
-        else:
-            close.append([j])
-    _, change = mode_derivatives(K, M, value, phi, dK, dM, tuple(tuple(c) for c in close if len(c) > 1))
-    del dK, dM
-    change /= np.sqrt(value)[:, None]
-    return np.hstack([phi / np.sqrt(value), change.reshape(len(phi), -1)])
-
-
-def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> SmallModel:
-    first, basis = models[0], frozen_array(basis)
-    turn = np.linalg.inv([_harmonics(a) for a in TURNS_DEG])
-
-    def by_harmonics(kind: str) -> tuple[ProjectedTerms, ...]:
-        terms = getattr(first, kind)
-        # one that is empty for all that do not turn: the places of a thousand of them are more than all entries
-        nothing = sparse.csc_array(terms[0].shape)
-        waves = [list(terms), *([nothing] * len(terms) for _ in models[1:])]
-        for number, term in enumerate(terms):
-            if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
-                for wave, part in zip(waves, _harmonics_of([getattr(m, kind)[number] for m in models], turn),
-                                      strict=True):
-                    wave[number] = part
-        return tuple(ProjectedTerms.of(wave, basis) for wave in waves)
-
-    stiffness, mass = by_harmonics("stiffness"), by_harmonics("mass")
-    about = Expansion.of_both(first.parameters, first.coefficients, (stiffness[0], mass[0]))
-    return SmallModel(
-        name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
-        stiffness=stiffness, mass=mass, about=about,
-        at_channels=frozen_array(first.rows @ basis), moved=tuple(m.on(basis) for m in first.moved),
-        gravity=first.gravity, n_search=n_mode,
-        frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
-        at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
-    )

@@ -275,19 +275,21 @@ def _dense(K, M, n_mode: int, where: str):
 
 
 def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
-    """d lambda (n_mode, n_param) and d phi (n_dof, n_mode, n_param).
+    """d lambda (n_mode, n_param) and d phi (n_dof, n_mode, n_param) of the lowest n_mode modes of `value` and `phi`,
+    which may hold more: those that clusters name.
 
     dK_phi, dM_phi (n_dof, n_mode, n_param): (dK/d theta_k) phi_j and likewise for M. Each mode's shape derivative is
         d phi_j = v - 1/2 Phi_c Phi_c^T dM phi_j,  (K - lambda_j M) v = -(dK - lambda_j dM) phi_j,  Phi_c^T M v = 0,
     the equation for v within the range of its matrix (Nelson 1976, bordered by the whole cluster). For a cluster of one
     this is the plain derivative; for several, and for modes equal to rounding, the rotation among them is left out.
     """
-    n, n_mode = phi.shape
+    n, n_mode = dK_phi.shape[:2]
     cluster_of: dict[int, tuple[int, ...]] = {j: (j,) for j in range(n_mode)}
     for cluster in clusters:
         for j in cluster:
             cluster_of[j] = tuple(cluster)
-    for j, own in cluster_of.items():
+    for j in range(n_mode):
+        own = cluster_of[j]
         # of equal modes any combination is one: how they turn into each other has no derivative
         equal = np.flatnonzero(np.abs(value - value[j]) <= EQUAL * np.abs(value[j]))
         cluster_of[j] = tuple(sorted({*own, *equal.tolist()}))

@@ -12,7 +12,8 @@ from probupdate.diagnosis.part_places import PartKey
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.small_model import TURNS_DEG, Attachment, small_model
+from probupdate.diagnosis.small_basis import small_model
+from probupdate.diagnosis.small_model import TURNS_DEG, Attachment
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Delay, Effect, LowPass, Swap, measurement_effects
 from probupdate.modal.modes import Sensor

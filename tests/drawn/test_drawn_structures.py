@@ -40,6 +40,14 @@ def test_a_drawn_structure_comes_to_a_verdict(kind: str, hidden: str, seed: int,
     row.equal(line["judged"], word, "verdict", case=line["findings"])
 
 
+def test_local_modes_of_braces_do_not_stop_a_diagnosis(tmp_path, validation):
+    """Sixteen modes of braces within a fifth of a hertz, most in equal pairs."""
+    row = validation(what="a lattice tower of 106 m as SubDyn file, local modes of braces above the third, by "
+                          "`diagnose`: exit code, verdict", reference="what is hidden: nothing")
+    line = commands.run_case(Case("subdyn lattice", "null", 0, small=True), tmp_path, extend=False, only=("diagnose",))
+    row.equal((exits(line), line["judged"]), ([], "silent"), case=line["title"])
+
+
 def test_accelerations_of_a_drawn_structure_come_to_a_verdict(tmp_path, validation):
     row = validation(what="accelerations of a truss drawn at random with a diagonal that loses 41 % at a step, by "
                           "`convert`, `check`, `identify`, `update` and `diagnose`: exit codes, verdict",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from probupdate.diagnosis.small_model import _directions
+from probupdate.diagnosis.small_basis import _directions
 from probupdate.structure import assembly
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.projected_terms import ProjectedTerms
