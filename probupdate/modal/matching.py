@@ -29,10 +29,10 @@ SEEN = 0.05
 TURNED = 0.05
 # an alternative farther in frequency than the paired mode by this much more (in ln f) is none, however alike its shape
 APART = 0.3
-# a computed mode is none for a measured one where its frequency is farther off than so many standard deviations of what
-# the prior, given the other pairs, and an error of the model's own (of ln f) may do to it, if the one it is paired with
-# is not
-IMPROBABLE, MODEL_ERROR = 4.0, 0.02
+# of two pairings that are about as alike one stands where the frequencies make it so many times as probable, by the
+# prior's covariance of ln f and an independent error of the model's own, and where they are no farther off than chi2
+# allows by so many of its standard deviations
+ODDS, MODEL_ERROR, IMPROBABLE = 1000.0, 0.02, 4.0
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
@@ -66,7 +66,8 @@ class Matching:
     MAC of the computed shape with its best match in the measured plane, and of one of a close pair measured alone that
     with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
-    absent: measured modes of a pair of which the model has the other one alone.
+    absent: measured modes of a pair of which the model has the other one alone. least_motion: over the measured
+    channels, for unit modal mass: a computed mode that moves them less is none of the measured ones.
     """
 
     groups: tuple[ModeGroup, ...]
@@ -74,6 +75,7 @@ class Matching:
     left_out: tuple[str, ...]
     n_mode: int
     absent: tuple[int, ...] = ()
+    least_motion: float = 0.0
 
     @property
     def measured(self) -> tuple[int, ...]:
@@ -142,7 +144,8 @@ def match(
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
     measured, its computed mode has a mate, unless `planes` is False. `prior_cov`: gives the covariance (n_computed,
-    n_computed) of ln f by the prior; asked where a pairing is in doubt without. Raises InputError where a shape is
+    n_computed) of ln f by the prior; where shapes leave two pairings, the one that is ODDS times as probable by it
+    stands. Raises InputError where a shape is
     zero, where no mode can be used, where the set is not this model's, where frequencies are in another unit, where a
     mode has two computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first
     two are no error, for a picture of a poor model.
@@ -174,15 +177,12 @@ def match(
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
     known = halves, {j for j in partner if across(name[j]) in unmeasured}
-    mates = _mates(clusters, partner, known, measured, computed, solution.frequency_hz) if planes else {}
-    left_out += _as_halves(modal_set.id, mates, partner, name, solution.frequency_hz)
-    for j, k in mates.items():
-        criterion[j, [partner[j], k]] = _share_within(measured[:, j], computed[:, [partner[j], k]])
-    groups, unlike = _alike(clusters, partner, mates, criterion, min_mac, name, modal_set.id)
-    left_out += unlike
-    if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        _refuse_doubtful(prior_cov, modal_set, measured, groups, partner, criterion, visible, name,
-                         solution.frequency_hz)
+    compared = _Compared(set_id=modal_set.id, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
+                         computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
+                         known=known, planes=planes, min_mac=min_mac)
+    chosen = _chosen(compared, partner, len(used), prior_cov, refuse=refuse)
+    partner, criterion, groups = chosen.partner, chosen.criterion, chosen.groups
+    left_out += chosen.left_out
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -194,7 +194,14 @@ def match(
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]), absent=tuple(absent),
+        least_motion=_least_motion(measured, computed, groups),
     )
+
+
+def _least_motion(measured: np.ndarray, computed: np.ndarray, groups: Sequence[ModeGroup]) -> float:
+    own = np.isfinite(measured[:, [j for group in groups for j in group.measured]]).any(axis=1)
+    paired = [i for group in groups for i in (*group.computed, *group.mates)]
+    return SEEN * float(np.linalg.norm(computed[own][:, paired], axis=0).min())
 
 
 def _present(
@@ -311,12 +318,14 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
 
 def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, int]:
     """The partners (measured -> computed mode), a free mode instead of one that is about as alike and much farther off
-    in frequency: on few levels a mode of thrice the frequency may have the shape by a hundredth better."""
+    in frequency, or hardly moves the channels beside it: on few levels a mode of thrice the frequency may have the shape
+    by a hundredth better, and a torsion that the sensors do not see that of the bending in it."""
     away = np.abs(np.log(computed_hz[None, :] / measured_hz[:, None]))
     result = dict(partner)
     for j, i in partner.items():
         free = [k for k in range(len(computed_hz)) if k not in result.values() and visible[k] >= SEEN * visible[i]
-                and criterion[j, k] > criterion[j, i] - CLEAR and away[j, k] + APART < away[j, i]]
+                and criterion[j, k] > criterion[j, i] - CLEAR
+                and away[j, k] < away[j, i] + (APART if visible[i] < SEEN * visible[k] else -APART)]
         if free:
             result[j] = min(free, key=lambda k: away[j, k])
     return result
@@ -430,62 +439,117 @@ def common_factor_words(off: np.ndarray, scatter: float) -> str:
             f"{factor**2:.3g} times what it is: look for a unit, or for a part that is in K0 and in its K_<name> too")
 
 
-def _far_off(measured_hz, computed_hz, groups, partner, prior_cov) -> np.ndarray:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Compared:
+    """Measured and computed modes (n_channel, n_mode) beside one another, and how the measured ones are taken."""
+
+    set_id: str
+    name: Sequence[str]
+    measured_hz: np.ndarray
+    measured: np.ndarray
+    computed_hz: np.ndarray
+    computed: np.ndarray
+    criterion: np.ndarray
+    clusters: Sequence[tuple[int, ...]]
+    known: tuple[set[int], set[int]]
+    planes: bool
+    min_mac: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Grouped:
+    """The groups that partners (measured -> computed mode) make, and their criteria."""
+
+    partner: dict[int, int]
+    criterion: np.ndarray
+    groups: tuple[ModeGroup, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def places(self) -> list[slice]:
+        """Of each group among the rows of all."""
+        ends = np.cumsum([len(group.measured) for group in self.groups])
+        return [slice(end - len(group.measured), end) for group, end in zip(self.groups, ends, strict=True)]
+
+    @property
+    def rows(self) -> list[int]:
+        return [j for group in self.groups for j in group.measured]
+
+
+def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
+    mates = _mates(x.clusters, partner, x.known, x.measured, x.computed, x.computed_hz) if x.planes else {}
+    criterion = np.array(x.criterion)
+    for j, k in mates.items():
+        criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
+    groups, unlike = _alike(x.clusters, partner, mates, criterion, x.min_mac, x.name, x.set_id)
+    halves = _as_halves(x.set_id, mates, partner, x.name, x.computed_hz)
+    return _Grouped(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
+
+
+def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouped:
+    """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable; where neither is,
+    it is refused. The prior, which takes derivatives, is asked where shapes leave two."""
+    cov = None
+    for _ in x.name:
+        found = _grouped(x, partner)
+        if len(found.rows) < 0.5 * n_used:
+            return found
+        others = _alternatives(x, found)
+        if not others:
+            return found
+        first = others[0]
+        if prior_cov is not None:
+            cov = prior_cov() if cov is None else cov
+            own, *density = [_log_density(x, found, column, cov) for column in
+                             ([found.partner[j] for j in found.rows], *(column for _, column in others))]
+            best = int(np.argmax(density))
+            if density[best] > own + np.log(ODDS):
+                partner = partner | dict(zip(found.rows, map(int, others[best][1]), strict=True))
+                continue
+            left = [other for other, value in zip(others, density, strict=True) if not own > value + np.log(ODDS)]
+            if not left:
+                return found
+            first = left[0]
+        if refuse:
+            _refuse_two_pairings(x, found, *first)
+        return found
+    return found
+
+
+def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> float:
+    """Of the measured ln f by the prior, paired in each group in their order; -inf of what is improbable however it
+    compares with others: such a prior is none to judge by."""
+    order = np.concatenate([np.sort(np.asarray(column)[place]) for place in found.places])
+    off = np.log(x.measured_hz[found.rows] / x.computed_hz[order])
+    spread = np.linalg.cholesky(cov[np.ix_(order, order)] + MODEL_ERROR**2 * np.eye(len(order)))
+    chi2, n = float(np.sum(np.linalg.solve(spread, off) ** 2)), len(order)
+    if chi2 > n + IMPROBABLE * np.sqrt(2 * n):
+        return -np.inf
+    return -0.5 * chi2 - float(np.sum(np.log(np.diag(spread))))
+
+
+def _far_off(x: _Compared, found: _Grouped) -> np.ndarray:
     """(n_measured, n_computed) of bool: another mode's by its frequency, beside the one that a measured mode is paired
     with; of modes compared as a plane the nearest counts."""
-    off = np.log(measured_hz[:, None] / computed_hz)
+    off = np.abs(np.log(x.measured_hz[:, None] / x.computed_hz))
     far = np.zeros(off.shape, bool)
-    pairs = [(j, partner[j]) for group in groups for j in group.measured]
-    for group in groups:
-        own = list(group.measured)
-        away = np.min(np.abs(off[own]), axis=0)
-        score = None if prior_cov is None else np.min(_scores(off, own, pairs, prior_cov), axis=0)
-        for j in own:
-            mine = partner[j]
-            far[j] = away > away[mine] + APART
-            if score is not None and score[mine] < IMPROBABLE:
-                far[j] |= score > IMPROBABLE
-            far[j, mine] = False
+    for group in found.groups:
+        away = np.min(off[list(group.measured)], axis=0)
+        for j in group.measured:
+            far[j] = away > away[found.partner[j]] + APART
+            far[j, found.partner[j]] = False
     return far
 
 
-def _scores(off, own, pairs, prior_cov) -> np.ndarray:
-    """(n_own, n_computed): distance of measured modes from computed ones in standard deviations of ln f, given all
-    pairs but theirs and the computed one's."""
-    score = np.empty((len(own), off.shape[1]))
-    for row, mode in enumerate(own):
-        for c in range(off.shape[1]):
-            given = [(j, i) for j, i in pairs if j != mode and i != c]
-            known = [i for _, i in given]
-            cov = prior_cov[np.ix_(known, known)] + MODEL_ERROR**2 * np.eye(len(known))
-            gain = np.linalg.solve(cov, prior_cov[known, c])
-            mean = gain @ np.array([off[j, i] for j, i in given])
-            variance = prior_cov[c, c] - gain @ prior_cov[known, c] + MODEL_ERROR**2
-            score[row, c] = np.abs(off[mode, c] - mean) / np.sqrt(max(variance, MODEL_ERROR**2))
-    return score
-
-
-def _refuse_doubtful(prior_cov, *pairing) -> None:
-    """The prior is asked, which takes derivatives, where a pairing is in doubt without it."""
-    try:
-        _refuse_ambiguous(*pairing)
-    except InputError:
-        if prior_cov is None:
-            raise
-        _refuse_ambiguous(*pairing, prior_cov())
-
-
-def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz,
-                      prior_cov=None) -> None:
-    """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
-    rows = [j for group in groups for j in group.measured]
-    far = _far_off(modal_set.frequency_hz, frequency_hz, groups, partner, prior_cov)
-    score = np.nan_to_num(np.where(far, -1.0, criterion)[rows], nan=-1.0)
-    column = np.array([partner[j] for j in rows], int)
+def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.ndarray]]:
+    """Groups that another choice pairs with other computed modes for less than CLEAR a mode in summed MACs, each with
+    the computed mode of every row of that choice."""
+    rows, places, visible = found.rows, found.places, np.linalg.norm(x.computed, axis=0)
+    score = np.nan_to_num(np.where(_far_off(x, found), -1.0, found.criterion)[rows], nan=-1.0)
+    column = np.array([found.partner[j] for j in rows], int)
     best = score[np.arange(len(rows)), column].sum()
-    ends = np.cumsum([len(group.measured) for group in groups])
-    places = [slice(end - len(group.measured), end) for group, end in zip(groups, ends, strict=True)]
-    for group, here in zip(groups, places, strict=True):
+    result = []
+    for group, here in zip(found.groups, places, strict=True):
         for i in group.computed:
             # a mate instead of its own is no other choice
             blocked = [i, *group.mates]
@@ -497,14 +561,18 @@ def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, 
             # which member of a group has which of its modes is no difference
             changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
             loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
-            new = sorted(set(other[here]) - set(group.computed))
-            if loss < CLEAR and new:
-                differ = [(g, p) for g, p in zip(groups, places, strict=True) if set(other[p]) != set(column[p])]
-                _refuse_two_pairings(modal_set.id, group, differ, (column, other), score, measured, name, frequency_hz)
+            if loss < CLEAR and set(other[here]) - set(group.computed):
+                result.append((group, other))
+    return result
 
 
-def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, frequency_hz) -> None:
-    """Of a group that two choices pair differently; differ: every group that they do, with its places in a choice."""
+def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.ndarray) -> None:
+    """Of a group that two choices pair differently, as found and with the computed mode `other` of every row."""
+    set_id, name, measured, frequency_hz = x.set_id, x.name, x.measured, x.computed_hz
+    score = np.nan_to_num(found.criterion[found.rows], nan=0.0)
+    column = np.array([found.partner[j] for j in found.rows], int)
+    choices = column, other
+    differ = [(g, p) for g, p in zip(found.groups, found.places, strict=True) if set(other[p]) != set(column[p])]
     names = [" and ".join(name[m] for m in one.measured) for one, _ in differ]
     own = " and ".join(name[m] for m in group.measured)
 
@@ -512,7 +580,8 @@ def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, 
         return " and ".join(f"mode {choice[r] + 1} at {frequency_hz[choice[r]]:.4g} Hz with MAC "
                             f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))
 
-    remedy = "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)"
+    remedy = ("measure where their shapes differ, narrow the prior if more is known, or leave one out: null for its "
+              "frequency_hz in every set")
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
@@ -526,7 +595,7 @@ def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, 
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
         raise InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
                          f"so that two pairings are about as alike: {found}", "check that they are two different "
-                         "modes, measure more channels, or leave one out (null)")
+                         f"modes, or {remedy}")
     raise InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
 
 

@@ -243,11 +243,14 @@ class Problem:
             criterion[:] = 1.0
             return np.tile(np.array(self.matching.computed), (len(shape), 1)), criterion
         start = 0
+        measured = np.unique(np.concatenate([group.rows for group in self.groups]))
+        # what hardly moves the channels has a shape there by chance
+        unseen = np.sum(shape[:, measured] ** 2, axis=1) < self.matching.least_motion**2
         for group in self.groups:
             k = group.size
             rows = shape[:, group.rows]
             inside = np.einsum("ck,ncm->nkm", group.plane, rows)
-            share = np.sum(inside**2, axis=1) / np.sum(rows**2, axis=1)
+            share = np.where(unseen, -1.0, np.sum(inside**2, axis=1) / np.sum(rows**2, axis=1))
             criterion[:, start : start + k] = share[:, None]
             start += k
         # mostly every group's best columns are its own: no sum can be larger, and no assignment problem need be solved

@@ -321,6 +321,36 @@ def test_what_other_modes_say_of_the_soil_says_where_its_modes_are():
         match(measured, solution, ROWS, prior_cov=lambda: np.diag(np.diag(cov())))
 
 
+def test_of_two_modes_of_one_shape_frequencies_choose():
+    """Few sensors see two modes alike: the better shape by 0.02 is the wrong one, five of the prior's deviations off."""
+    axes = np.eye(len(CHANNELS))
+    like = np.sqrt(0.98) * axes[1] + np.sqrt(0.02) * axes[2]
+    shape = np.column_stack([axes[0], axes[1], like])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.9, 1.6, 1.9]), shape=shape)
+    measured = modal_set([0.9, 1.88], axes[:, :2])
+    cov = np.array([[4.0, 3.0, 3.0], [3.0, 4.0, 3.9], [3.0, 3.9, 4.0]]) * 1e-4
+    assert match(measured, solution, ROWS, prior_cov=lambda: cov).computed == (0, 2)
+    # halfway between the two it may be either, and far from both the prior is none to judge by
+    for halfway in (1.74, 2.3):
+        with pytest.raises(InputError, match="about as alike") as error:
+            match(modal_set([0.9, halfway], axes[:, :2]), solution, ROWS, prior_cov=lambda: cov)
+        assert "null for its frequency_hz" in str(error.value)
+    # what the sentence advises
+    assert match(modal_set([0.9, np.nan], axes[:, :2]), solution, ROWS, prior_cov=lambda: cov).computed == (0,)
+
+
+def test_a_mode_that_the_sensors_hardly_see_is_no_partner():
+    """A pile's torsion has, by a trace of bending in it, the shape of bending at the sensors on its axis."""
+    axes = np.eye(len(CHANNELS))
+    trace = 0.002 * (np.sqrt(0.5) * axes[1] + np.sqrt(0.5) * axes[2])
+    off = np.sqrt(0.995) * axes[2] + np.sqrt(0.005) * axes[4]
+    shape = np.column_stack([axes[0], trace, axes[1], off, axes[3]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.39, 1.68, 1.82, 1.94, 3.6]), shape=shape)
+    found = match(modal_set([0.39, 1.85, 1.97], axes[:, :3]), solution, ROWS)
+    assert found.computed == (0, 2, 3)
+    assert np.linalg.norm(trace) < found.least_motion < 0.1
+
+
 def test_one_axis_of_sensors_does_not_ask_for_the_pairs_other_half():
     model = chain_model()
     exact = model.solve(np.array([0.7, 1.06, 0.97, 0.0]), 10)
