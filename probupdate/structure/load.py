@@ -36,6 +36,8 @@ from probupdate.structure.turbine_frame import build_frame
 
 REFERENCE_STATES = ("design", "as_built", "updated")
 FORMS = (".toml", ".npz", ".dat")
+# tables of a TOML that is a model and no table of parameters alone
+OTHER_FORMS = {"site", "steel", "subdyn", "matrices"}
 # part of every hash: raise it when the same description gives other matrices
 FORMULATION = 1
 
@@ -145,20 +147,22 @@ def _refuse_sensors(path: Path, sensors) -> None:
         raise InputError(str(path), "a model of matrices has its own channels only", "leave the sensors to the model")
 
 
-def _tables_beside(path: Path) -> tuple[Path, Path]:
-    """Where the parameters of a model.npz may stand."""
-    return path.with_suffix(".toml"), path.with_name("parameters.toml")
+def _tables_beside(path: Path) -> list[Path]:
+    """Where the parameters of a model.npz stand; a TOML of its name may be another form of model."""
+    own = path.with_suffix(".toml")
+    there = [own] if own.is_file() and not OTHER_FORMS & set(read_toml(own)) else []
+    return [p for p in (*there, path.with_name("parameters.toml")) if p.is_file()]
 
 
 def _beside(path: Path) -> Path:
     """The table of parameters of a model.npz."""
-    for candidate in _tables_beside(path):
-        if candidate.exists():
-            return candidate
+    for found in _tables_beside(path):
+        return found
+    other = path.with_suffix(".toml")
     raise InputError(
-        str(path), "its parameters are not known",
-        f"write {path.with_name('parameters.toml').name} beside it, one [[parameter]] table each with name, unit, "
-        "initial, cov or std, lower, upper, prior, or name such a file",
+        str(path), "its parameters are not known" + (f" ({other.name} is a model itself)" if other.is_file() else ""),
+        "write parameters.toml beside it, one [[parameter]] table each with name, unit, initial, cov or std, lower, "
+        "upper, prior, or name such a file",
     )
 
 
@@ -192,7 +196,7 @@ def model_files(path: str | Path, parameters: str | Path | None = None) -> tuple
     if parameters is not None:
         named.append(Path(parameters))
     elif path.suffix == ".npz":
-        named += [p for p in _tables_beside(path) if p.exists()][:1]
+        named += _tables_beside(path)[:1]
     return tuple(p for p in (path, *named) if p.is_file())
 
 

@@ -51,13 +51,17 @@ def mode_labels(
     families: tuple[str, str, str] = TURBINE, phi: np.ndarray | None = None,
 ) -> tuple[str, ...]:
     """FA1, SS1, T1, ...: by kinetic energy, or where the model knows no nodes by `sensors`, each one of its channels;
-    mode 1, mode 2, ... without either. phi (n_dof, n_mode): the whole shapes, where they are known already."""
-    count, full = solution.frequency_hz.size, full_model(model)
+    mode 1, mode 2, ... without either. Motions that nothing holds, at 0 Hz, are R1, R2, ... and no others' numbers
+    count them. phi (n_dof, n_mode): the whole shapes, where they are known already."""
+    frequency_hz, full = solution.frequency_hz, full_model(model)
+    held = np.flatnonzero(frequency_hz > 0)
     if full is not None:
         if phi is None:
-            _, phi = full.solve_full(solution.theta, count)
-        return labels_of_shapes(full, solution.theta, phi, solution.frequency_hz, families=families)
-    if sensors:
+            _, phi = full.solve_full(solution.theta, frequency_hz.size)
+        named = labels_of_shapes(full, solution.theta, phi[:, held], frequency_hz[held], families=families)
+    elif sensors:
         rows = [model.channels.index(s.channel) for s in sensors]
-        return mode_character(solution.shape[rows], tuple(sensors), families=families).labels
-    return tuple(f"mode {j + 1}" for j in range(count))
+        named = mode_character(solution.shape[rows][:, held], tuple(sensors), families=families).labels
+    else:
+        named = tuple(f"mode {j + 1}" for j in range(held.size))
+    return (*(f"R{j + 1}" for j in range(frequency_hz.size - held.size)), *named)

@@ -12,7 +12,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import archive_arrays
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
-from probupdate.structure.load import load_model
+from probupdate.structure.load import load_model, model_files
 from probupdate.structure.matrices import load_matrices
 from probupdate.structure.parameter_table import read_parameters
 
@@ -65,6 +65,22 @@ def test_matrices_by_hand(folder):
     assert (2 * np.pi * model.solve(theta, 3).frequency_hz) ** 2 == pytest.approx(value, rel=1e-10)
     assert model.channels == ("a", "b")
     assert model.parameters.initial == pytest.approx([0.1, 0.0])
+
+
+@pytest.mark.parametrize("beside", ['name = "jacket"\n[subdyn]\nfile = "a.dat"\n', 'format = 1\n[site]\n',
+                                    '[matrices]\nfile = "other.npz"\n'])
+def test_another_forms_model_beside_an_archive_is_no_table_of_its_parameters(folder, beside):
+    path = save(folder)
+    (folder / "model.toml").write_text(beside)
+    assert load_model(path).parameters.names == ("k", "m")
+    assert model_files(path) == (path, folder / "parameters.toml")
+    (folder / "parameters.toml").unlink()
+    with pytest.raises(InputError, match="not known .model.toml is a model itself"):
+        load_model(path)
+    # its own table has its name, and may have a mistake
+    (folder / "model.toml").write_text(TABLE.replace("std", "sdt"))
+    with pytest.raises(InputError, match="sdt"):
+        load_model(path)
 
 
 def test_sparse_and_dense_files_are_one_model(folder):
