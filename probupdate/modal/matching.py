@@ -318,8 +318,8 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
 
 def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, int]:
     """The partners (measured -> computed mode), a free mode instead of one that is about as alike and much farther off
-    in frequency, or hardly moves the channels beside it: on few levels a mode of thrice the frequency may have the shape
-    by a hundredth better, and a torsion that the sensors do not see that of the bending in it."""
+    in frequency, or hardly moves the channels beside it: on few levels a mode of thrice the frequency may have the
+    shape by a hundredth better, and a torsion that the sensors do not see that of the bending in it."""
     away = np.abs(np.log(computed_hz[None, :] / measured_hz[:, None]))
     result = dict(partner)
     for j, i in partner.items():

@@ -46,8 +46,8 @@ UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, dens
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
     """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1,
-    T1, L1, ... of matrices whose nodes have places, mode 1, ... elsewhere, R1, ... of motions at 0 Hz; shape (n_channel, n_mode), largest
-    component 1. `notes`: what the model's files hold that has no effect."""
+    T1, L1, ... of matrices whose nodes have places, mode 1, ... elsewhere, R1, ... of motions at 0 Hz; shape
+    (n_channel, n_mode), largest component 1. `notes`: what the model's files hold that has no effect."""
 
     model: str
     frequency_hz: np.ndarray

@@ -322,7 +322,7 @@ def test_what_other_modes_say_of_the_soil_says_where_its_modes_are():
 
 
 def test_of_two_modes_of_one_shape_frequencies_choose():
-    """Few sensors see two modes alike: the better shape by 0.02 is the wrong one, five of the prior's deviations off."""
+    """Few sensors see two modes alike: the better shape, by 0.02, is the wrong one."""
     axes = np.eye(len(CHANNELS))
     like = np.sqrt(0.98) * axes[1] + np.sqrt(0.02) * axes[2]
     shape = np.column_stack([axes[0], axes[1], like])
