@@ -64,8 +64,8 @@ def commands_page() -> str:
 
 def on_files(files, config):
     """The picture of the README, which belongs to its study."""
-    picture = ROOT / "studies" / "discovery" / "month.png"
-    files.append(File.generated(config, "pictures/month.png", abs_src_path=str(picture)))
+    picture = ROOT / "studies" / "discovery" / "demonstration.png"
+    files.append(File.generated(config, "pictures/demonstration.png", abs_src_path=str(picture)))
     return files
 
 
@@ -73,7 +73,7 @@ def on_page_markdown(markdown: str, **_) -> str:
     markdown = INCLUDE.sub(_included, markdown)
     if COMMANDS in markdown:
         markdown = markdown.replace(COMMANDS, commands_page())
-    markdown = markdown.replace("](../studies/discovery/month.png)", "](pictures/month.png)")
+    markdown = markdown.replace("](../studies/discovery/demonstration.png)", "](pictures/demonstration.png)")
     # pages of studies are read in the repository
     markdown = re.sub(r"\[([^\]]+)\]\(\.\./studies/([^)]+)\)", r"\1 (`studies/\2`)", markdown)
     parts = CODE.split(markdown)

@@ -48,7 +48,7 @@ PAGES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/
 TYPED = ("README.md", *PAGES)
 CAMPAIGN, MODES, MODEL, RUN = (f"docs/formats/{name}.md" for name in ("campaign", "modes", "model", "run_directory"))
 PYTHON, OWN_EFFECT = "docs/howto/python.md", "docs/howto/own_effect.md"
-STUDIES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("studies/*/README.md")))
+STUDIES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("studies/*/RESULTS.md")))
 NOT_YET = ()
 
 

@@ -59,7 +59,7 @@ def profile_of(effect: dict, stated: dict[str, float]) -> str | None:
 def above_limit(line: dict, effect: dict) -> bool:
     """Whether the diagnosis of this very record states that it would find an effect of this size."""
     if "limits" not in line:
-        # measured.csv keeps the answer for the hundreds of limits
+        # lines that keep the answer for the hundreds of limits
         return effect["above_stated_limit"]
     key = profile_of(effect, line["limits"])
     limit = line["limits"].get(key) if key else None
@@ -187,7 +187,7 @@ def typical_limits(lines: list[dict]) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("out", type=Path, help="directory of `run.py`, or a file of its lines as gate.jsonl here")
+    parser.add_argument("out", type=Path, help="directory of `run.py`, or a file of its lines")
     parser.add_argument("--ablation", default="")
     parser.add_argument("--limits", action="store_true", help="write limits.json from the nulls of this run")
     a = parser.parse_args()

@@ -26,6 +26,9 @@ def table(lines_of: list[dict], faults: Iterable[str], planned: Counter[str]) ->
     met = sum(one["what"].get("met", 0) for one in lines_of if one["what"].get("kills"))
     out = [
         "# Faults of the machine", "",
+        "**Question.** What is lost where the machine fails while a command writes?", "",
+        "`python -m studies.faults --out DIR [--quick]`; what is tried and how stands at the head of `faults.py`.",
+        "Power cuts, network folders and systems other than Linux are not tried.", "",
         f"Written by `studies/faults/faults.py`: commit {distinct('commit')}; seed {distinct('seed')};",
         f"{distinct('date')}; {distinct('machine')}.", "",
         f"{len(lines_of)} trials over {len(verbs)} commands, {kills} kills, of which {met} met a running command "

@@ -3,7 +3,7 @@
 Four storeys of 0.9 m, two bays of 1.25 m each way; floors rigid in their plane. The frame of 120 degrees of
 freedom keeps vertical motion and rotations about x and y of its 36 free nodes; the shear building of 12
 holds these. Numbers: Johnson, Lam, Katafygiotis and Beck (2004), J. Eng. Mech. 130(1), 3-15, as they stand in the task
-group's own generator of data (README.md says which were read there).
+group's own generator of data (RESULTS.md).
 
 Nothing of `probupdate` is used here.
 """

@@ -47,7 +47,7 @@ def test_every_case_is_one_the_simulator_takes(cases):
     assert seen == {kind.cause for kind in cases.KINDS}
     assert cases.make_case("single", 17) == cases.make_case("single", 17)
     assert len({cases.make_case("null", k).seed for k in range(200)}) == 200
-    # rows of measured.csv are of these cases: another family must not move them
+    # published rates are of these cases: another family must not move them
     assert cases.make_case("null", 0).seed == 1016164991
 
 
