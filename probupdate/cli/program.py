@@ -68,6 +68,8 @@ def given_paths(a: argparse.Namespace) -> list[str]:
             for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
 
 
+# notes on a model's files that a command repeats
+SAID = 3
 # errors of a path that a user named; others are the machine's
 OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG,
             errno.ELOOP, errno.EROFS}
@@ -113,6 +115,22 @@ def _warned(program: str) -> Iterator[None]:
         warnings.showwarning = before
 
 
+def _unused(a: argparse.Namespace) -> list[str]:
+    """Of the model that a command opens, what its files hold without effect; `modes` lists all of it by itself."""
+    model, run = getattr(a, "model", None), getattr(a, "run", None)
+    if a.verb == "modes" or not (model or run):
+        return []
+    from probupdate.verbs.models import model_notes
+
+    if not model:
+        from probupdate.reporting.run_files import run_places
+
+        model = run_places(Path(run)).get("model")
+    notes = model_notes(model) if model else ()
+    more = [f"{len(notes) - SAID} more such notes: probupdate modes {model}"] if len(notes) > SAID else []
+    return [*(f"note: {note}" for note in notes[:SAID]), *more]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     program = "probupdate"
     try:
@@ -127,6 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 refuse_unwritable(a.out, folder=writes_folder(a))
                 refuse_overwriting(a.verb, a.out, given_paths(a))
             with terminal_progress() as progress, _warned(program):
+                for note in _unused(a):
+                    complain(f"{program}: {note}")
                 a.action(a, progress)
     except InputError as error:
         complain(f"{program}: {error}")

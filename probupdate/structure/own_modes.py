@@ -93,7 +93,7 @@ def own_modes(
     opened: Model
     if isinstance(model, str | Path):
         path = Path(model)
-        sensors, notes = model_sensors(path), _notes(path)
+        sensors, notes = model_sensors(path), unused_of(path)
         # a turbine's geometry has sensors with places, or none
         of_matrices = sensors is None
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
@@ -164,7 +164,8 @@ def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
                          function=function, version="own modes")
 
 
-def _notes(path: Path) -> tuple[str, ...]:
+def unused_of(path: Path) -> tuple[str, ...]:
+    """Sentences on what a model's files hold that is not used or has no effect; the project's own forms refuse it."""
     if not is_subdyn(path):
         return ()
     if path.suffix == ".toml":

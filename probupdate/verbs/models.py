@@ -17,7 +17,7 @@ from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.model.interface import Model
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
-from probupdate.structure.own_modes import OwnModes, own_modes
+from probupdate.structure.own_modes import OwnModes, own_modes, unused_of
 from probupdate.structure.readings import gravity_words
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 
@@ -131,6 +131,14 @@ def has_geometry(model: object) -> TypeGuard[str | Path]:
     # what cannot be read is reported by whoever reads it
     return not path.is_file() or path.suffix.lower() == ".dat" or (
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
+
+
+def model_notes(model: str | Path) -> tuple[str, ...]:
+    """What the files of a model hold that is not used; () where they cannot be read, which whoever opens it says."""
+    try:
+        return unused_of(model_path(model))
+    except (InputError, OSError):
+        return ()
 
 
 @names_files("model")

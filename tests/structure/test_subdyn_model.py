@@ -513,3 +513,21 @@ def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys):
 )
 def test_the_oc4_models_have_their_frequencies(name, expected):
     np.testing.assert_allclose(frequencies(OC4 / f"{name}.dat", 4), expected, rtol=5e-7)
+
+
+def test_commands_say_what_of_a_foreign_file_has_no_effect(framed, tmp_path, capsys):
+    """Once a run, on standard error; `modes` has it among its results."""
+    file = framed.with_name("structure.dat")
+    file.write_text(file.read_text().replace("2 1 1 1 1 1 1\n", "2 1 1 1 1 1 1 soil.txt\n"))
+    found = probupdate.model_modes(framed, 3)
+    assert sum("soil" in note and "no effect" in note for note in found.notes) == 1
+    sets = [{"id": "a", "frequency_hz": found.frequency_hz.tolist(), "damping_ratio": [0.01] * 3,
+             "frequency_std_hz": (0.01 * found.frequency_hz).tolist(), "shape_re": found.shape.T.tolist(),
+             "shape_std": [[0.01] * len(found.channels)] * 3}]
+    (tmp_path / "modes.json").write_text(json.dumps({"channels": list(found.channels), "gravity": False, "sets": sets}))
+    given = ["--model", str(framed), "--modes", str(tmp_path / "modes.json")]
+    assert main(["inform", *given, "--json", "--out", str(tmp_path / "information.json")]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) and said.err.count("no effect") == said.err.count("note: ") == 1
+    assert main(["modes", str(framed), "--count", "3"]) == 0
+    assert capsys.readouterr().err == ""
