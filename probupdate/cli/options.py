@@ -95,7 +95,7 @@ def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
     on_model(p)
     p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
     if one:
-        p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
+        p.add_argument("--set", help="id of one set to use alone (default: all comparable sets together)")
     weights = p.add_mutually_exclusive_group()
     weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
                          help="W_Lambda from the file's standard deviations (default), from their full covariance "

@@ -12,6 +12,7 @@ from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
 from probupdate.updating.problem import SEARCH
+from probupdate.updating.joint_set import joint_set
 from probupdate.updating.update_file import UpdateRecord
 
 # modes drawn of a model that nothing was measured on
@@ -26,10 +27,13 @@ def compared_modes(data: ModalData | None, update: UpdateRecord | None) -> Modal
 
 
 def drawn_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet | None:
-    """The set that was updated on, or, where it is not among these, the one an update would take."""
+    """The set that was updated on, or, where it is not among these, the one an update would take: all that are
+    comparable, together."""
     if data is None:
         return None
-    return data.set(update.set_id if update is not None and update.set_id in {s.id for s in data.sets} else None)
+    if update is not None and update.set_id in {s.id for s in data.sets}:
+        return data.set(update.set_id)
+    return joint_set(data).data.set()
 
 
 def model_values(model: Model, data: ModalData | None, update: UpdateRecord | None) -> ModelValues:

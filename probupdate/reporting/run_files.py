@@ -28,7 +28,7 @@ from probupdate.reporting.values import CampaignValues, Run
 from probupdate.runtime.progress import Progress
 from probupdate.updating.comparison import Comparison, read_comparison
 from probupdate.updating.posterior_file import Posterior, read_posterior
-from probupdate.updating.update_file import UpdateRecord, read_update
+from probupdate.updating.update_file import SETS, UpdateRecord, read_update
 
 T = TypeVar("T")
 
@@ -264,7 +264,8 @@ def _warnings(
     if update is not None and posterior is not None and update.fingerprint != posterior.fingerprint:
         yield ("update.json and posterior.nc were computed from different problems (model, data, weights or prior "
                "differ): their numbers do not belong together.")
-    if update is not None and data is not None and update.set_id not in {s.id for s in data.sets}:
+    whole = update is not None and SETS in update.settings
+    if update is not None and data is not None and not whole and update.set_id not in {s.id for s in data.sets}:
         yield f"The update was made on set {update.set_id}, which is not among the modal sets of this run."
     written = head.get("version")
     if written and written != __version__:

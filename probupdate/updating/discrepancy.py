@@ -50,6 +50,11 @@ class LikelihoodSettings:
         None, "-", "stated tolerances of structure, soil, rotor-nacelle assembly and sensors are marginalised; None: "
         "with the measurement's own standard deviations")
 
+    @property
+    def joint_covariance(self) -> bool:
+        """Whether the covariance of all modes together is asked for."""
+        return self.weights.covariance if isinstance(self.weights, Weights) else self.weights == "covariance"
+
     def stated_for(
         self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
     ) -> Weights:

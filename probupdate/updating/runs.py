@@ -40,7 +40,6 @@ from probupdate.updating.update_file import (
     SchemeRecord,
     UpdateRecord,
     beyond_chance,
-    one_of,
 )
 
 REDUCE_FROM = CONSTANTS.reduce_from
@@ -69,11 +68,12 @@ def deterministic_update(
     set_id: str | None = None,
     weights: Weights | None = None,
     settings: UpdateSettings | None = None,
+    every: ModalData | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> UpdateRecord:
-    """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
+    """Both readings of Eq. 7 and the maximum of the posterior for one set, then each of `every` (None: of the data).
 
     `model` stands in that one set's environmental conditions; `model_at` gives it in another set's. jobs: processes, or
     an executor, for the sets.
@@ -90,13 +90,12 @@ def deterministic_update(
     }
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
-    sets = _scatter(problem, data, schemes[0].closest_iteration, model_at, jobs, progress)
+    sets = _scatter(problem, every or data, schemes[0].closest_iteration, model_at, jobs, progress)
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
-    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id,
-                                absent=problem.matching.absent)
+    likely = _suspected(problem, data, laplace, set_id)
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
@@ -127,6 +126,12 @@ def deterministic_update(
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
         identified_std_hz=_in_data_order(problem, _identified_std_hz(problem), data.n_mode),
     )
+
+
+def _suspected(problem: Problem, data: ModalData, laplace: Laplace, set_id: str | None) -> ChannelMistake | None:
+    """Channels that would explain shapes unlike the model's, at its initial parameters or at the maximum."""
+    return suspected_channels(problem.model, data, [problem.parameters.initial, laplace.theta], set_id=set_id,
+                              absent=problem.matching.absent)
 
 
 def _identified_std_hz(problem: Problem) -> np.ndarray:
@@ -329,9 +334,7 @@ def sample_posterior(
         log_posterior=log_posterior[::thin], agreement=agree(weighted, chain),
         laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
         against=_against_full(problem, predicted, shown[:N_CHECK]),
-        likely=suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id,
-                                  absent=problem.matching.absent),
-        n_set=len(data.sets),
+        likely=_suspected(problem, data, laplace, set_id),
     )
     return _posterior(found, data, settings, rng)
 
@@ -355,7 +358,6 @@ class _Sampled:
     predicted: Prediction
     against: _AgainstFull
     likely: ChannelMistake | None
-    n_set: int
 
 
 def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
@@ -388,8 +390,7 @@ def _run_record(found: _Sampled, settings: SamplerSettings) -> dict[str, Any]:
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
-    alone = [one_of(problem.set_id, found.n_set)] if found.n_set > 1 else []
-    statements = [*alone, *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]),
+    statements = [*_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]),
                   found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely

@@ -87,6 +87,8 @@ class UpdatingConstants:
     outlier_share: float = stated(0.05, "-", "share of sets that are outliers a priori")
     outlier_wide: float = stated(0.05, "ln f", "standard deviation of the frequency of an outlier's mode")
     outlier_sure: float = stated(0.95, "-", "probability from which a set is left out of the population as an outlier")
+    same_angle_deg: float = stated(
+        10.0, "deg", "a nacelle that looks farther than this from the other sets' is no comparable condition")
     strong: float = stated(0.5, "-", "posterior over prior standard deviation below which the data decide")
     blind: float = stated(0.9, "-", "above this one the parameter keeps its prior")
     good_k: float = stated(0.5, "-", "Pareto k below which importance sampling alone is trusted", "Vehtari et al. 2024")

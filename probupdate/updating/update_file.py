@@ -32,6 +32,8 @@ SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anch
 
 # the setting that names measured modes which were taken though they look unlike the model's
 UNLIKE = "modes unlike the model's"
+# the one that says which sets the numbers are of, and which are left out
+SETS = "sets"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -179,7 +181,7 @@ class UpdateRecord:
 
 def summary(record: UpdateRecord) -> str:
     """A dozen lines for a terminal."""
-    lines = []
+    lines = [record.settings[SETS]] if SETS in record.settings else []
     if misses(record):
         lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
                      "not to be trusted")
@@ -220,16 +222,11 @@ def summary(record: UpdateRecord) -> str:
         nearest = record.other_maxima[0]
         lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {nearest:.2f} below in ln p")
     if record.sets is not None:
-        lines.append(one_of(record.set_id, len(record.sets.ids) + len(record.sets.failed)))
-    if record.sets is not None and record.sets.failed:
+        std = np.std(record.sets.theta_map, axis=0, ddof=1)
+        each = ", ".join(f"{p.name} {s:.2g} {p.unit}".rstrip() for p, s in zip(record.parameters, std, strict=True))
+        lines.append(f"standard deviation over {len(record.sets.ids)} sets, each updated by itself: {each}")
         lines += [f"no update: {text}" for text in record.sets.failed]
     return "\n".join(lines)
-
-
-def one_of(set_id: str, number: int) -> str:
-    """That a result is of one set alone."""
-    return (f"these numbers are of set {set_id} alone, one of {number}: --set chooses another; what all of them say "
-            "together, with their scatter, is `probupdate sets`")
 
 
 def _information(record: UpdateRecord) -> list[str]:

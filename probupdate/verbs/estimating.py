@@ -17,10 +17,11 @@ from probupdate.structure.load import load_model
 from probupdate.updating.comparison import Comparison
 from probupdate.updating.comparison import compare as compare_results
 from probupdate.updating.discrepancy import LikelihoodSettings
+from probupdate.updating.joint_set import JointSet, joint_set, single_set
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
-from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
+from probupdate.updating.update_file import SETS, UNLIKE, UpdateRecord, read_update
 from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model, refuse_other_value
 
 if TYPE_CHECKING:
@@ -61,11 +62,11 @@ def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
-    """What every estimator is given: the sets that are compared, the model as it stood while each was measured, and one
-    likelihood, that of `set_id` (the reference set where None)."""
+    """What every estimator is given: the sets that are compared, the one that an update is of (all comparable ones
+    together where no set is chosen), the model as it stood while each was measured, and one likelihood."""
 
     data: ModalData
-    set_id: str | None
+    joint: JointSet
     model_at: ModelAt
     weights: Weights
 
@@ -79,17 +80,19 @@ class Case:
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
         data = compared_modes(modes, set_id, every_mode)
         model_at = ModelAt(model, parameters, str(modes), data.felt)
-        weights = likelihood.stated_for(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
-        return cls(data=data, set_id=set_id, model_at=model_at, weights=weights)
+        joint = joint_set(data, covariance=likelihood.joint_covariance) if set_id is None else single_set(data, set_id)
+        weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
+        return cls(data=data, joint=joint, model_at=model_at, weights=weights)
 
     @property
     def model(self) -> Model:
-        return self.model_at(self.data.set(self.set_id))
+        return self.model_at(self.joint.data.set())
 
     @property
     def setting(self) -> dict[str, str]:
         """What to say of the model beside a result."""
-        return self.model_at.setting(self.data.set(self.set_id), self.data.channels)
+        said = {SETS: "; ".join(self.joint.notes)} if self.joint.notes else {}
+        return said | self.model_at.setting(self.joint.data.set(), self.data.channels)
 
 
 def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:
@@ -139,8 +142,8 @@ def update(
     refuse_other_value("settings", settings, UpdateSettings)
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
-    record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
-                                  model_at=case.model_at, jobs=jobs, progress=progress)
+    record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
+                                  every=case.data, model_at=case.model_at, jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode)
     kept = {**record.settings, **case.setting}
     if said["taken"]:
@@ -173,9 +176,10 @@ def sample(
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     with sole_writer(chain):
-        posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights,
+        posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
                                      settings=settings, jobs=jobs, progress=progress)
-        posterior = replace(posterior, record={**posterior.record, **case.setting})
+        statements = [*case.joint.notes, *posterior.record.get("statements", ())]
+        posterior = replace(posterior, record={**posterior.record, **case.setting, "statements": statements})
         write_posterior(posterior, out)
     return posterior
 
@@ -251,16 +255,17 @@ def inform(
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
-    problem = build_problem(case.model, case.data, set_id=set_id, weights=case.weights)
+    joint = case.joint.data
+    problem = build_problem(case.model, joint, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
     check = predictive_check(problem, maximum, seed=seed)
     found = dict(zip(problem.parameters.names, maximum.theta, strict=True))
     if every:
         if not isinstance(model, str | Path) or not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
-        angle = case.model_at.angle_deg(case.data.set(set_id))
+        angle = case.model_at.angle_deg(joint.set())
         whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
-        problem = build_problem(case.model_at.with_uncertainty(whole, angle), case.data, set_id=set_id,
+        problem = build_problem(case.model_at.with_uncertainty(whole, angle), joint,
                                 weights=replace(case.weights, at=None))
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters

@@ -142,7 +142,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
         case = Case.of(places["model"], modes, LikelihoodSettings(), parameters=places.get("parameters"),
                        progress=progress)
         model, weights = case.model, case.weights
-        problem = build_problem(model, case.data, weights=weights)
+        problem = build_problem(model, case.joint.data, weights=weights)
         start = [model.parameters.initial, np.array(weights.at)] if weights.at is not None else (
             [model.parameters.initial])
         laplace = maximum_a_posteriori(problem, start)
