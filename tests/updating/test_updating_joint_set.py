@@ -118,7 +118,7 @@ def test_maximum_is_that_of_all_sets_likelihoods_together(validation):
     row = validation(what="Maximum of the posterior of six sets as one", unit="posterior standard deviations",
                      reference="simplex search on the product of the sets' likelihoods",
                      why="weights by the scatter differ from the stated ones by chance")
-    row.error(float(apart.max()), 0.1)
+    row.error(float(apart.max()), 0.2)
 
 
 def test_update_says_of_how_many_sets_it_is_and_one_is_a_choice():
