@@ -79,7 +79,7 @@ def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:
     if (off := int(np.sum(~there))):
         said.append(f"{off} sets are in other conditions than {', '.join(f'{k} {v}' for k, v in wanted)}")
     if (off := int(np.sum(there & ~same))):
-        said.append(f"in {off} sets the nacelle looked elsewhere than at {angle[centre]:.0f} deg, or where is not known")
+        said.append(f"in {off} sets the nacelle looked elsewhere than at {angle[centre]:.0f} deg, or that is not known")
     sets = tuple(s for s, kept in zip(data.sets, same, strict=True) if kept)
     reference = data.reference_set if any(s.id == data.reference_set for s in sets) else None
     return replace(data, sets=sets, reference_set=reference), said
