@@ -11,8 +11,8 @@ from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
-from probupdate.updating.problem import SEARCH
 from probupdate.updating.joint_set import joint_set
+from probupdate.updating.problem import SEARCH
 from probupdate.updating.update_file import UpdateRecord
 
 # modes drawn of a model that nothing was measured on
