@@ -2,11 +2,12 @@
 
 `$...$` and `$$...$$` outside code become MathML. A line `<!-- include NAME -->` is replaced by that file of the
 repository's root; links in it that leave docs/ are shown as plain file names. `<!-- commands -->` becomes the table of
-every command's arguments, from the parser itself.
+every command's arguments, from the parser itself, `<!-- settings -->` the tables of all settings.
 """
 
 import argparse
 import re
+import runpy
 import sys
 from html import escape
 from pathlib import Path
@@ -20,6 +21,7 @@ DISPLAYED = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
 INLINE = re.compile(r"(?<![\\$\w])\$(?=\S)([^$\n]+?)(?<=\S)\$(?![\w$])")
 INCLUDE = re.compile(r"^<!-- include (\S+) -->$", re.MULTILINE)
 COMMANDS = "<!-- commands -->"
+SETTINGS = "<!-- settings -->"
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!#)([^)]+)\)")
 
 
@@ -73,6 +75,9 @@ def on_page_markdown(markdown: str, **_) -> str:
     markdown = INCLUDE.sub(_included, markdown)
     if COMMANDS in markdown:
         markdown = markdown.replace(COMMANDS, commands_page())
+    if SETTINGS in markdown:
+        sys.path.insert(0, str(ROOT))
+        markdown = markdown.replace(SETTINGS, runpy.run_path(str(ROOT / "docs" / "settings_page.py"))["page"]())
     markdown = markdown.replace("](../studies/discovery/demonstration.png)", "](pictures/demonstration.png)")
     # pages of studies are read in the repository
     markdown = re.sub(r"\[([^\]]+)\]\(\.\./studies/([^)]+)\)", r"\1 (`studies/\2`)", markdown)

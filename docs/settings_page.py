@@ -1,25 +1,15 @@
-"""Writes docs/reference/settings.md from the values themselves: python docs/settings_page.py."""
+"""Tables of all settings from the values themselves, for the site (hooks.py); python docs/settings_page.py prints them."""
 
 from __future__ import annotations
 
+import sys
 import textwrap
-from pathlib import Path
 
 from probupdate.identification.settings import IdentificationConstants, IdentificationSettings
 from probupdate.runtime.settings import rows
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.settings import SamplerSettings, UpdateSettings, UpdatingConstants
 
-PAGE = Path(__file__).parent / "reference" / "settings.md"
-HEAD = """# Settings
-
-Every number and word that decides something in identification and updating, as it stands in the program; this page is
-written from the values themselves by `python docs/settings_page.py`. What a step is given comes first: a value that a
-script makes, as `probupdate.SamplerSettings(seed=3)`, and gives to the step, and that the command makes of its options.
-Constants are read when a module is loaded and are no options. A value without a source is this program's own choice.
-Thresholds of the classifiers that a script may change are `ClassifierSettings` and `PersistenceSettings` in
-[identification](identification.md).
-"""
 GIVEN = {
     "What is compared": LikelihoodSettings(), "The update": UpdateSettings(), "The sampler": SamplerSettings(),
     "Identification": IdentificationSettings(),
@@ -40,8 +30,8 @@ def _text(value: object) -> str:
 
 
 def page() -> str:
-    """The whole page."""
-    parts = [HEAD]
+    """A section a value: what it is, a row a field."""
+    parts = []
     for title, settings in (GIVEN | CONSTANTS).items():
         where = type(settings)
         about = f"`{where.__module__}.{where.__name__}`: {' '.join((where.__doc__ or '').split())}"
@@ -50,4 +40,4 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    sys.stdout.write(page())
