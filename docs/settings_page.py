@@ -1,4 +1,4 @@
-"""Tables of all settings from the values themselves, for the site (hooks.py); python docs/settings_page.py prints them."""
+"""Tables of all settings from the values themselves, for the site (hooks.py); run by itself it prints them."""
 
 from __future__ import annotations
 
