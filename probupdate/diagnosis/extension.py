@@ -1,10 +1,12 @@
 """The model with the findings in it: files to go on with, the estimators run again, and whether they are identified.
 
-Structural and environmental findings become parameters of the model's file, neutral at first, with the catalogue's
-prior; so does a group of the parameters of a model of matrices. Findings of the measurement are taken out of the modal
-sets: no sensor table can say "from the tenth on". The estimators (the Tikhonov update and the maximum of the posterior,
-and where it is asked for the sampler) are given the mean of the blocks in which all findings act and the nacelle looked
-one way, with the standard deviations of that mean and of model form.
+Structural and environmental findings become parameters of the model's file; so does a group of the parameters of a
+model of matrices. The prior of one that was found by a change within the record is the size found, with its standard
+deviation: no later set shows that change again. One that was there throughout has the catalogue's prior, as the same
+sets give its size. Findings of the measurement are taken out of the modal sets: no sensor table can say "from the tenth
+on". The estimators (the Tikhonov update and the maximum of the posterior, and where it is asked for the sampler) are
+given the mean of the blocks in which all findings act and the nacelle looked one way, with the standard deviations of
+that mean.
 """
 
 from __future__ import annotations
@@ -52,6 +54,8 @@ IDENTIFIED, TOO_ALIKE = 0.5, 0.95
 NOTABLE = 0.3
 # standard deviations between the size that was found and the one an update of the mean gives, beyond which it is said
 APART = 2.0
+# time profiles by which a size is known without an absolute value
+CHANGES = ("step", "ramp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +79,8 @@ def extend(
     (where the model's parameters came from, if from another file) and `seed` are for the command that is given. On the
     executor `runs` the model as it is and with the findings are updated side by side."""
     problem, fitted = outcome.problem, outcome.fitted
-    added = _Added.of(prepared, fitted)
+    sizes = sizes_std(problem, fitted)
+    added = _Added.of(prepared, fitted, sizes)
     mean, n_block = mean_set(problem, fitted)
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
@@ -105,7 +110,7 @@ def extend(
     content = {
         "files": files,
         "added": [_added_table(prepared, added, n) | {"size_std": std}
-                  for n, std in zip(fitted.included, sizes_std(problem, fitted), strict=True)],
+                  for n, std in zip(fitted.included, sizes, strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
         "after": after,
@@ -178,19 +183,22 @@ class _Added:
     moved: tuple[IncludedEffect, ...] = ()
 
     @classmethod
-    def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
+    def of(cls, prepared: Prepared, fitted: Fit, sizes: Sequence[float]) -> _Added:
+        """`sizes`: standard deviation of each included effect's size."""
         if prepared.description is not None:
-            return cls(effects=tuple(described(n.effect.adds, n) for n in fitted.included
+            return cls(effects=tuple(described(n.effect.adds, n, std)
+                                     for n, std in zip(fitted.included, sizes, strict=True)
                                      if n.effect.adds is not None and not of_gravity(n)))
         groups, taken = [], list(prepared.prior.names)
-        for n in fitted.included:
+        for n, std in zip(fitted.included, sizes, strict=True):
             if n.effect.parts:
                 e = n.effect
+                centre, width = (n.size, std) if by_change(n, std) else (0.0, e.prior_scale)
                 name = group_parameter(e.location or e.cause, taken)
                 taken.append(name)
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
-                groups.append((n, Group(name=name, parts=dict(e.parts), std=e.prior_scale, lower=e.lower, upper=e.upper,
-                                        unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
+                groups.append((n, Group(name=name, parts=dict(e.parts), initial=centre, std=width, lower=e.lower,
+                                        upper=e.upper, unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
                                         f"diagnosed as {_profile_words(n)}")))
         return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included
                                                      if n.effect.adds is not None and not of_gravity(n)))
@@ -240,9 +248,18 @@ class _Added:
         return model.channel_rows(theta)
 
 
-def described(added: EffectParameter, included: IncludedEffect) -> EffectParameter:
+def by_change(included: IncludedEffect, size_std: float) -> bool:
+    """Whether a size is known from a change within the record, and not only as a share of absolute values."""
+    return included.time_profile.kind in CHANGES and size_std > 0
+
+
+def described(added: EffectParameter, included: IncludedEffect, size_std: float) -> EffectParameter:
     """The parameter that the model gets for a finding, its time profile stated in its description."""
-    return replace(added, location=f"{added.location}; diagnosed as {_profile_words(included)}")
+    stated = replace(added, location=f"{added.location}; diagnosed as {_profile_words(included)}")
+    if not by_change(included, size_std):
+        return stated
+    centre = min(max(added.neutral + included.size, added.lower), added.upper)
+    return replace(stated, initial=centre, std=size_std, prior="normal")
 
 
 def _profile_words(included: IncludedEffect) -> str:
@@ -352,8 +369,8 @@ def _applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
     """Mean modes of the blocks after every step of `like` (default: of the fit itself) and where the nacelle mostly
-    looked then, without what sensors were found to do; and their number. Standard deviations are those of the mean and,
-    beside them, the model discrepancy of model form. Covariates are at their mean in the record."""
+    looked then, without what sensors were found to do; and their number. Standard deviations are those of the mean
+    alone: what the model misses is for the likelihood to state. Covariates are at their mean in the record."""
     blocks, design = problem.blocks, fitted.design
     later = np.ones(len(blocks), bool)
     for n in (like or fitted).included:
@@ -379,7 +396,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
         k, members = len(group), list(group)
         n_log = 1 if k == 1 else 3
         mean = weight @ fitted.residuals[q] / weight.sum()
-        variance = design.noise.covariance[q] / weight.sum() + np.diag(problem.discrepancy_std[q] ** 2)
+        variance = design.noise.covariance[q] / weight.sum()
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = seen_there[q]
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
@@ -487,18 +504,21 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
 
 
 def size_statements(added: Sequence[dict], parameters: Sequence[dict]) -> list[str]:
-    """Where the update of the mean gives a finding another size than the whole record did, or ends at a bound."""
+    """Where the update of the mean gives a finding another size than the whole record did, or one that was there
+    throughout ends at a bound."""
     rows, said = {p["name"]: p for p in parameters}, []
     for one in added:
         row = rows.get(one.get("parameter"))
-        if one["as"] != "parameter" or row is None or one["time_profile"] not in ("constant", "step"):
+        if one["as"] != "parameter" or row is None or one["time_profile"] not in ("constant", *CHANGES):
             continue
-        size = row["map"] - row["prior"]
+        change = one["time_profile"] in CHANGES
+        size = row["map"] - row["prior"] + (one["size"] if change else 0.0)
         # at a bound it is the bound's, and its standard deviation says nothing of how far off that is
-        if row["at_bound"] or abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
+        bound = row["at_bound"] and not change
+        if bound or abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
             why = ("the record shows it as a change, the mean after it only as one more share of an absolute value"
-                   if one["time_profile"] == "step" else "the mean lacks the tolerances that the diagnosis allows for")
+                   if change else "the mean lacks the tolerances that the diagnosis allows for")
             said.append(f"{row['name']}: found as {one['size']:.4g} +- {one['size_std']:.2g}, but {size:.4g} +- "
-                        f"{row['std']:.2g}{', at a bound,' if row['at_bound'] else ''} by the update of the mean: "
+                        f"{row['std']:.2g}{', at a bound,' if bound else ''} by the update of the mean: "
                         f"{why}; take the found one")
     return said

@@ -30,8 +30,8 @@ class EffectParameter:
     """A parameter that a turbine's model gets for an effect: a kind (see `effect_kinds.KINDS`), where it acts (`on`)
     and the kind's own settings.
 
-    `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `cause` and `location` say it in
-    words.
+    `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `initial` the prior's centre where
+    that is not the neutral value; `cause` and `location` say it in words.
     """
 
     name: str
@@ -42,6 +42,7 @@ class EffectParameter:
     lower: float
     upper: float
     prior: str = "normal"
+    initial: float | None = None
     cause: str = ""
     location: str = ""
 
@@ -69,14 +70,15 @@ class EffectParameter:
                          upper=self.upper, prior=self.prior, description=self.description)
 
     def table(self) -> dict:
-        """As a [[parameter]] of model.toml, neutral at first."""
+        """As a [[parameter]] of model.toml."""
         table: dict[str, object] = {"name": self.name, "description": self.description, "kind": self.kind}
         if self.on:
             table["on"] = {key: list(v) if isinstance(v, tuple) else v for key, v in self.on.items()}
         table |= {key: list(v) if isinstance(v, tuple) else v for key, v in self.settings.items()}
         return table | {
-            "unit": self.unit, "initial": self.neutral, "std": float(self.std), "lower": float(self.lower),
-            "upper": float(self.upper), "prior": self.prior, "update": True,
+            "unit": self.unit, "initial": float(self.neutral if self.initial is None else self.initial),
+            "std": float(self.std), "lower": float(self.lower), "upper": float(self.upper), "prior": self.prior,
+            "update": True,
         }
 
 
@@ -98,7 +100,7 @@ def extended_model(
     sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float = 0.0,
 ) -> AffineModel:
-    """The turbine of a model.toml with the effects as parameters behind its own, at their neutral values.
+    """The turbine of a model.toml with the effects as parameters behind its own, at the centres of their priors.
 
     `parameters` replaces the updated ones of the file (not the effects); `sensors` and `nacelle_angle_deg` as in
     `load_model`. The model that `write_extended` writes is this one.

@@ -26,12 +26,13 @@ CHANNEL_ARRAYS = ("channel_dof", "channel_sign", "channel_tilt_dof", "channel_ti
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """`parts`: member -> its change for a value of one of the group's parameter, which is neutral at zero; `std` of its
-    prior, `lower` and `upper` are in that unit."""
+    """`parts`: member -> its change for a value of one of the group's parameter, which is neutral at zero; its prior's
+    centre `initial` and `std`, `lower` and `upper` are in that unit."""
 
     name: str
     parts: Mapping[str, float]
     std: float
+    initial: float = 0.0
     lower: float = -np.inf
     upper: float = np.inf
     unit: str = "-"
@@ -94,8 +95,8 @@ def write_grouped(
         content |= added
         lower, upper = group.bounds(parameters)
         description = group.description or f"{group.name}: {', '.join(f'{a:+g} {k}' for k, a in group.parts.items())}"
-        tables.append({"name": called, "description": description, "unit": group.unit, "initial": 0.0,
-                       "std": float(group.std), "lower": lower, "upper": upper, "prior": "normal", "update": True})
+        tables.append({"name": called, "description": description, "unit": group.unit,
+                       "initial": float(np.clip(group.initial, lower, upper)), "std": float(group.std), "lower": lower, "upper": upper, "prior": "normal", "update": True})
     write_arrays(target, content)
     text = f"name = {json.dumps(name)}\n\n[matrices]\nfile = {json.dumps(target.name)}\n\n"
     return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
