@@ -96,7 +96,8 @@ def write_grouped(
         lower, upper = group.bounds(parameters)
         description = group.description or f"{group.name}: {', '.join(f'{a:+g} {k}' for k, a in group.parts.items())}"
         tables.append({"name": called, "description": description, "unit": group.unit,
-                       "initial": float(np.clip(group.initial, lower, upper)), "std": float(group.std), "lower": lower, "upper": upper, "prior": "normal", "update": True})
+                       "initial": float(np.clip(group.initial, lower, upper)), "std": float(group.std), "lower": lower,
+                       "upper": upper, "prior": "normal", "update": True})
     write_arrays(target, content)
     text = f"name = {json.dumps(name)}\n\n[matrices]\nfile = {json.dumps(target.name)}\n\n"
     return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
