@@ -197,9 +197,9 @@ class _Added:
                 name = group_parameter(e.location or e.cause, taken)
                 taken.append(name)
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
+                words = f"{e.cause}: {e.location} ({members} for one); diagnosed as {_profile_words(n)}"
                 groups.append((n, Group(name=name, parts=dict(e.parts), initial=centre, std=width, lower=e.lower,
-                                        upper=e.upper, unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
-                                        f"diagnosed as {_profile_words(n)}")))
+                                        upper=e.upper, unit=e.unit, description=words)))
         return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included
                                                      if n.effect.adds is not None and not of_gravity(n)))
 
