@@ -32,7 +32,7 @@ $(VENV)/docs: $(VENV)/core requirements-docs.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
 	touch $@
 
-# the site, into site/; it needs no network once it is set up, and opens from disk
+# the site, into site/; it needs no network once it is set up, and opens and is searched from disk
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(VENV)/docs
 	$(BIN)/python -m mkdocs build --quiet --strict
