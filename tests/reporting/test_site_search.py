@@ -1,4 +1,4 @@
-"""The site's search from disk: a browser starts no worker from a file, so that one in a hidden frame takes its place."""
+"""The site's search from disk: a browser starts no worker from a file; one in a hidden frame takes its place."""
 
 import shutil
 from pathlib import Path
