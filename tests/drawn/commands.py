@@ -7,6 +7,7 @@ import io
 import json
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 from drawn.cases import Case, Scene, scene, write_modes
@@ -65,9 +66,11 @@ def steps(model: list[str], folder: Path, *, extend: bool) -> list[list[str]]:
     ]
 
 
-def run_case(case: Case, folder: Path, *, only: tuple[str, ...] = (), extend: bool = True, raw: bool = False) -> dict:
+def run_case(case: Case, folder: Path, *, only: tuple[str, ...] = (), extend: bool = True, raw: bool = False,
+             after_each: Callable[[dict], None] = lambda line: None) -> dict:
     """A line of results: what every command said, and what the diagnosis found beside what is hidden. `only`: these
-    commands; `raw`: from accelerations instead of modal sets."""
+    commands; `raw`: from accelerations instead of modal sets; `after_each`: is given the line so far, before the first
+    command and after each."""
     begun = time.process_time()
     s = scene(case)
     model = s.drawn.write(folder)
@@ -80,7 +83,10 @@ def run_case(case: Case, folder: Path, *, only: tuple[str, ...] = (), extend: bo
     line = {"id": case.id + ("-raw" if raw else ""), "kind": case.kind, "class": case.hidden_class, "seed": case.seed,
             "title": s.drawn.title, "hidden": hidden_row(s), "truth_s": round(time.process_time() - begun, 1)}
     after = [w for w in steps(model, folder, extend=extend) if not only or w[0] in only]
-    line["commands"] = [run(w) for w in (*before, *after)]
+    line["commands"] = []
+    for words in (*before, *after):
+        after_each(line | {"running": words[0]})
+        line["commands"].append(run(words))
     return line | judged(s, folder / "diagnosis.json")
 
 
@@ -94,7 +100,8 @@ def hidden_row(s: Scene) -> dict | None:
 
 def judged(s: Scene, path: Path) -> dict:
     """silent; unexplained; right: the first finding is what is hidden; in the set: another finding or an alternative
-    of one; wrong. `limit`: the least of it that the diagnosis says it finds in such a record."""
+    of one; ambiguous: none of several; wrong: another name. `limit`: the least of it that the diagnosis says it finds
+    in such a record."""
     if not path.is_file():
         return {"verdict": None, "judged": "no diagnosis"}
     content = json.loads(path.read_text(encoding="utf-8"))
@@ -111,7 +118,7 @@ def judged(s: Scene, path: Path) -> dict:
     elif named[0] in right:
         word = "right"
     else:
-        word = "in the set" if right & {*named, *others} else "wrong"
+        word = "in the set" if right & {*named, *others} else "wrong" if content["verdict"] == "named" else "ambiguous"
     return {"verdict": content["verdict"], "judged": word, "p": content["p_value"],
             "limit": min(limits) if limits else None,
             "findings": [{"cause": f["cause"], "location": f["location"], "profile": f["time_profile"],
