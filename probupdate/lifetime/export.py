@@ -28,6 +28,7 @@ from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, drawn_ratios, measured_ratios
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
+from probupdate.lifetime.substructure_file import NAME, differences, write_substructure
 from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
 from probupdate.modal.labels import NEUTRAL, TURBINE, family
@@ -41,6 +42,7 @@ from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
+from probupdate.structure.subdyn_writing import LEFT_OUT, NoWord
 from probupdate.structure.substructure import NothingBelow, turbine_substructure
 from probupdate.updating.posterior_file import Posterior
 
@@ -288,7 +290,7 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
         solved.append(model.solve(theta, n))
         expected = solved[-1].frequency_hz
         written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
-                               files.status.remark, left_out if k == 0 else [])
+                               files.status.remark, left_out if k == 0 else None)
         for entry, opened in written.items():
             if opened is not None:
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
@@ -314,15 +316,16 @@ def _softened(path: Path) -> bool:
 
 
 def _model_files(
-    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]
+    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str] | None
 ) -> dict[str, Model | None]:
     """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of
-    one."""
+    one. `left_out`: of the first draw, where what all of them lack is said."""
+    said: list[str] = [] if left_out is None else left_out
     if is_subdyn(path):
         written: dict[str, Model | None] = {}
         tower, odd = "tower" in read_toml(path), unspeakable(path)
         if odd:
-            left_out.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
+            said.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
         else:
             file, above = applied(path, values, remark)
             place = _at_draw(path)
@@ -331,7 +334,7 @@ def _model_files(
                 written[_joined(place.parent, name)] = None
             written[place.as_posix()] = None if tower else subdyn_model(target, root=folder)
             if above:
-                left_out.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
+                said.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
         if tower or not written:
             written |= _toml_model(folder, path, values, remark)
         return written
@@ -342,7 +345,24 @@ def _model_files(
         text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
         write_text(folder / "parameters.toml", text)
         return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
-    return _toml_model(folder, path, values, remark)
+    written = _toml_model(folder, path, values, remark)
+    return written if "matrices" in read_toml(path) else written | _substructure(folder, remark, left_out)
+
+
+def _substructure(folder: Path, remark: str, left_out: list[str] | None) -> dict[str, Model | None]:
+    """SubDyn's file of a turbine's draw; that of the first draw is solved again, for what it says of all."""
+    described = read_turbine(folder / "model.toml")
+    try:
+        paths = write_substructure(described, folder, remark)
+    except (NothingBelow, NoWord) as error:
+        if left_out is not None:
+            left_out.append(f"models as SubDyn files: {error}")
+        return {}
+    if left_out is not None:
+        worst = float(np.abs(differences(described, paths[0])).max())
+        left_out.append(f"in models/*/{NAME}: {'; '.join(LEFT_OUT)}; without these, read back below the tower of the "
+                        f"first draw, the turbine's lowest frequencies are the model's within {worst:.1e}")
+    return {p.name: None for p in paths}
 
 
 def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Model | None]:

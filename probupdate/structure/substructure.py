@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -62,7 +63,7 @@ def turbine_substructure(d: Description) -> Substructure:
     mass and the member forces that the whole turbine's weight makes. The foot's flange is in it. `joints` count the
     nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
     frame, where = build_frame(d), d.name
-    above, foot = _split(frame, where)
+    above, foot = split(frame, where)
     gravity = d.gravity_mps2 if d.mesh.geometric_stiffness else None
     K, M, motion = supporting_matrices(frame, d.values, ~above, theory=d.mesh.theory, gravity_mps2=gravity)
     below = np.flatnonzero(~above)
@@ -72,8 +73,31 @@ def turbine_substructure(d: Description) -> Substructure:
         joint_motion=motion[(6 * below[:, None] + np.arange(6)).ravel()], there=np.ones((len(below), 6), bool))
 
 
-def _split(frame: Frame, where: str) -> tuple[np.ndarray, int]:
-    """(n_node,) which nodes are above the tower's foot, and the foot."""
+def with_tower(
+    whole: Substructure, frame: Frame, values: Mapping[str, float], *, theory: str
+) -> tuple[sparse.csc_array, sparse.csc_array]:
+    """K, M of a substructure that meets the tower of a frame, at parameter values (all by name), at its one interface
+    node; prestress left out. What is at the tower's foot is the substructure's."""
+    above, foot = split(frame, whole.where)
+    alone = replace(frame, prestress=(), bodies=tuple(b for b in frame.bodies if b.node != foot))
+    kept = above.copy()
+    kept[foot] = True
+    K, M, motion = supporting_matrices(alone, values, kept, theory=theory, gravity_mps2=None)
+    at_foot = sparse.csr_array(motion[6 * foot : 6 * foot + 6])
+    own = at_foot.indices
+    rest = np.setdiff1d(np.arange(K.shape[0]), own)
+    n = whole.stiffness.shape[0]
+    joined = sparse.lil_array((K.shape[0], n + len(rest)))
+    joined[own, :n] = whole.interface
+    joined[rest, n + np.arange(len(rest))] = 1.0
+    joined = sparse.csr_array(joined)
+    below = sparse.eye_array(n, n + len(rest), format="csr")
+    return tuple(sparse.csc_array(below.T @ low @ below + joined.T @ high @ joined)
+                 for low, high in ((whole.stiffness, K), (whole.mass, M)))
+
+
+def split(frame: Frame, where: str) -> tuple[np.ndarray, int]:
+    """(n_node,) which nodes are above the tower's foot, and the foot. Raises NothingBelow."""
     tower = {node for beam in frame.beams if beam.group == TOWER for node in (beam.start, beam.end)}
     others = {node for beam in frame.beams if beam.group != TOWER for node in (beam.start, beam.end)}
     foot = sorted(tower & others)

@@ -90,10 +90,11 @@ def read_turbine(path: str | Path) -> TurbineFile:
 
 def _turbine(path: Path) -> TurbineFile:
     raw = read_toml(path, "model file")
-    if "matrices" in raw or "jacket" not in raw:
-        raise InputError(
-            str(path), "holds no [jacket]: a virtual turbine needs a geometry", "give a model.toml with members"
-        )
+    if "jacket" not in raw:
+        form = next((f"describes a turbine with [{name}]" for name in ("monopile", "foundation") if name in raw),
+                    "describes no turbine by its geometry")
+        raise InputError(str(path), f"{form}, and the virtual turbine is built on jackets alone",
+                         "give a model.toml with [jacket] (`probupdate template jacket OUT`), or measured records")
     sensors, parts = [], []
     for number, entry in enumerate(raw.get("sensor", [])):
         where = f"{path}, sensor {entry.get('channel', number)}"

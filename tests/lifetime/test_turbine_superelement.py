@@ -70,6 +70,8 @@ def test_the_export_of_a_turbine_has_superelements_of_every_draw(tmp_path):
     results = RunResults(posterior=posterior(model), model=model, path=tmp_path / "model.toml")
     done = export_lifetime(results, tmp_path / "out", ExportSettings(n_draw=2, n_mode=6))
     assert not any("superelements" in text for text in done.left_out) and 0 <= done.truncation < 0.05
+    assert any("substructure.dat" in text and "HydroDyn" in text for text in done.left_out)
+    assert all((done.folder / "models" / k / "substructure.dat").is_file() for k in ("001", "002"))
     for k in (1, 2):
         read = read_extptfm(done.folder / "superelements" / f"{k:03d}.cb.dat")
         own = reduced(turbine_substructure(read_description(done.folder / "models" / f"{k:03d}" / "model.toml")),
