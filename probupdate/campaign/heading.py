@@ -19,6 +19,7 @@ from probupdate.campaign.mounting import LOWEST_HZ, is_upright
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.modal.modes import Sensor
+from probupdate.modal.sensor_places import at_one_height
 
 # blocks whose rotor turns faster (rpm) and whose heading moves less (deg) are used, and so many are needed
 SLOWEST_RPM, MOST_TURNED_DEG, FEWEST_BLOCKS = 4.0, 5.0, 5
@@ -85,9 +86,8 @@ def block_sway(block: Block, sensors: Sequence[Sensor], usable: np.ndarray, cond
 
 def _top(sensors: Sequence[Sensor], usable: np.ndarray) -> tuple[list[int], np.ndarray] | None:
     """Channels of the highest place that see both horizontal directions, and the matrix (2, n) that gives them."""
-    heights = sorted({round(float(s.position_m[2]), 3) for s in sensors}, reverse=True)
-    for z in heights:
-        rows = [i for i, s in enumerate(sensors) if usable[i] and abs(s.position_m[2] - z) < 1e-3]
+    for level in reversed(at_one_height(sensors)):
+        rows = [i for i in level if usable[i]]
         flat = [i for i in rows if abs(sensors[i].direction[2]) < 0.05]
         # level sensors know nothing of the vertical; oblique ones need all three directions
         for some, n in ((flat, 2), (rows, 3)):

@@ -249,7 +249,7 @@ def _beside_the_structure(
     rest, before = residuals(empirical, known), residuals(as_measured, known)
     noise = own_noise(now, empirical, rest, stated_patterns(now, empirical))
     nuisance = empirical.nuisance(known)
-    of_name = {(e.cause, e.location): e for e in catalogue}
+    of_key = {e.key: e for e in catalogue}
     # by itself in each mode, or in all alike, which is as probable
     sizes = [len(g) for g in blocks.groups]
     structure = np.logaddexp(log_change_of_structure(before, noise, nuisance, time_profiles, sizes),
@@ -258,7 +258,7 @@ def _beside_the_structure(
     n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
     own = log_density(rest, noise) - log_density(before, noise) - np.log(n_step)
     for f, acting in [(c.finding, c.time_profile.value != 0) for c in changes if c.finding is not None]:
-        effect = of_name[f.cause, f.location]
+        effect = of_key[f.key]
         own += np.log(effect.prior_odds("step") / total) + log_weight_of_size(effect, f.size, f.size_std)
         # what was measured is what is asked: a gain of a half halves the scatter too
         own -= _log_stretch(effect, f.size, acting, blocks, as_measured.used, empirical.axes)
@@ -367,9 +367,10 @@ def _change_of_sensor(
         size_std=mended_by.size_std, unit=effect.unit, time_profile=time_profile.name,
                       time_profile_start=blocks.ids[time_profile.at], z=z,
         posterior_probability=probability[row],
-        alternatives=tuple(Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k])
-                           for k in others for e in [seen.effects[k - seen.n_frequency]]),
-        check=effect.check)
+        alternatives=tuple(
+            Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k], key=e.key)
+            for k in others for e in [seen.effects[k - seen.n_frequency]]),
+        check=effect.check, key=effect.key)
     return Change(finding=finding, time_profile=time_profile, moved=(),
                   within_tolerance=abs(mended_by.size) <= effect.tolerance)
 

@@ -16,13 +16,14 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.lifetime import efthymiou
 from probupdate.lifetime.conditions import Conditions, Efthymiou, Factors, Sides
+from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.coefficient import Values
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.schema import nearest
 
 PLACES = 8
-SAME_POINT_M = 1e-6
+SAME_POINT_M = 1e-5
 # how far a girth weld may be from the end of an element
 REACH_M = 0.5
 # two braces of a K joint lie in one plane with their chord, to the cosine of half a degree
@@ -113,20 +114,20 @@ class HotSpot:
 
 def brace_ends(frame: Frame) -> list[Detail]:
     """Every end of a brace at a leg or at its crossing, by bays' names as the frame has them."""
-    legs = {}
+    place_of, legs = place_numbers(frame.node_m, SAME_POINT_M).tolist(), {}
     for b in frame.beams:
         if b.group == "leg":
             for node in (b.start, b.end):
-                legs.setdefault(_key(frame.node_m[node]), b)
+                legs.setdefault(place_of[node], b)
     members: dict[str, list[int]] = {}
     for number, b in enumerate(frame.beams):
         if b.group == "brace":
             members.setdefault(b.part, []).append(number)
-    at_node: dict[tuple, list[int]] = {}
+    at_place: dict[int, list[int]] = {}
     for numbers in members.values():
         for number in numbers:
             for node in (frame.beams[number].start, frame.beams[number].end):
-                at_node.setdefault(_key(frame.node_m[node]), []).append(number)
+                at_place.setdefault(place_of[node], []).append(number)
     found = []
     for part, numbers in members.items():
         middle = (
@@ -135,16 +136,15 @@ def brace_ends(frame: Frame) -> list[Detail]:
         for number in numbers:
             b = frame.beams[number]
             for end, node in enumerate((b.start, b.end)):
-                place = frame.node_m[node]
-                key = _key(place)
-                others = [k for k in at_node[key] if frame.beams[k].part != part]
-                if key in legs:
-                    chord, at = legs[key], "leg"
+                place = place_of[node]
+                others = [k for k in at_place[place] if frame.beams[k].part != part]
+                if place in legs:
+                    chord, at = legs[place], "leg"
                 elif others:
                     chord, at = frame.beams[others[0]], "crossing"
                 else:
                     continue
-                found.append(_brace_end(frame, number, end, chord, at, bool(place[2] > middle)))
+                found.append(_brace_end(frame, number, end, chord, at, bool(frame.node_m[node][2] > middle)))
     return found
 
 
@@ -407,7 +407,3 @@ def _thickness(conditions: Conditions, curve: str, wall_m: float) -> float:
 def weights(spots: Sequence[HotSpot]) -> tuple[np.ndarray, np.ndarray]:
     """Detail of each hot spot (n_spot,), weights (n_spot, 3)."""
     return np.array([s.detail for s in spots]), np.array([s.weight for s in spots])
-
-
-def _key(position: np.ndarray) -> tuple:
-    return tuple(np.round(position / SAME_POINT_M / 10).astype(np.int64).tolist())

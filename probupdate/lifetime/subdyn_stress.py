@@ -16,9 +16,10 @@ from scipy import sparse
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import SubDynFile
 from probupdate.lifetime.conditions import Conditions, Girth, MemberEnd, Site
-from probupdate.lifetime.details import ONE_PLANE, REACH_M, Detail, HotSpot, hot_spots, refuse_tables
+from probupdate.lifetime.details import ONE_PLANE, REACH_M, SAME_POINT_M, Detail, HotSpot, hot_spots, refuse_tables
 from probupdate.lifetime.stress import LEAST_POINTS, POINT_EVERY_M, StressModel, Waves, frequency_grid, placed_blocks
 from probupdate.modal.modes import Sensor
+from probupdate.modal.sensor_places import place_numbers
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
@@ -248,11 +249,12 @@ def _girths(own: Opened, entry: Girth, where: str) -> list[Detail]:
             f"the nearest element of [group.{entry.part}] ends {nearest_gap:.2f} m from {entry.z_m:g} m",
             "choose the level of an element's end",
         )
-    found: dict[tuple, Detail] = {}
+    place_of = place_numbers(own.frame.node_m, SAME_POINT_M)
+    found: dict[int, Detail] = {}
     for gap, number, end in sorted(gaps):
-        place = own.frame.node_m[own.frame.elements[number].nodes[end]]
-        if gap < nearest_gap + 1e-6:
-            found.setdefault(tuple(np.round(place, 4)), _detail(own, number, end, 0, None))
+        if gap < nearest_gap + SAME_POINT_M:
+            place = int(place_of[own.frame.elements[number].nodes[end]])
+            found.setdefault(place, _detail(own, number, end, 0, None))
     return list(found.values())
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.modal.labels import LOCAL_LIMIT, TURBINE, ModeCharacter, numbered
+from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
 
 # of the structure's extent: nodes are at one level, or on one vertical line, within this
@@ -38,9 +39,8 @@ def vertical_axis(places: DofPlaces, mass: np.ndarray) -> np.ndarray:
     moves = (places.direction >= 0) & (places.direction < 3)
     position = places.position_m[moves]
     same = SAME * float(np.ptp(position, axis=0).max(initial=0.0)) or 1.0
-    lines, number = np.unique(np.round(position[:, :2] / same), axis=0, return_inverse=True)
-    number = number.ravel()
-    low, high = (np.full(len(lines), sign * np.inf) for sign in (1, -1))
+    number = place_numbers(position[:, :2], same)
+    low, high = (np.full(number.max() + 1, sign * np.inf) for sign in (1, -1))
     np.minimum.at(low, number, position[:, 2])
     np.maximum.at(high, number, position[:, 2])
     rise = high - low

@@ -1,11 +1,14 @@
-"""Which sensors are at one place, and which at one height: by the size of what they stand on, as a bench is a hundredth
-of a turbine; two that are near are one whatever digits their coordinates begin with."""
+"""Which points are at one place, and which sensors at one height: by the size of what they stand on, as a bench is a
+hundredth of a turbine; two that are near are one whatever digits their coordinates begin with."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
 from probupdate.modal.sets import Sensor
 
@@ -13,18 +16,19 @@ from probupdate.modal.sets import Sensor
 SAME_PLACE, SAME_HEIGHT = 2e-4, 3e-3
 
 
+def place_numbers(position: np.ndarray, near: float) -> np.ndarray:
+    """(n,) numbers of the places of points (n, n_axis), counted in their order: points within `near` of another one of
+    a place are there too."""
+    pairs = cKDTree(position).query_pairs(near, output_type="ndarray")
+    graph = sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(len(position),) * 2)
+    return csgraph.connected_components(graph, directed=False)[1]
+
+
 def at_one_place(sensors: Sequence[Sensor]) -> list[list[int]]:
     """Numbers of the sensors of each place, in the order of the first ones."""
     position = _positions(sensors)
-    near = np.linalg.norm(position[:, None] - position[None], axis=2) <= SAME_PLACE * _extent(position)
-    left, found = list(range(len(position))), []
-    while left:
-        there = {left[0]}
-        while more := set(np.flatnonzero(near[sorted(there)].any(axis=0)).tolist()) - there:
-            there |= more
-        found.append(sorted(there))
-        left = [k for k in left if k not in there]
-    return found
+    number = place_numbers(position, SAME_PLACE * _extent(position)) if len(position) else np.empty(0, int)
+    return [np.flatnonzero(number == k).tolist() for k in range(number.max(initial=-1) + 1)]
 
 
 def at_one_height(sensors: Sequence[Sensor]) -> list[list[int]]:
