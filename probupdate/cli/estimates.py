@@ -8,6 +8,7 @@ from typing import Any
 from probupdate.cli.options import (
     AddCommand,
     alpha_option,
+    fixed,
     on_every_mode,
     on_modes,
     on_workers,
@@ -24,7 +25,7 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
     """What every step on modes is given beside its own options."""
     from probupdate.updating.discrepancy import LikelihoodSettings
 
-    return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
+    return {"parameters": a.parameters, "only": a.only, "fix": fixed(a.fix), "likelihood": LikelihoodSettings(
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
         tolerances=a.tolerances)}
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
+from pathlib import Path
+
+from probupdate.errors import InputError
 
 MODEL_HELP = ("model.toml, a SubDyn .dat, or model.npz with --parameters; "
               "'design', 'as_built', 'updated' name the reference turbine")
@@ -93,7 +97,9 @@ def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
 def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
     """Model, modes and what is compared of them; `one`: of one set."""
     on_model(p)
-    p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
+    modes_option(p, "modes.json; nine.json from `select`")
+    p.add_argument("--fix", type=held_option, nargs="+", metavar="NAME=VALUE", action="extend",
+                   help="hold parameters at these values, such as k_p=1.0, and update the others")
     if one:
         p.add_argument("--set", help="id of one set to use alone (default: all comparable sets together)")
     weights = p.add_mutually_exclusive_group()
@@ -113,6 +119,43 @@ def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
     p.add_argument("--tolerances", action=argparse.BooleanOptionalAction, default=None,
                    help="marginalise the tolerances of structure, soil, rotor-nacelle assembly and sensors "
                    "(default with --weights measured or covariance)")
+
+
+class ModesAction(argparse.Action):
+    """The modes' file, and labels of modes behind it or in a further --modes."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        for value in values if isinstance(values, list) else [values]:
+            if getattr(namespace, self.dest) is None and (Path(value).suffix or Path(value).exists()):
+                setattr(namespace, self.dest, value)
+            else:
+                namespace.only = [*(namespace.only or ()), *(label for label in value.split(",") if label)]
+
+
+def modes_option(p: argparse.ArgumentParser, text: str) -> None:
+    """--modes FILE LABELS, or --modes FILE --modes LABELS."""
+    p.add_argument("--modes", action=ModesAction, nargs="+", required=True, metavar=("FILE", "LABEL"), help=text + "; "
+                   "labels behind it, such as FA1,SS1, take these modes alone")
+    p.set_defaults(only=None)
+
+
+def held_option(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = float("nan")
+    if not (name and equals and math.isfinite(number)):
+        raise argparse.ArgumentTypeError(f"{text} is no NAME=VALUE with a number, such as k_p=1.0")
+    return name.strip(), number
+
+
+def fixed(pairs: list[tuple[str, float]] | None) -> dict[str, float] | None:
+    """Of --fix, by name. Raises InputError for a name with two values."""
+    for name, value in pairs or ():
+        if any(other != value for again, other in pairs or () if again == name):
+            raise InputError(f"--fix {name}", "is given two values", "give one")
+    return dict(pairs) if pairs else None
 
 
 def on_every_mode(p: argparse.ArgumentParser) -> None:

@@ -112,4 +112,6 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         near = [m for word in unknown for m in get_close_matches(word.split("=")[0], known, n=1)]
         meant = f"; did you mean {' '.join(near)}?" if near else ""
         verb.error(f"unknown: {' '.join(unknown)}{meant}")
+    if getattr(found, "only", None) and found.modes is None:
+        parser.error(f"--modes {','.join(found.only)}: names no file; give modes.json first, then labels of modes")
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from probupdate.cli.options import MODEL_HELP, AddCommand, on_workers, positive, seeded
+from probupdate.cli.options import MODEL_HELP, AddCommand, modes_option, on_workers, positive, seeded
 from probupdate.cli.terminal import answer
 from probupdate.errors import ProbupdateError
 from probupdate.runtime.progress import Progress
@@ -17,7 +17,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-            shapes=a.shapes, frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
+            only=a.only, shapes=a.shapes, frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
             sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
             progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
@@ -58,7 +58,7 @@ def add_commands(verb: AddCommand) -> None:
              "what the simulation or the measurement gets wrong: cause, place, size, and what would not be seen")
     p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
-    p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
+    modes_option(p, "modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
     p.add_argument("--without", nargs="+", metavar="CHANNEL",
                    help="channels that are not looked at, as they are known to be wrong")

@@ -177,7 +177,7 @@ class TurbineUncertainty:
     def extended(self) -> AffineModel:
         """The model with a parameter for every tolerance."""
         names = {e.name for e in self.added}
-        base = Parameters(tuple(p for p in self.parameters if p.name not in names))
+        base = Parameters(tuple(p for p in self.parameters if p.name not in names), held=self.parameters.held)
         return extended_model(self.path, [*self.added, *(r.effect for r in self.tolerances)], parameters=base,
                               sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)
 

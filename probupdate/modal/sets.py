@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -405,6 +406,18 @@ class ModalData:
         return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
                        labels=tuple(self.labels[j] for j in columns) if self.labels else (),
                        records=tuple(self.records[j] for j in columns) if self.records else ())
+
+    def of_labels(self, labels: Sequence[str]) -> ModalData:
+        """The same sets with these modes alone, in the order of the file; by their numbers, from 1, where they have no
+        labels. Raises InputError for one that is not there."""
+        known = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        for label in labels:
+            if label not in known:
+                near = get_close_matches(label, known, n=1)
+                raise InputError(f"mode {label}", "is to be compared, but there is none of that label",
+                                 f"did you mean '{near[0]}'? there are {', '.join(known)}" if near else
+                                 f"there are {', '.join(known)}")
+        return self.of_modes([j for j, label in enumerate(known) if label in labels])
 
     def without_channels(self, names: Sequence[str]) -> ModalData:
         """The same sets without these channels. Raises InputError for one that is not there, or where none is left."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -132,7 +134,7 @@ class Parameters:
     Every method takes theta of shape (..., n). With a correlation the prior is the joint Gaussian (in theta, or
     in ln theta for the lognormal ones) cut at the bounds; its normalising constant is then left out and
     `log_density` says so through `normalised`. A model may have none: then it has modes and nothing to update.
-    `held`: names and values of those that its file lists with `update = false`.
+    `held`: names and values of those that its file lists with `update = false`, or that a user holds (`holding`).
     """
 
     items: tuple[Parameter, ...]
@@ -217,6 +219,33 @@ class Parameters:
         if name not in self.names:
             raise InputError(f"parameter {name}", "not among the updated ones", f"choose from {', '.join(self.names)}")
         return self.names.index(name)
+
+    def holding(self, values: Mapping[str, float]) -> Parameters:
+        """The others alone, these held at values of their own. Raises InputError for a name that is not among them, a
+        value outside its bounds, one that the prior correlates with another, or where none is left."""
+        for name, value in values.items():
+            if name not in self.names:
+                near = difflib.get_close_matches(name, self.names, n=1)
+                raise InputError(f"fix, {name}", "is no updated parameter", f"did you mean '{near[0]}'?" if near else
+                                 f"choose from {', '.join(self.names)}")
+            own = self.items[self.index(name)]
+            if not own.lower <= value <= own.upper:
+                raise InputError(f"fix, {name}", f"{value:g} is outside its bounds",
+                                 f"give a value from {own.lower:g} to {own.upper:g}")
+        kept = [k for k, p in enumerate(self.items) if p.name not in values]
+        if not kept:
+            raise InputError("fix", "no parameter is left to update", "hold fewer of them")
+        correlation = self.correlation
+        if correlation is not None:
+            across = np.delete(correlation[kept], kept, axis=1)
+            if np.any(across != 0):
+                row, column = np.argwhere(across != 0)[0]
+                other = [n for n in self.names if n in values][column]
+                raise InputError(f"fix, {other}", f"its prior is correlated with that of {self.items[kept[row]].name}",
+                                 "hold both, or take it out of [correlation]")
+            correlation = correlation[np.ix_(kept, kept)]
+        held = (*self.held, *((name, float(value)) for name, value in values.items()))
+        return Parameters(tuple(self.items[k] for k in kept), correlation, held)
 
     def inside(self, theta: np.ndarray) -> np.ndarray:
         """Which rows of theta (..., n) lie within the bounds, where the density is above zero -> (...,) bool."""

@@ -21,6 +21,7 @@ from probupdate.io.files import named_within, read_bytes, read_json_table, read_
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes
 from probupdate.model.interface import Model
+from probupdate.model.parameters import Parameters
 from probupdate.reporting.campaign_values import campaign_values, truth_values
 from probupdate.reporting.model_values import compared_modes, drawn_set, model_values
 from probupdate.reporting.paper_tables import is_the_jacket
@@ -99,7 +100,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     comparison = read("compare.json", read_comparison)
     diagnosis = read("diagnosis.json", read_diagnosis)
     data = compared_modes(nine or modes, update)
-    model = read("model", lambda path: _load_model(path, parameters, folder, campaign, drawn_set(data, update)))
+    held = update.parameters if update is not None and update.parameters.held else parameters
+    model = read("model", lambda path: _load_model(path, held, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
     _refuse_other_structure(folder, model, update, diagnosis)
@@ -192,7 +194,8 @@ def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> 
 
 
 def _load_model(
-    path: Path, parameters: Path | None, folder: Path, campaign: CampaignValues | None, modal_set: ModalSet | None
+    path: Path, parameters: Path | Parameters | None, folder: Path, campaign: CampaignValues | None,
+    modal_set: ModalSet | None,
 ) -> Model:
     """The model at the campaign's sensors with the nacelle as in that set, as the steps saw it."""
     from probupdate.structure.load import load_model, nacelle_angle_deg

@@ -227,7 +227,7 @@ class AffineModel:
         if self.gravity is not None and np.any(self.gravity.share):
             # without any the answers are those of a model that knows nothing of it
             text.append(f"gravity {self.gravity.mps2!r} {self.gravity.share.tolist()}")
-        for p in self.parameters:
+        for p in (*self.parameters, *self.parameters.held):
             text.append(repr(p))
         if self.parameters.correlation is not None:
             text.append(self.parameters.correlation.tobytes().hex())

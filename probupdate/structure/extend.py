@@ -118,7 +118,7 @@ def _with_effects(parameters: Parameters, description: Description, effects: Seq
     correlation = parameters.correlation
     if correlation is not None:
         correlation = linalg.block_diag(correlation, np.eye(len(added)))
-    return Parameters((*parameters.items, *added), correlation)
+    return Parameters((*parameters.items, *added), correlation, parameters.held)
 
 
 def extended_text(path: str | Path, effects: Sequence[EffectParameter]) -> str:

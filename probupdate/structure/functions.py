@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -39,6 +39,19 @@ class FunctionModel:
     def n_available(self) -> int:
         """As many as the function gives at the initial parameters."""
         return np.size(self.function(np.array(self.parameters.initial))[0])
+
+    def holding(self, values: Mapping[str, float]) -> FunctionModel:
+        """The same function of the other parameters alone, these held at values of their own."""
+        kept = self.parameters.holding(values)
+        whole = np.array([values.get(name, 0.0) for name in self.parameters.names])
+        free = np.array([name not in values for name in self.parameters.names])
+
+        def function(theta):
+            full = whole.copy()
+            full[free] = theta
+            return self.function(full)
+
+        return replace(self, parameters=kept, function=function)
 
     def _evaluate(self, theta, n_mode):
         frequency, shape = self.function(np.array(theta, float))
@@ -93,7 +106,7 @@ class FunctionModel:
         return None
 
     def fingerprint(self) -> str:
-        text = [self.name, self.version, *self.channels, *map(repr, self.parameters)]
+        text = [self.name, self.version, *self.channels, *map(repr, (*self.parameters, *self.parameters.held))]
         if self.parameters.correlation is not None:
             text.append(self.parameters.correlation.tobytes().hex())
         return hashlib.sha256("\n".join(text).encode()).hexdigest()

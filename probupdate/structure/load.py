@@ -225,10 +225,11 @@ def turbine_model(
     `build_frame` of this description and heading, where it has been built already."""
     parameters = updated_of(description, where) if parameters is None else parameters
     known = {*description.own_parameters, *(p.name for p in description.effects)}
-    for name in parameters.names:
+    values = dict(parameters.held) | {p.name: p.initial for p in parameters}
+    for name in values:
         if name not in known:
             raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, known))
-    values = description.values | {p.name: p.initial for p in parameters}
+    values = description.values | values
     try:
         frame = build_frame(description, nacelle_angle_deg) if frame is None else frame
     except InputError as error:

@@ -249,9 +249,10 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     frame = build_subdyn_frame(file)
     targets = targets_of(file, description, path)
     values = {p.name: p.initial for p in description.parameter}
-    for name in parameters.names:
+    for name in (*parameters.names, *(name for name, _ in parameters.held)):
         if name not in values:
             raise InputError(f"{path}: parameter {name}", "the model has no such parameter", nearest(name, values))
+    values |= dict(parameters.held)
     _check_bounds(description, parameters, path)
     fixed = {name: value for name, value in values.items() if name not in parameters.names}
     terms = _terms(frame, description, targets, path, angle_deg)

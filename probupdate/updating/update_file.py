@@ -181,7 +181,7 @@ class UpdateRecord:
 
 def summary(record: UpdateRecord) -> str:
     """A dozen lines for a terminal."""
-    lines = [record.settings[SETS]] if SETS in record.settings else []
+    lines = []
     if misses(record):
         lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
                      "not to be trusted")
@@ -190,6 +190,10 @@ def summary(record: UpdateRecord) -> str:
                      "trusted")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
+    if SETS in record.settings:
+        lines.append(record.settings[SETS])
+    if "held" in record.settings:
+        lines.append(f"held: {record.settings['held']}")
     for key in ("step", "prior"):
         s = record.scheme(key)
         settled = "settled" if s.converged else "NOT settled"
@@ -396,7 +400,7 @@ def parameters_to_table(parameters: Parameters) -> dict:
     """JSON form; infinite bounds become null."""
     items = [_plain(asdict(p)) for p in parameters]
     correlation = None if parameters.correlation is None else parameters.correlation.tolist()
-    return {"items": items, "correlation": correlation}
+    return {"items": items, "correlation": correlation, "held": [list(pair) for pair in parameters.held]}
 
 
 def parameters_from_table(table: Mapping) -> Parameters:
@@ -406,7 +410,8 @@ def parameters_from_table(table: Mapping) -> Parameters:
         bounds = {"lower": -np.inf if low is None else low, "upper": np.inf if high is None else high}
         items.append(Parameter(**{**entry, **bounds}))
     correlation = table.get("correlation")
-    return Parameters(tuple(items), None if correlation is None else np.array(correlation))
+    held = tuple((str(name), float(value)) for name, value in table["held"])
+    return Parameters(tuple(items), None if correlation is None else np.array(correlation), held)
 
 
 def write_update(record: UpdateRecord, path: str | Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,16 +46,22 @@ def refuse_other_kinds(model: object, modes: object) -> None:
         raise InputError("modes", f"a {type(modes).__name__} is no modal data", "give a path or ModalData")
 
 
-def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode: bool = False) -> ModalData:
-    """Sets of which at least one mode was identified, as the others cannot be updated; of their modes those that are
-    compared with a model."""
+def chosen_modes(modes: str | Path | ModalData, only: Sequence[str] | None, every_mode: bool = False) -> ModalData:
+    """Of all sets the modes that are compared with a model: those of these labels where some are chosen."""
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
-    data = whole.compared(every_mode)
+    return whole.of_labels(only) if only else whole.compared(every_mode)
+
+
+def compared_modes(
+    modes: str | Path | ModalData, set_id: str | None = None, every_mode: bool = False, only: Sequence[str] | None = None
+) -> ModalData:
+    """Sets of which at least one of the modes that are compared was identified, as the others cannot be updated."""
+    data = chosen_modes(modes, only, every_mode)
     kept = tuple(s for s in data.sets if np.any(s.measured))
     if set_id is not None and not np.any(data.set(set_id).measured):
         raise InputError(f"set {set_id}", "has no identified mode", "choose another set, or check its identification")
     if not kept:
-        where = "modes" if whole is modes else str(modes)
+        where = "modes" if isinstance(modes, ModalData) else str(modes)
         raise InputError(where, "no set has an identified mode", "check the identification")
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference)
@@ -74,12 +81,12 @@ class Case:
     def of(
         cls, model: GivenModel, modes: str | Path | ModalData, likelihood: LikelihoodSettings, *,
         parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
-        progress: Progress = silent,
+        only: Sequence[str] | None = None, fix: Mapping[str, float] | None = None, progress: Progress = silent,
     ) -> Case:
         refuse_other_kinds(model, modes)
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
-        data = compared_modes(modes, set_id, every_mode)
-        model_at = ModelAt(model, parameters, str(modes), data.felt)
+        data = compared_modes(modes, set_id, every_mode, only)
+        model_at = ModelAt(model, parameters, str(modes), data.felt, fix)
         joint = joint_set(data, covariance=likelihood.joint_covariance) if set_id is None else single_set(data, set_id)
         weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
         return cls(data=data, joint=joint, model_at=model_at, weights=weights)
@@ -95,13 +102,17 @@ class Case:
         return said | self.model_at.setting(self.joint.data.set(), self.data.channels)
 
 
-def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:
+def unmatched(
+    modes: str | Path | ModalData, every_mode: bool = False, only: Sequence[str] | None = None
+) -> dict[str, tuple[str, ...]]:
     """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
     out', and on those that are 'taken' although they look unlike the model's."""
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
-    used = whole.compared(every_mode).labels
+    used = chosen_modes(whole, only, every_mode).labels
     left, taken = [], []
     for one in whole.records:
+        if only and one.label not in only:
+            continue
         place = f"{one.label} ({one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks)"
         if not one.found or not one.match:
             continue
@@ -127,6 +138,8 @@ def update(
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
+    only: Sequence[str] | None = None,
+    fix: Mapping[str, float] | None = None,
     settings: UpdateSettings = UPDATE,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -134,17 +147,18 @@ def update(
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
 
     likelihood: which responses are compared and what is stated of their error. settings: alpha, method and iterations
-    of Eq. 7. every_mode: also modes that identification numbered, where they are alike to one of the model's. jobs:
-    processes, or an executor, for the updates of the sets; the numbers are the same on any.
+    of Eq. 7. every_mode: also modes that identification numbered, where they are alike to one of the model's; only: the
+    modes of these labels alone. fix: parameters that are held at a value. jobs: processes, or an executor, for the
+    updates of the sets; the numbers are the same on any.
     """
     from probupdate.updating.runs import deterministic_update
 
     refuse_other_value("settings", settings, UpdateSettings)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
-                   progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode, only=only,
+                   fix=fix, progress=progress)
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
                                   every=case.data, model_at=case.model_at, jobs=jobs, progress=progress)
-    said = unmatched(modes, every_mode)
+    said = unmatched(modes, every_mode, only)
     kept = {**record.settings, **case.setting}
     if said["taken"]:
         kept |= {UNLIKE: "; ".join(said["taken"])}
@@ -161,6 +175,8 @@ def sample(
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
+    only: Sequence[str] | None = None,
+    fix: Mapping[str, float] | None = None,
     settings: SamplerSettings = SAMPLER,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -173,12 +189,13 @@ def sample(
     refuse_other_value("settings", settings, SamplerSettings)
     out = Path(out)
     chain = out.with_name(out.name + ".chain")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
-                   progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode, only=only,
+                   fix=fix, progress=progress)
     with sole_writer(chain):
         posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
                                      settings=settings, jobs=jobs, progress=progress)
-        statements = [*case.joint.notes, *posterior.record.get("statements", ())]
+        held = [f"held: {case.setting['held']}"] if fix else []
+        statements = [*case.joint.notes, *held, *posterior.record.get("statements", ())]
         posterior = replace(posterior, record={**posterior.record, **case.setting, "statements": statements})
         write_posterior(posterior, out)
     return posterior
@@ -197,7 +214,7 @@ def compare(
     drawn = posterior if isinstance(posterior, Posterior) else read_posterior(posterior)
     if model is None:
         return compare_results(record, drawn)
-    opened = open_model(model, parameters)
+    opened = open_model(model, record.parameters if record.parameters.held else parameters)
     if opened.parameters.names != record.parameters.names:
         raise InputError(opened.name, "has other parameters than the update", "give the model that was updated")
     return compare_results(record, drawn, getattr(opened, "derived", None))
@@ -210,6 +227,8 @@ def sets(
     *,
     parameters: str | Path | None = None,
     likelihood: LikelihoodSettings = COMPARED,
+    only: Sequence[str] | None = None,
+    fix: Mapping[str, float] | None = None,
     correlated: bool = False,
     spread: float = CONSTANTS.population_spread,
     seed: int = 1,
@@ -221,10 +240,11 @@ def sets(
     from probupdate.updating.set_views import view_sets
 
     refuse_other_kinds(model, modes)
-    whole = compared_modes(modes, None)
+    whole = compared_modes(modes, only=only)
     # what all sets are weighed by is not learnt from one that is none of them
     kept, _ = without_outliers(whole)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, only=only, fix=fix,
+                   progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
                      spread=spread, seed=seed, progress=progress)
 
@@ -237,6 +257,8 @@ def inform(
     parameters: str | Path | None = None,
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
+    only: Sequence[str] | None = None,
+    fix: Mapping[str, float] | None = None,
     every: bool = False,
     at: str = "initial",
     posterior: str | Path | Posterior | None = None,
@@ -254,7 +276,8 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, only=only, fix=fix,
+                   progress=progress)
     joint = case.joint.data
     problem = build_problem(case.model, joint, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
@@ -264,7 +287,8 @@ def inform(
         if not isinstance(model, str | Path) or not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
         angle = case.model_at.angle_deg(joint.set())
-        whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
+        every_row = every_parameter(model_path(model)).holding(fix or {})
+        whole = load_model(model_path(model), parameters=every_row, nacelle_angle_deg=angle)
         problem = build_problem(case.model_at.with_uncertainty(whole, angle), joint,
                                 weights=replace(case.weights, at=None))
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)

@@ -16,6 +16,8 @@ from probupdate.io.files import read_bytes
 from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.model.interface import Model
+from probupdate.model.parameters import Parameters
+from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes, unused_of
 from probupdate.structure.readings import gravity_words
@@ -48,25 +50,34 @@ def refuse_other_value(name: str, value: object, kind: type) -> None:
 
 
 def open_model(
-    model: GivenModel, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
-    nacelle_angle_deg: float = 0.0,
+    model: GivenModel, parameters: str | Path | Parameters | None = None, sensors: tuple[Sensor, ...] | None = None, *,
+    nacelle_angle_deg: float = 0.0, fix: Mapping[str, float] | None = None,
 ) -> Model:
-    """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
+    """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel); `fix`:
+    parameters that are held at a value."""
     if not isinstance(model, str | Path):
         refuse_no_model(model)
-        return model
-    return load_model(model_path(model), parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
+        if not fix:
+            return model
+        if not isinstance(model, FunctionModel):
+            raise InputError("fix", f"parameters of a {type(model).__name__} that is made already cannot be held",
+                             "give the model's file, or a FunctionModel")
+        return model.holding(fix)
+    place = {"sensors": sensors, "nacelle_angle_deg": nacelle_angle_deg}
+    opened = load_model(model_path(model), parameters=parameters, **place)
+    return load_model(model_path(model), parameters=opened.parameters.holding(fix), **place) if fix else opened
 
 
 @dataclass(frozen=True, eq=False)
 class ModelAt:
     """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then. `felt`:
-    what the modal sets state of gravity in their channels' readings."""
+    what the modal sets state of gravity in their channels' readings; `fix`: parameters that are held at a value."""
 
     model: GivenModel
     parameters: str | Path | None
     where: str
     felt: Mapping[str, bool] = field(default_factory=dict)
+    fix: Mapping[str, float] | None = None
 
     def angle_deg(self, modal_set: ModalSet) -> float:
         """0 for models that cannot be turned."""
@@ -82,7 +93,7 @@ class ModelAt:
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)
         if angle not in self._opened:
-            opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
+            opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle, fix=self.fix)
             self._opened[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
         return self._opened[angle]
 
@@ -108,6 +119,8 @@ class ModelAt:
     def setting(self, modal_set: ModalSet, channels: Sequence[str]) -> dict[str, str]:
         """What to say of it beside a result."""
         said = {"gravity": gravity_said(self(modal_set), channels, self.felt, modal_set)}
+        if self.fix:
+            said["held"] = ", ".join(f"{name} at {value:g}" for name, value in self.fix.items())
         if not self.turns:
             return said
         text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
