@@ -53,7 +53,8 @@ def chosen_modes(modes: str | Path | ModalData, only: Sequence[str] | None, ever
 
 
 def compared_modes(
-    modes: str | Path | ModalData, set_id: str | None = None, every_mode: bool = False, only: Sequence[str] | None = None
+    modes: str | Path | ModalData, set_id: str | None = None, every_mode: bool = False,
+    only: Sequence[str] | None = None,
 ) -> ModalData:
     """Sets of which at least one of the modes that are compared was identified, as the others cannot be updated."""
     data = chosen_modes(modes, only, every_mode)

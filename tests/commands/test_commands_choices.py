@@ -88,7 +88,7 @@ def test_choices_of_what_is_not_there_name_what_is(building, refused, more, word
 
 
 def test_labels_without_a_file_are_refused(building, refused):
-    words = refused("update", "--model", building["model"], "--modes", "FA1,SS1", "--out", building["folder"] / "x.json")
+    words = refused("update", "--model", building["model"], "--modes", "FA1,SS1", "--out", building["folder"] / "x")
     assert "--modes FA1,SS1: names no file" in words
 
 
