@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +74,11 @@ class CampaignCheck:
     summary: str
     measured: tuple[SensorFinding, ...] = ()
 
+    def with_more(self, finding: str, use: str) -> CampaignCheck:
+        """With a finding before the others ('' for none) and something that can be done."""
+        found, uses = (*([finding] if finding else []), *self.findings), (*self.uses, use)
+        return replace(self, findings=found, uses=uses, summary=_summary(self.summary.splitlines()[0], found, uses))
+
     def to_frame(self) -> pd.DataFrame:
         """`table`: a row a block and channel; numbers about samples in SI units."""
         return with_units(self.table)
@@ -138,15 +143,18 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
                 "whose spectra memory holds; leave_out in campaign.toml takes some away")
     elif stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
-    summary = "\n".join([
+    summary = _summary(
         f"{campaign.name}: {plural(len(campaign.sensors), 'channel')} at {campaign.sampling_rate_hz:g} Hz, "
         f"{plural(len(campaign.files), 'file')}, {plural(len(head), 'block')} of {campaign.block_minutes:g} minutes",
-        *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses),
-    ])
+        findings, uses)
     return CampaignCheck(
         campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary,
         measured=measured,
     )
+
+
+def _summary(head: str, findings: Sequence[str], uses: Sequence[str]) -> str:
+    return "\n".join([head, *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses)])
 
 
 def compare_block(

@@ -87,9 +87,8 @@ def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None
                        "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
 
 
-def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
-    """A model of any form."""
-    without = "" if required else "; without, poles that come back are numbered"
+def on_model(p: argparse.ArgumentParser, required: bool = True, without: str = "") -> None:
+    """A model of any form; `without`: what to say of it where it may be left out."""
     p.add_argument("--model", required=required, help=MODEL_HELP + without)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
 

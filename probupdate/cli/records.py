@@ -25,7 +25,8 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
     several = len(a.campaign) > 1
     if several and a.out:
         raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
-    results = [probupdate.check(campaign, progress=progress) for campaign in a.campaign]
+    results = [probupdate.check(campaign, a.model, parameters=a.parameters, progress=progress)
+               for campaign in a.campaign]
     if not several:
         if a.out:
             results[0].write(a.out)
@@ -109,12 +110,13 @@ def _of_records(verb: AddCommand) -> None:
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
                    "several: setups of one structure, whose references are compared too")
+    on_model(p, required=False, without="; then signs, axes and order of the channels are held against it")
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
-    on_model(p, required=False)
+    on_model(p, required=False, without="; without, poles that come back are numbered")
     p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever "
                    "they are (default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "

@@ -71,12 +71,9 @@ def channel_mistake(
 ) -> ChannelMistake | None:
     """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. None where
     the shapes are alike, or no single change makes them so."""
-    shape = np.real(rotate_to_real(modal_set.shape))
-    used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2]
-    if len(used) < 2 or len(channels) < 3:
+    shape, clusters = _judged(modal_set)
+    if shape.shape[1] < 2 or len(channels) < 3:
         return None
-    clusters = [[used.index(j) for j in c if j in used] for c in close_clusters(modal_set.frequency_hz)]
-    shape, clusters = shape[:, used], [c for c in clusters if c]
     best: ChannelMistake | None = None
     for model in computed:
         found = (_at(shape, clusters, tuple(channels), model)
@@ -84,6 +81,42 @@ def channel_mistake(
         if found is not None and (best is None or found.mac_after > best.mac_after):
             best = found
     return best
+
+
+def shape_agreement(modal_set: ModalSet, computed: np.ndarray) -> float:
+    """Mean MAC of the set's modes, each with one of computed (n_channel, n_mode) of its own; NaN where none has three
+    components."""
+    shape, clusters = _judged(modal_set)
+    return 1 - _loss(shape, clusters, computed) if shape.shape[1] else float("nan")
+
+
+def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
+    """How each channel (n_channel,) moves with the computed shapes (n_channel, n_mode) over all modes: the cosine of
+    its measured and its computed components, -1 of a reversed channel; its square is the coordinate MAC (Lieven &
+    Ewins 1988). Each mode counts alike, a close pair is fitted within its plane. NaN where nothing moves."""
+    shape, clusters = _judged(modal_set)
+    column, _ = _best(shape, clusters, computed)
+    dot, own, other = (np.zeros(len(shape)) for _ in range(3))
+    for members in clusters:
+        columns = [column[j] for j in members if column[j] < computed.shape[1]]
+        there = np.all(np.isfinite(shape[:, members]), axis=1)
+        if len(columns) < len(members) or there.sum() <= len(members):
+            continue
+        a = shape[there][:, members] / np.linalg.norm(shape[there][:, members], axis=0)
+        b = computed[there][:, columns] @ np.linalg.lstsq(computed[there][:, columns], a, rcond=None)[0]
+        dot[there] += np.sum(a * b, axis=1)
+        own[there] += np.sum(a**2, axis=1)
+        other[there] += np.sum(b**2, axis=1)
+    scale = np.sqrt(own * other)
+    return np.divide(dot, scale, out=np.full(len(shape), np.nan), where=scale > 0)
+
+
+def _judged(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
+    """Real shapes (n_channel, n) of the modes that have three components, and which of them are close."""
+    shape = np.real(rotate_to_real(modal_set.shape))
+    used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2]
+    clusters = [[used.index(j) for j in c if j in used] for c in close_clusters(modal_set.frequency_hz)]
+    return shape[:, used], [c for c in clusters if c]
 
 
 def _at(shape, clusters, channels, model) -> ChannelMistake | None:

@@ -57,7 +57,7 @@ def diagnose(
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
     at, as a diagnosis has found that they are wrong; `only`: modes of these labels alone. `shapes` "none": frequencies
     alone. `frequency_std`, `shape_std`: standard deviations of what states none, as shares of each frequency and of a
-    shape's largest component; from eight sets on their own scatter says it. `options`: `sensors`, `groups`, `effects` and
+    shape's largest component; from eight sets on their own scatter says it. `options`: `sensors`, `groups`, `effects`,
     `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of
     `diagnosis.run.diagnose_files`.
     """

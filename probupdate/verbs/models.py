@@ -71,13 +71,15 @@ def open_model(
 @dataclass(frozen=True, eq=False)
 class ModelAt:
     """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then. `felt`:
-    what the modal sets state of gravity in their channels' readings; `fix`: parameters that are held at a value."""
+    what the modal sets state of gravity in their channels' readings; `fix`: parameters that are held at a value;
+    `sensors`: the model's own where None."""
 
     model: GivenModel
     parameters: str | Path | None
     where: str
     felt: Mapping[str, bool] = field(default_factory=dict)
     fix: Mapping[str, float] | None = None
+    sensors: tuple[Sensor, ...] | None = None
 
     def angle_deg(self, modal_set: ModalSet) -> float:
         """0 for models that cannot be turned."""
@@ -93,7 +95,7 @@ class ModelAt:
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)
         if angle not in self._opened:
-            opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle, fix=self.fix)
+            opened = open_model(self.model, self.parameters, self.sensors, nacelle_angle_deg=angle, fix=self.fix)
             self._opened[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
         return self._opened[angle]
 

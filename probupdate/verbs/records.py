@@ -14,15 +14,26 @@ from probupdate.campaign.converting import convert as convert_files
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, names_files
 from probupdate.runtime.progress import Progress, silent
+from probupdate.verbs.models import GivenModel
 
 if TYPE_CHECKING:
     from probupdate.campaign.universal import Translation
 
 
 @names_files("campaign")
-def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
-    """What a campaign holds, what is wrong with it, what can be done with it."""
-    return check_campaign(read_campaign(campaign), progress=progress)
+def check(
+    campaign: str | Path, model: GivenModel | None = None, *, parameters: str | Path | None = None,
+    progress: Progress = silent,
+) -> CampaignCheck:
+    """What a campaign holds, what is wrong with it, what can be done with it. With a model also signs, axes and order
+    of the channels, by the shapes of some blocks."""
+    opened = read_campaign(campaign)
+    if model is None:
+        return check_campaign(opened, progress=progress)
+    from probupdate.verbs.against_model import against_model
+
+    held = against_model(opened, model, parameters=parameters, progress=progress)
+    return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
 
 
 def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent) -> SetupComparison:

@@ -35,7 +35,7 @@ STUDY = Path(__file__).resolve().parents[2] / "studies" / "footbridge"
 # The commands and their options -------------------------------------------------------------------------------------
 
 OPTIONS = {
-    "demo": {"--seed"}, "simulate": {"--model", "--days", "--truth", "--seed"}, "check": set(),
+    "demo": {"--seed"}, "simulate": {"--model", "--days", "--truth", "--seed"}, "check": {"--model"},
     "identify": {"--model", "--out"}, "select": {"--scada", "--out"}, "update": {"--model", "--modes", "--out"},
     "sample": {"--model", "--modes", "--out", "--seed"}, "compare": {"--out", "--model"}, "report": {"--out"},
     "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed",

@@ -1,0 +1,114 @@
+"""A campaign's channels held against a model: which sign, exchange or order of them makes the measured shapes its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.campaign.blocks import block_starts
+from probupdate.campaign.reading import Campaign
+from probupdate.errors import InputError
+from probupdate.identification.identify import identify
+from probupdate.identification.settings import IdentificationSettings
+from probupdate.modal.channel_mistakes import FAR, ChannelMistake, channel_mistake, shape_agreement, signed_comac
+from probupdate.modal.matching import reading
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.joint_set import joint_set
+from probupdate.verbs.identifying import reference_at, sensors_of, ssi_settings
+from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
+
+# blocks that are identified at most, evenly spread; share of them that has a mode whose shape is judged
+MOST_BLOCKS, PERSISTENT = 24, 0.5
+# signed coordinate MAC from which a channel moves the other way, and share of the blocks in which it does
+OPPOSITE = 0.8
+# modes of the model beyond the measured ones that are searched
+SEARCH = 10
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AgainstModel:
+    """finding: what is wrong with channels, '' for nothing; use: what was compared, in a sentence."""
+
+    finding: str
+    use: str
+
+
+def against_model(
+    campaign: Campaign, model: GivenModel, *, parameters: str | Path | None = None, progress: Progress = silent
+) -> AgainstModel:
+    """Some blocks are identified without standard deviations, their shapes taken together, and each block asked again.
+    Raises InputError where the model has not the campaign's channels."""
+    sought = reference_at([campaign], model, where=campaign.path, parameters=parameters)
+    chosen, _ = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
+    try:
+        found = identify(_some_blocks(campaign), sought.modes, others=sought.others,
+                         settings=replace(chosen, sub_records=0), progress=progress)
+    except InputError as error:
+        return AgainstModel(finding="", use=f"not held against the model, as no modes were identified: {error.problem}")
+    data = _persistent(found.data)
+    joint = joint_set(data)
+    one = joint.data.set()
+    at = ModelAt(model, parameters, str(campaign.path), data.felt,
+                 sensors=sensors_of([campaign]) if has_geometry(model) else None)
+    opened = reading(at(one), data.felt)
+    rows = [opened.channels.index(c) for c in data.channels]
+    shape = opened.solve(opened.parameters.initial, min(data.n_mode + SEARCH, opened.n_available)).shape[rows]
+    agreement, n_mode = shape_agreement(one, shape), int(np.sum(one.measured))
+    use = (f"shapes of {n_mode} modes in {len(joint.ids)} blocks held against the model: mean MAC {agreement:.2f}")
+    blocks = [s for s in data.sets if s.id in joint.ids]
+    likely = channel_mistake(one, data.channels, [shape])
+    if likely is None:
+        # channels that move too little to change a MAC
+        each = np.array([signed_comac(s, shape) < -OPPOSITE / 2 for s in blocks])
+        opposite = [c for c, r, share in zip(data.channels, signed_comac(one, shape), each.mean(axis=0), strict=True)
+                    if r < -OPPOSITE and share >= OPPOSITE]
+        if 0 < len(opposite) <= len(data.channels) // 3:
+            return AgainstModel(use=use, finding=(
+                f"against the model: {', '.join(opposite)} moves the other way than the model's modes, in "
+                f"{int(round(each[:, data.channels.index(opposite[0])].sum()))} of {len(blocks)} blocks; "
+                + _reversed_remedy(opposite[0])))
+    if 1 - agreement <= FAR:
+        return AgainstModel(finding="", use=use)
+    if likely is None:
+        return AgainstModel(use=use, finding=(
+            f"shapes are not the model's (mean MAC {agreement:.2f} of {n_mode} modes), and no reversal or exchange of "
+            "channels explains it: check that the model is of this structure, its sensors' places and directions, or "
+            "ask `probupdate diagnose`"))
+    alike = [channel_mistake(s, data.channels, [shape]) for s in blocks]
+    votes = sum(a is not None and likely.candidates[0] in a.candidates for a in alike)
+    return AgainstModel(use=use, finding=(f"against the model: {likely.sentence}; so say {votes} of {len(joint.ids)} "
+                                          f"blocks alone; {_remedy(likely)}"))
+
+
+def _remedy(likely: ChannelMistake) -> str:
+    """What to change of a campaign; where the modes were written already see `ChannelMistake.remedy`."""
+    first = likely.candidates[0]
+    if len(first) == 1:
+        return _reversed_remedy(first[0])
+    if len(first) == 2:
+        return (f"look which cable is whose at {' and '.join(first)}, and if they are exchanged exchange their two "
+                "[[sensor]] tables in campaign.toml, which stand in the order of the columns")
+    return "check the order of [[sensor]] in campaign.toml against the columns of the records"
+
+
+def _reversed_remedy(channel: str) -> str:
+    return (f"look at {channel}, and if it is mounted the other way reverse its direction in campaign.toml and where "
+            "the model reads it (its [[sensor]] in model.toml, channel_sign of a model of matrices)")
+
+
+def _some_blocks(campaign: Campaign) -> Campaign:
+    """The campaign with so few of its files that they hold about MOST_BLOCKS blocks."""
+    n_file = len(campaign.files)
+    kept = max(1, min(n_file, int(np.ceil(n_file * MOST_BLOCKS / max(len(block_starts(campaign)), 1)))))
+    return replace(campaign, files=tuple(campaign.files[k] for k in np.linspace(0, n_file - 1, kept).astype(int)))
+
+
+def _persistent(data: ModalData) -> ModalData:
+    """The modes that stand in most blocks, in the blocks that have one of them."""
+    share = np.mean([s.measured for s in data.sets], axis=0)
+    kept = data.of_modes(np.flatnonzero(share >= min(PERSISTENT, share.max())))
+    return replace(kept, sets=tuple(s for s in kept.sets if s.measured.any()), reference_set=None)

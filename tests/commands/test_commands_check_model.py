@@ -1,0 +1,95 @@
+"""Signs and order of a campaign's channels held against a model, by records of a building that were simulated."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from command_cases import CHANNELS, FLOORS, TRUTH, matrices, storey_matrix, write_building
+from scipy import linalg, signal
+
+from probupdate.cli import main
+
+RATE_HZ, SECONDS, N_BLOCK = 25.0, 600, 4
+GROUPS = (range(0, 7), range(7, 14), range(14, 20))
+
+
+def records() -> np.ndarray:
+    """Accelerations (n_sample, n_channel) of the building under white noise at every floor, mode by mode."""
+    rng = np.random.default_rng(6)
+    k = matrices()["K0"] + sum(t * storey_matrix(g) for t, g in zip(TRUTH, GROUPS, strict=True))
+    square, phi = linalg.eigh(k, matrices()["M0"])
+    n = int(RATE_HZ * SECONDS * N_BLOCK)
+    force, found = rng.standard_normal((n, len(phi))), np.zeros((n, len(CHANNELS)))
+    for j in range(6):
+        system = ([1.0, 0.0, 0.0], [1.0, 0.02 * np.sqrt(square[j]), square[j]])
+        b, a, _ = signal.cont2discrete(system, 1 / RATE_HZ, method="bilinear")
+        found += np.outer(signal.lfilter(b.ravel(), a, force @ phi[:, j]), phi[FLOORS, j])
+    return 0.01 * (found / found.std() + 0.05 * rng.standard_normal(found.shape))
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("building")
+    write_building(folder)
+    np.save(folder / "records.npy", records())
+    return folder
+
+
+def campaign(building: Path, name: str, change=lambda data: data, directions=(1,) * len(CHANNELS)) -> Path:
+    folder = building / name
+    (folder / "acceleration").mkdir(parents=True)
+    text = f'name = "{name}"\nsampling_rate_hz = {RATE_HZ}\nblock_minutes = 10\n'
+    for channel, floor, sign in zip(CHANNELS, FLOORS, directions, strict=True):
+        text += (f'[[sensor]]\nchannel = "{channel}"\nlevel = "{channel}"\nposition_m = [0.0, 0.0, {3.0 * floor + 3}]\n'
+                 f'direction = [{float(sign)}, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n')
+    (folder / "campaign.toml").write_text(text)
+    with h5py.File(folder / "acceleration" / "one.h5", "w") as file:
+        held = file.create_dataset("data", data=change(np.load(building / "records.npy")).astype(np.float32))
+        held.attrs["start"], held.attrs["sampling_rate_hz"] = "2026-06-01T00:00:00Z", RATE_HZ
+    return folder
+
+
+def reversed_channel(number):
+    return lambda data: data * np.where(np.arange(len(CHANNELS)) == number, -1, 1)
+
+
+def against(folder: Path, model: Path, capsys) -> list[str]:
+    assert main(["check", str(folder), "--model", str(model)]) == 0
+    return [line for line in capsys.readouterr().out.splitlines() if "the model" in line]
+
+
+def test_channels_as_the_model_has_them_are_not_suspected(building, capsys):
+    (line,) = against(campaign(building, "right"), building / "model.npz", capsys)
+    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+
+
+@pytest.mark.parametrize("number", (0, 3))
+def test_a_reversed_channel_is_named(building, capsys, number):
+    folder = campaign(building, f"reversed {number}", reversed_channel(number))
+    first, _ = against(folder, building / "model.npz", capsys)
+    assert f"channel {CHANNELS[number]} with the opposite sign would explain it" in first
+    assert "so say 4 of 4 blocks alone" in first
+
+
+def test_exchanged_channels_are_named(building, capsys):
+    folder = campaign(building, "exchanged", lambda data: data[:, [0, 3, 2, 1, 4]])
+    first, _ = against(folder, building / "model.npz", capsys)
+    assert f"channels {CHANNELS[1]} and {CHANNELS[3]} exchanged would explain it" in first
+
+
+def test_the_remedy_for_a_reversed_channel_works(building, capsys):
+    """direction in campaign.toml and channel_sign of the model, as the finding says."""
+    sign = np.where(np.arange(len(CHANNELS)) == 3, -1, 1)
+    np.savez(building / "turned.npz", **matrices(), channel_sign=sign)
+    (building / "turned.toml").write_text((building / "parameters.toml").read_text())
+    folder = campaign(building, "mended", reversed_channel(3), directions=sign)
+    (line,) = against(folder, building / "turned.npz", capsys)
+    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+
+
+def test_a_model_without_the_channels_is_refused(building, capsys):
+    np.savez(building / "other.npz", **matrices() | {"channel": np.array(["a", "b", "c", "d", "e"])})
+    (building / "other.toml").write_text((building / "parameters.toml").read_text())
+    assert main(["check", str(campaign(building, "strange")), "--model", str(building / "other.npz")]) == 2
+    assert "channel F05: is not a channel of the model" in capsys.readouterr().err
