@@ -36,7 +36,7 @@ def building(tmp_path_factory):
     return folder
 
 
-def campaign(building: Path, name: str, change=lambda data: data, directions=(1,) * len(CHANNELS)) -> Path:
+def campaign(building: Path, name: str, change=lambda data: data, directions=(1, 1, 1, 1, 1)) -> Path:
     folder = building / name
     (folder / "acceleration").mkdir(parents=True)
     text = f'name = "{name}"\nsampling_rate_hz = {RATE_HZ}\nblock_minutes = 10\n'
