@@ -1,10 +1,11 @@
 """The steps of the command line as functions: each reads files, returns one frozen result that can write itself."""
 
+from probupdate.verbs.checking import check
 from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
 from probupdate.verbs.finishing import diagnose, export, figures, report
 from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
 from probupdate.verbs.models import model_modes, model_path, open_model
-from probupdate.verbs.records import check, check_setups, convert
+from probupdate.verbs.records import check_setups, convert
 from probupdate.verbs.sought import modes_of_interest
 from probupdate.verbs.templates import template
 from probupdate.virtual.simulation import simulate
@@ -12,6 +13,7 @@ from probupdate.virtual.simulation import simulate
 __all__ = [
     "check",
     "check_setups",
+    "checking",
     "compare",
     "convert",
     "diagnose",

@@ -1,4 +1,4 @@
-"""Steps on records: check, convert."""
+"""Steps on records: setups beside one another, convert."""
 
 from __future__ import annotations
 
@@ -7,33 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.campaign.between_setups import SetupComparison, compare_setups
-from probupdate.campaign.checking import CampaignCheck
-from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.converting import Conversion
 from probupdate.campaign.converting import convert as convert_files
 from probupdate.campaign.reading import read_campaign
-from probupdate.errors import InputError, names_files
+from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress, silent
-from probupdate.verbs.models import GivenModel
 
 if TYPE_CHECKING:
     from probupdate.campaign.universal import Translation
-
-
-@names_files("campaign")
-def check(
-    campaign: str | Path, model: GivenModel | None = None, *, parameters: str | Path | None = None,
-    progress: Progress = silent,
-) -> CampaignCheck:
-    """What a campaign holds, what is wrong with it, what can be done with it. With a model also signs, axes and order
-    of the channels, by the shapes of some blocks."""
-    opened = read_campaign(campaign)
-    if model is None:
-        return check_campaign(opened, progress=progress)
-    from probupdate.verbs.against_model import against_model
-
-    held = against_model(opened, model, parameters=parameters, progress=progress)
-    return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
 
 
 def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent) -> SetupComparison:

@@ -1,5 +1,5 @@
-"""A campaign's channels held against a model: which sign, exchange or order of them makes the measured shapes its own.
-"""
+"""The check of a campaign, with a model also of its channels: which sign, exchange or order of them makes the measured
+shapes its own."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.campaign.blocks import block_starts
-from probupdate.campaign.reading import Campaign
-from probupdate.errors import InputError
+from probupdate.campaign.checking import CampaignCheck
+from probupdate.campaign.checking import check as check_campaign
+from probupdate.campaign.reading import Campaign, read_campaign
+from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import identify
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.modal.channel_mistakes import FAR, ChannelMistake, channel_mistake, shape_agreement, signed_comac
@@ -35,6 +37,20 @@ class AgainstModel:
 
     finding: str
     use: str
+
+
+@names_files("campaign")
+def check(
+    campaign: str | Path, model: GivenModel | None = None, *, parameters: str | Path | None = None,
+    progress: Progress = silent,
+) -> CampaignCheck:
+    """What a campaign holds, what is wrong with it, what can be done with it. With a model also signs, axes and order
+    of the channels, by the shapes of some blocks."""
+    opened = read_campaign(campaign)
+    if model is None:
+        return check_campaign(opened, progress=progress)
+    held = against_model(opened, model, parameters=parameters, progress=progress)
+    return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
 
 
 def against_model(
