@@ -25,7 +25,8 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
     """What every step on modes is given beside its own options."""
     from probupdate.updating.discrepancy import LikelihoodSettings
 
-    return {"parameters": a.parameters, "only": a.only, "fix": fixed(a.fix), "likelihood": LikelihoodSettings(
+    return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
+        modes=tuple(a.only) if a.only else None, fix=fixed(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
         tolerances=a.tolerances)}
 

@@ -11,6 +11,7 @@ Chopin 2009). One set cannot show how much of it is the same in the next one: se
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +50,9 @@ class LikelihoodSettings:
     tolerances: bool | None = stated(
         None, "-", "stated tolerances of structure, soil, rotor-nacelle assembly and sensors are marginalised; None: "
         "with the measurement's own standard deviations")
+    modes: tuple[str, ...] | None = stated(
+        None, "-", "labels of the modes that are compared, or their numbers from 1; None: those of interest")
+    fix: Mapping[str, float] | None = stated(None, "-", "parameters that are held, name -> value")
 
     @property
     def joint_covariance(self) -> bool:

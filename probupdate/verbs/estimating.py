@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,12 +82,12 @@ class Case:
     def of(
         cls, model: GivenModel, modes: str | Path | ModalData, likelihood: LikelihoodSettings, *,
         parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
-        only: Sequence[str] | None = None, fix: Mapping[str, float] | None = None, progress: Progress = silent,
+        progress: Progress = silent,
     ) -> Case:
         refuse_other_kinds(model, modes)
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
-        data = compared_modes(modes, set_id, every_mode, only)
-        model_at = ModelAt(model, parameters, str(modes), data.felt, fix)
+        data = compared_modes(modes, set_id, every_mode, likelihood.modes)
+        model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix)
         joint = joint_set(data, covariance=likelihood.joint_covariance) if set_id is None else single_set(data, set_id)
         weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
         return cls(data=data, joint=joint, model_at=model_at, weights=weights)
@@ -139,8 +139,6 @@ def update(
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
-    only: Sequence[str] | None = None,
-    fix: Mapping[str, float] | None = None,
     settings: UpdateSettings = UPDATE,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -148,18 +146,17 @@ def update(
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
 
     likelihood: which responses are compared and what is stated of their error. settings: alpha, method and iterations
-    of Eq. 7. every_mode: also modes that identification numbered, where they are alike to one of the model's; only: the
-    modes of these labels alone. fix: parameters that are held at a value. jobs: processes, or an executor, for the
-    updates of the sets; the numbers are the same on any.
+    of Eq. 7. every_mode: also modes that identification numbered, where they are alike to one of the model's. jobs:
+    processes, or an executor, for the updates of the sets; the numbers are the same on any.
     """
     from probupdate.updating.runs import deterministic_update
 
     refuse_other_value("settings", settings, UpdateSettings)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode, only=only,
-                   fix=fix, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
+                   progress=progress)
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
                                   every=case.data, model_at=case.model_at, jobs=jobs, progress=progress)
-    said = unmatched(modes, every_mode, only)
+    said = unmatched(modes, every_mode, likelihood.modes)
     kept = {**record.settings, **case.setting}
     if said["taken"]:
         kept |= {UNLIKE: "; ".join(said["taken"])}
@@ -176,8 +173,6 @@ def sample(
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
     every_mode: bool = False,
-    only: Sequence[str] | None = None,
-    fix: Mapping[str, float] | None = None,
     settings: SamplerSettings = SAMPLER,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -190,12 +185,12 @@ def sample(
     refuse_other_value("settings", settings, SamplerSettings)
     out = Path(out)
     chain = out.with_name(out.name + ".chain")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode, only=only,
-                   fix=fix, progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
+                   progress=progress)
     with sole_writer(chain):
         posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
                                      settings=settings, jobs=jobs, progress=progress)
-        held = [f"held: {case.setting['held']}"] if fix else []
+        held = [f"held: {case.setting['held']}"] if likelihood.fix else []
         statements = [*case.joint.notes, *held, *posterior.record.get("statements", ())]
         posterior = replace(posterior, record={**posterior.record, **case.setting, "statements": statements})
         write_posterior(posterior, out)
@@ -228,8 +223,6 @@ def sets(
     *,
     parameters: str | Path | None = None,
     likelihood: LikelihoodSettings = COMPARED,
-    only: Sequence[str] | None = None,
-    fix: Mapping[str, float] | None = None,
     correlated: bool = False,
     spread: float = CONSTANTS.population_spread,
     seed: int = 1,
@@ -241,11 +234,11 @@ def sets(
     from probupdate.updating.set_views import view_sets
 
     refuse_other_kinds(model, modes)
-    whole = compared_modes(modes, only=only)
+    refuse_other_value("likelihood", likelihood, LikelihoodSettings)
+    whole = compared_modes(modes, only=likelihood.modes)
     # what all sets are weighed by is not learnt from one that is none of them
     kept, _ = without_outliers(whole)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, only=only, fix=fix,
-                   progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
                      spread=spread, seed=seed, progress=progress)
 
@@ -258,8 +251,6 @@ def inform(
     parameters: str | Path | None = None,
     set_id: str | None = None,
     likelihood: LikelihoodSettings = COMPARED,
-    only: Sequence[str] | None = None,
-    fix: Mapping[str, float] | None = None,
     every: bool = False,
     at: str = "initial",
     posterior: str | Path | Posterior | None = None,
@@ -277,8 +268,7 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, only=only, fix=fix,
-                   progress=progress)
+    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
     joint = case.joint.data
     problem = build_problem(case.model, joint, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
@@ -288,7 +278,7 @@ def inform(
         if not isinstance(model, str | Path) or not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
         angle = case.model_at.angle_deg(joint.set())
-        every_row = every_parameter(model_path(model)).holding(fix or {})
+        every_row = every_parameter(model_path(model)).holding(likelihood.fix or {})
         whole = load_model(model_path(model), parameters=every_row, nacelle_angle_deg=angle)
         problem = build_problem(case.model_at.with_uncertainty(whole, angle), joint,
                                 weights=replace(case.weights, at=None))

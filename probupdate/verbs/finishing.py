@@ -46,7 +46,6 @@ def diagnose(
     shapes: str = "all",
     frequency_std: float | None = None,
     shape_std: float | None = None,
-    only: Sequence[str] | None = None,
     seed: int = 1,
     progress: Progress = silent,
     **options,
@@ -55,9 +54,9 @@ def diagnose(
 
     `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
-    at, as a diagnosis has found that they are wrong; `only`: modes of these labels alone. `shapes` "none": frequencies
-    alone. `frequency_std`, `shape_std`: standard deviations of what states none, as shares of each frequency and of a
-    shape's largest component; from eight sets on their own scatter says it. `options`: `sensors`, `groups`, `effects`,
+    at, as a diagnosis has found that they are wrong. `shapes` "none": frequencies alone. `frequency_std`, `shape_std`:
+    standard deviations of what states none, as shares of each frequency and of a shape's largest component; from eight
+    sets on their own scatter says it. `options`: `only` (labels of the modes to take), `sensors`, `groups`, `effects`,
     `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of
     `diagnosis.run.diagnose_files`.
     """
@@ -68,6 +67,7 @@ def diagnose(
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    only = options.pop("only", None)
     data = (data.of_labels(only) if only else data).without_channels(without or ())
     data = (data.frequencies_alone() if shapes == "none" else data).with_std(frequency_std, shape_std)
     # before a minute of preparation is spent on them

@@ -32,8 +32,9 @@ def test_a_parameter_is_held_at_its_value(building, capsys):
 @pytest.mark.long
 def test_a_run_with_a_held_parameter_goes_on_to_the_report(building):
     out = building["folder"]
-    probupdate.update(building["model"], building["modes"], fix={"middle": 0.15}).write(out / "update.json")
-    again = probupdate.update(building["model"], building["modes"], fix={"middle": 0.1})
+    first, again = (probupdate.update(building["model"], building["modes"],
+                                      likelihood=probupdate.LikelihoodSettings(fix={"middle": x})) for x in (0.15, 0.1))
+    first.write(out / "update.json")
     assert again.fingerprint != read_update(out / "update.json").fingerprint
     assert main(["report", str(out), "--out", str(out / "report.html")]) == 0
 
@@ -53,8 +54,9 @@ def test_a_functions_parameter_is_held(tmp_path):
     own = load_model(tmp_path / "model.npz")
     model = FunctionModel(name="building", parameters=own.parameters, channels=own.channels, version="1",
                           function=lambda t: true_modes(t))
-    record = probupdate.update(model, tmp_path / "modes.json", fix={"low": -0.2})
-    other = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", fix={"low": -0.2})
+    held = probupdate.LikelihoodSettings(fix={"low": -0.2})
+    record, other = (probupdate.update(m, tmp_path / "modes.json", likelihood=held)
+                     for m in (model, tmp_path / "model.npz"))
     assert record.map_theta == pytest.approx(other.map_theta, abs=1e-3)
 
 
