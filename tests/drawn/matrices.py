@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from drawn import toml_text
 from drawn.plans import Plan
 from drawn.skeleton import Change, Skeleton, State, in_state, tube
 
-# elements of a member in the model, and how many times more the truth has
-PIECES, FINER = {"bridge": 2}, 2
+# elements of a member at first and at most, where measured modes are within so much of those of a finer mesh: an
+# engineer refines it until they are
+PIECES, MOST_PIECES, CONVERGED = {"bridge": 2}, 3, 2e-3
+LEAST_MODES = 3
 UNITS = {"SI": (1.0, 1.0), "mm-N-t": (1e3, 1e-3)}  # energy in the unit of one J, metres in the unit of a length
 
 
@@ -129,22 +132,20 @@ def _beam_mass(along, across, polar, h) -> np.ndarray:
     return _both_planes(M, own)
 
 
-def assembled(plan: Plan, state: State, *, finer: int = 1) -> Assembly:
-    return Assembly(in_state(plan.skeleton, state), plan.dofs, PIECES.get(plan.kind, 1) * finer)
+def assembled(plan: Plan, state: State, *, finer: int = 0) -> Assembly:
+    """With so many elements more in a member than the model has."""
+    return Assembly(in_state(plan.skeleton, state), plan.dofs, plan.pieces + finer)
 
 
-def solve(plan: Plan, state: State, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the truth: frequencies, what the channels read (n_channel, n), and the tilt there (theta_x, theta_y)."""
-    a = assembled(plan, state, finer=FINER)
-    f, phi = a.modes(count)
-    return f, *_read(plan, a, phi)
-
-
-def _read(plan: Plan, a: Assembly, phi) -> tuple[np.ndarray, np.ndarray]:
-    shape = np.array([phi[a.index[r.node, r.axis]] for r in plan.readings])
-    tilt = np.array([[phi[a.index[r.node, d]] if (r.node, d) in a.index else np.zeros(phi.shape[1]) for d in (3, 4)]
-                     for r in plan.readings])
-    return shape, tilt
+def meshed(plan: Plan) -> Plan:
+    """With as many elements in a member, and as few modes measured, as a mesh needs that is converged."""
+    for pieces in range(PIECES.get(plan.kind, plan.pieces), MOST_PIECES + 1):
+        plan = replace(plan, pieces=pieces)
+        own, finer = (assembled(plan, State(), finer=more).modes(plan.n_mode)[0] for more in (0, 1))
+        good = int(np.argmin(np.append(np.abs(own / finer - 1) < CONVERGED, False)))
+        if good >= min(plan.n_mode, LEAST_MODES):
+            break
+    return replace(plan, n_mode=max(good, LEAST_MODES))
 
 
 def write(plan: Plan, folder: Path, units: str, *, as_csr: bool = False, picture: bool = True) -> list[str]:

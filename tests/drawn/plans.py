@@ -4,7 +4,7 @@ towers, monopiles, bare jackets."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,7 +45,8 @@ class Plan:
     n_mode: int
     anchors: tuple[tuple[str, int], ...]
     dofs: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
-    notes: dict = field(default_factory=dict)
+    # elements of a member in the user's files
+    pieces: int = 1
 
 
 def draw(kind: str, rng: np.random.Generator, extent: float, *, bars: bool = True) -> Plan:

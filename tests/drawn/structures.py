@@ -18,6 +18,8 @@ PLANS = ("building", "truss", "bridge", "lattice", "monopile", "jacket")
 KINDS = ("turbine", *(f"matrices {k}" for k in PLANS), "subdyn lattice", "subdyn jacket", "subdyn monopile",
          "subdyn building")
 UNITS_OF_LENGTH_M = (1e-3, 1e5)
+# elements of a member in OpenSees, whose mass is lumped
+TRUE_PIECES = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,13 +225,13 @@ def _plan_weather(rng) -> Hidden:
 
 def _matrices(rng, kind: str, designed: bool) -> Drawn:
     low, high = np.log10((80, 160) if kind == "monopile" else UNITS_OF_LENGTH_M)
-    plan = plans.draw(kind, rng, float(10 ** rng.uniform(low, high)))
+    plan = matrices.meshed(plans.draw(kind, rng, float(10 ** rng.uniform(low, high))))
     units, as_csr = str(rng.choice(list(matrices.UNITS))), bool(rng.random() < 0.5)
     picture = bool(rng.random() < 0.85)
     nodes = [r.node for r in plan.readings]
 
     def raw_solve(state, count, at):
-        a = matrices.assembled(plan, state, finer=matrices.FINER)
+        a = matrices.assembled(plan, state, finer=1)
         f, phi = a.modes(count)
         motion = np.zeros((len(nodes) if at is None else 1, 6, len(f)))
         for k, node in enumerate(nodes if at is None else [at]):
@@ -251,9 +253,9 @@ def _subdyn(rng, kind: str, designed: bool) -> Drawn:
     plan = plans.draw(kind, rng, float(extent), bars=False)
     frame = plan.skeleton
     # water's mass has no table in the file; the truth's mesh is finer than the file's
-    frame = replace(frame, members=tuple(replace(m, across_kgpm=0.0, pieces=4) for m in frame.members))
-    plan = replace(plan, skeleton=frame, n_mode=min(plan.n_mode, 4 if kind == "lattice" else 6))
+    frame = replace(frame, members=tuple(replace(m, across_kgpm=0.0, pieces=TRUE_PIECES) for m in frame.members))
     layout, div = str(rng.choice(["v4", "v5"])), int(rng.choice([2, 3]))
+    plan = matrices.meshed(replace(plan, skeleton=frame, pieces=div))
     nodes = [r.node for r in plan.readings]
 
     def raw_solve(state, count, at):
@@ -262,7 +264,7 @@ def _subdyn(rng, kind: str, designed: bool) -> Drawn:
         return f, motion[[names.index(n) for n in nodes]] if at is None else motion
 
     def write(folder):
-        return subdyn_files.write(plan, folder, fem=3, div=div, layout=layout)
+        return subdyn_files.write(plan, folder, fem=3, div=plan.pieces, layout=layout)
 
     return _of_plan(rng, f"subdyn {kind}", f"{kind} of {extent:.3g} m, SubDyn {layout}", plan, write, raw_solve,
                     designed)
