@@ -2,6 +2,7 @@
 
 python studies/drawn/run.py OUT [--kinds turbine ...] [--classes null ...] [--first K] [--most N] [--minutes M]
                                 [--seconds S] [--jobs 1|2] [--update EVERY] [--raw EVERY] [--whole EVERY] [--small]
+                                [--commands modes diagnose ...]
 python studies/drawn/run.py OUT --tables                    counts what is there
 """
 
@@ -29,7 +30,6 @@ from drawn.hiding import CLASSES  # noqa: E402
 from drawn.structures import KINDS  # noqa: E402
 from scipy import stats  # noqa: E402
 
-# of a case that is not looked at whole
 SHORT = ("modes", "diagnose")
 # cases of a class beside one of environment or of an unknown cause: false alarms need the largest number
 OFTEN = {"null": 4, "structural": 2, "measurement": 2}
@@ -200,7 +200,7 @@ def planned(a: argparse.Namespace) -> list[Job]:
     for number, (c, k, kind) in enumerate((c, k, kind) for _, _, c, k in turns for kind in a.kinds):
         case = Case(kind, c, a.first + k, small=a.small)
         only = () if a.whole and number % a.whole == 0 else (
-            *SHORT, *(("update",) if a.update and number % a.update == 0 else ()))
+            *a.commands, *(("update",) if a.update and number % a.update == 0 else ()))
         if case.id not in done:
             todo.append(Job(case=case, folder=a.out / f"case-{case.id}", only=only, seconds=a.seconds,
                             raw=bool(a.raw) and number % a.raw == a.raw - 1))
@@ -222,7 +222,8 @@ def main() -> int:
     parser.add_argument("--update", type=int, default=0, help="every so many cases by update too")
     parser.add_argument("--raw", type=int, default=0, help="every so many cases from accelerations")
     parser.add_argument("--whole", type=int, default=0, help="every so many cases by every command, the posterior with "
-                        "the findings included; the others by modes and diagnose")
+                        "the findings included; the others by --commands")
+    parser.add_argument("--commands", nargs="+", default=list(SHORT), help="of a case that is not looked at whole")
     parser.add_argument("--tables", action="store_true", help="count what is there")
     a = parser.parse_args()
     if not a.tables:
