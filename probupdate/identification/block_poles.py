@@ -15,6 +15,7 @@ from probupdate.errors import InputError
 from probupdate.identification.free_decay import SAID, DecayRecord, decay_of
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
+from probupdate.identification.order_average import ModePoles, averages, twins
 from probupdate.identification.preprocessing import filter_reach, resampled
 from probupdate.identification.record import IdentifiedRecord, references_within
 from probupdate.identification.ssi import Poles
@@ -94,14 +95,11 @@ def common_quantity(sensors: tuple[Sensor, ...]) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockFactors:
-    """Covariance factors of some poles of a block: `key` names them by model order and index within the order's
-    poles; ln_frequency, damping_ratio (n_pole, n_column), shape (n_channel, n_pole, n_column) complex, in the scaling
-    of `modes.unit_largest`, with covariances as plain sums over columns (`modes.ModalDeviation`)."""
+    """Some poles of a block averaged over model orders (`order_average`), with covariance factors: `key` names them by
+    the chosen pole's model order and index within the order's poles."""
 
     key: tuple[tuple[int, int], ...]
-    ln_frequency: np.ndarray
-    damping_ratio: np.ndarray
-    shape: np.ndarray
+    poles: ModePoles
 
 
 def identify_block(
@@ -131,7 +129,8 @@ def identify_factors(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
     rotor_rpm: tuple[float, float] | None, known: BlockPoles, keys: tuple[tuple[int, int], ...],
 ) -> BlockFactors:
-    """Covariance factors of the poles `keys` (model order, index) of a block whose poles are known.
+    """The poles `keys` (model order, index) of a block whose poles are known, averaged over orders, with their
+    covariance factors.
 
     The record is read once more: only poles that stand for modes are worth the time, and which ones do is known when
     the whole campaign is.
@@ -140,20 +139,12 @@ def identify_factors(
     if reason:
         raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
     record, _ = _prepared(block, campaign, settings, rotor_rpm)
-    asked = tuple(sorted({order for order, _ in keys}))
+    alike = [twins(known.every_order, *key) for key in keys]
+    asked = tuple(sorted({order for some in alike for order, _ in some}))
     found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
-    before = {p.order: p for p in known.every_order}
-    now = {p.order: p for p in found.by_order}
-    parts = []
-    for order in asked:
-        index = [k for n, k in keys if n == order]
-        parts.append(found.factors(np.array([_same(before[order], k, now[order], block.id) for k in index]), order))
-    return BlockFactors(
-        key=tuple((n, k) for n in asked for m, k in keys if m == n),
-        ln_frequency=frozen_array(np.concatenate([p.ln_frequency for p in parts])),
-        damping_ratio=frozen_array(np.concatenate([p.damping_ratio for p in parts])),
-        shape=frozen_array(np.concatenate([p.shape for p in parts], axis=1), complex),
-    )
+    before, now = ({p.order: p for p in some} for some in (known.every_order, found.by_order))
+    again = [[(n, _same(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
+    return BlockFactors(key=keys, poles=averages(found, again))
 
 
 def _same(before: Poles, index: int, now: Poles, where: str) -> int:

@@ -29,13 +29,15 @@ from probupdate.identification.block_poles import (
     identify_block,
     identify_factors,
 )
+from probupdate.identification.order_average import ModePoles
 from probupdate.identification.ssi import Poles
 from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
+from probupdate.modal.modes import CovarianceFactors
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, completed
 from probupdate.runtime.progress import Progress, silent
 
-FORMAT = 2
+FORMAT = 3
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the covariance factors of some of them
 POLES, FACTORS = ".poles.npz", ".deviations.npz"
@@ -307,9 +309,12 @@ def _stem(start: pd.Timestamp, minutes: float) -> str:
 
 
 def write_block_factors(path: Path, found: BlockFactors) -> None:
+    poles, factors = found.poles, found.poles.factors
     content = {
-        "key": np.array(found.key, np.int32).reshape(-1, 2), "ln_frequency": found.ln_frequency.astype(np.float32),
-        "damping_ratio": found.damping_ratio.astype(np.float32), "shape": found.shape.astype(np.complex64),
+        "key": np.array(found.key, np.int32).reshape(-1, 2), "frequency_hz": poles.frequency_hz,
+        "damping_ratio": poles.damping_ratio, "shape": poles.shape.astype(np.complex64),
+        "ln_frequency_factor": factors.ln_frequency.astype(np.float32),
+        "damping_factor": factors.damping_ratio.astype(np.float32), "shape_factor": factors.shape.astype(np.complex64),
     }
     write_arrays(path, content | {CHECKSUM: _checksum(content)})
 
@@ -318,9 +323,12 @@ def read_block_factors(path: Path) -> BlockFactors:
     with _opened(path) as content:
         return BlockFactors(
             key=tuple((int(a), int(b)) for a, b in content["key"]),
-            ln_frequency=frozen_array(content["ln_frequency"]),
-            damping_ratio=frozen_array(content["damping_ratio"]), shape=frozen_array(content["shape"], complex),
-        )
+            poles=ModePoles(
+                frequency_hz=content["frequency_hz"], damping_ratio=content["damping_ratio"],
+                shape=frozen_array(content["shape"], complex), factors=CovarianceFactors(
+                    ln_frequency=frozen_array(content["ln_frequency_factor"]),
+                    damping_ratio=frozen_array(content["damping_factor"]),
+                    shape=frozen_array(content["shape_factor"], complex))))
 
 
 def _stored_keys(path: Path) -> set[tuple[int, int]]:

@@ -68,8 +68,8 @@ class JudgedBlock:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChosenPoles:
-    """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
-    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
+    """What is kept of a block's poles: the choice; of the poles that stand for modes, or of their averages over model
+    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
     the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
 
     choice: Choice
@@ -196,8 +196,8 @@ def without_uncertain(
             kept, found = blocks.read_factors(start), {}
             for key, pole in before[start].keys.items():
                 row = kept.key.index(key)
-                found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
-                               float(np.linalg.norm(kept.damping_ratio[row])))
+                found[pole] = (float(np.linalg.norm(kept.poles.factors.ln_frequency[row])),
+                               float(np.linalg.norm(kept.poles.factors.damping_ratio[row])))
             if not np.all(np.isfinite(list(found.values()))):
                 raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: standard deviations of its poles are not "
                                       "finite; please report it, with the block's record")
@@ -228,15 +228,29 @@ def covariance_factors_of(blocks: BlockStore, start: pd.Timestamp,
                         keys: Sequence[tuple[int, int] | None]) -> CovarianceFactors:
     """Columns of the modes whose poles are named by `keys`; NaN for one that was not found."""
     kept = blocks.read_factors(start)
-    n_mode, n_column = len(keys), kept.ln_frequency.shape[1]
+    factors = kept.poles.factors
+    n_mode, n_column = len(keys), factors.ln_frequency.shape[1]
     ln_frequency, damping = (np.full((n_mode, n_column), np.nan) for _ in range(2))
-    shape = np.full((kept.shape.shape[0], n_mode, n_column), np.nan + 0j)
+    shape = np.full((len(factors.shape), n_mode, n_column), np.nan + 0j)
     for mode, key in enumerate(keys):
         if key is not None:
             row = kept.key.index(key)
-            ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
-            shape[:, mode] = kept.shape[:, row]
+            ln_frequency[mode], damping[mode] = factors.ln_frequency[row], factors.damping_ratio[row]
+            shape[:, mode] = factors.shape[:, row]
     return CovarianceFactors(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+
+
+def averaged_over_orders(blocks: BlockStore, start: pd.Timestamp, stands: ChosenPoles) -> ChosenPoles:
+    """The same with the averages over model orders in the place of the chosen poles."""
+    if not stands.keys:
+        return stands
+    kept = blocks.read_factors(start)
+    there = list(stands.key_of)
+    row = [kept.key.index(key) for key in stands.key_of.values()]
+    frequency, damping, shape = (np.array(a) for a in (stands.frequency_hz, stands.damping_ratio, stands.shape))
+    frequency[there], damping[there] = kept.poles.frequency_hz[row], kept.poles.damping_ratio[row]
+    shape[:, there] = kept.poles.shape[:, row]
+    return replace(stands, frequency_hz=frequency, damping_ratio=damping, shape=shape)
 
 
 def modal_set(one: StoredBlock, stands: ChosenPoles | None, reference: ReferenceModes) -> ModalSet:

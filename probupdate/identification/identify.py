@@ -21,6 +21,7 @@ from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import (
     SSISettings,
     all_wanted,
+    averaged_over_orders,
     covariance_factors_of,
     follow,
     modal_set,
@@ -55,7 +56,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
     """data: a modal set a block, NaN where a mode was not found, with a record of each mode: where it was found and
-    what it is in the model; poles: every pole with its criterion.
+    what it is in the model; with standard deviations, of each mode the average over model orders (`order_average`)
+    rather than its pole. poles: every pole with its criterion.
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
     MAC to the model's modes of interest and that mode; for a kept pole the mode it was taken for), similarity (to the
@@ -245,6 +247,7 @@ def classified(
     found, usable, followed, picked = first.found, first.usable, first.tracked, dict(first.picked)
     if settings.sub_records:
         picked |= without_uncertain(blocks, first, settings.classifier, jobs, progress)
+        picked = {start: averaged_over_orders(blocks, start, stands) for start, stands in picked.items()}
         followed = replace(followed, choices=tuple(picked[one.block.start].choice for one in usable))
     sets = [modal_set(one, picked.get(one.block.start), physical.modes) for one in found]
     named = name_modes(sets, physical, reference, others, campaign, settings=settings.classifier,

@@ -24,8 +24,7 @@ from probupdate.identification.uncertainty import (
     pole_factors,
     sub_record_covariances,
 )
-from probupdate.modal.modes import CovarianceFactors, mac, unit_largest
-from probupdate.runtime.arrays import frozen_array
+from probupdate.modal.modes import CovarianceFactors
 
 # what the identification of one record may take in memory, and how few combinations of channels are still worth it
 MEMORY_BYTES, FEWEST_REFERENCES = 2**30, 4
@@ -72,22 +71,6 @@ def _lagged_projection(data: np.ndarray, n_lag: int, references: int) -> np.ndar
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CertainPoles:
-    """Of each mode the pole of one order: order, index (n_mode,) say which, -1 for a mode that is absent.
-
-    frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode) scaled by `modes.unit_largest`; NaN where absent.
-    covariance_factors: of all of them together, so that covariances between modes hold across orders.
-    """
-
-    order: np.ndarray
-    index: np.ndarray
-    frequency_hz: np.ndarray
-    damping_ratio: np.ndarray
-    shape: np.ndarray
-    covariance_factors: CovarianceFactors
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class IdentifiedRecord:
     """poles: those of the chosen order; stability (n_pole,): the share of the orders around it in which each comes
     back; by_order: the poles of every order, ascending, the chosen one among them.
@@ -109,7 +92,7 @@ class IdentifiedRecord:
         they are. Shapes are scaled by `modes.unit_largest`. All are NaN where the order parts equal singular values.
         First order: an order above what the record holds leaves little between singular values, or puts a pole of the
         noise beside that of a mode; standard deviations of such blocks come out large, and larger than the poles
-        scatter.
+        scatter. `order_average` mends that.
         """
         if self.observability_change is None:
             raise InputError("sub-records", "the record was identified without sub-records", "give sub_records, say 30")
@@ -117,63 +100,6 @@ class IdentifiedRecord:
         if order not in [one.order for one in self.by_order]:
             raise InputError("order", f"{order} was not identified", "choose one of by_order")
         return pole_factors(self.observability_change, self.factorisation, order=order, indices=indices)
-
-    def most_certain(
-        self, indices: np.ndarray, *, lowest: int = 2, frequency: float = 0.01, least_mac: float = 0.90
-    ) -> CertainPoles:
-        """Of each of the chosen order's poles `indices` (n_mode,), -1 for none, the twin with the least standard
-        deviation.
-
-        Twins are poles of the orders from `lowest`, frequency within `frequency` and MAC of at least `least_mac`, that
-        are no better a twin of another of the poles asked for. The least is that of |d lambda / lambda|, frequency and
-        damping together. An order too high for the record lets poles of the noise come close to that of a mode and
-        pull at it; in another order they lie elsewhere.
-        """
-        indices = np.asarray(indices)
-        best = self.factors(indices)
-        ln_frequency, damping, shape = (np.array(a) for a in (best.ln_frequency, best.damping_ratio, best.shape))
-        at_order, at_index = np.where(indices >= 0, self.poles.order, -1), indices.copy()
-        there = np.flatnonzero(indices >= 0)
-        start_f, start_shape = self.poles.frequency_hz[indices[there]], self.poles.shape[:, indices[there]]
-        least = np.nan_to_num(_size(best)[there], nan=np.inf)
-        for one in self.by_order:
-            if one.order < lowest or one is self.poles or len(one.frequency_hz) == 0 or there.size == 0:
-                continue
-            comparison = mac(start_shape, one.shape)
-            comparison[(np.abs(one.frequency_hz / start_f[:, None] - 1) > frequency) | (comparison < least_mac)] = 0
-            twin = np.argmax(comparison, axis=1)
-            mutual = (np.argmax(comparison, axis=0)[twin] == np.arange(len(twin))) & (comparison.max(axis=1) > 0)
-            if not mutual.any():
-                continue
-            found = self.factors(np.where(mutual, twin, -1), one.order)
-            size = np.nan_to_num(_size(found), nan=np.inf)
-            better = size < least
-            least[better] = size[better]
-            mode = there[better]
-            at_order[mode], at_index[mode] = one.order, twin[better]
-            ln_frequency[mode], damping[mode] = found.ln_frequency[better], found.damping_ratio[better]
-            shape[:, mode] = found.shape[:, better]
-        return self._gathered(at_order, at_index, CovarianceFactors(
-            ln_frequency=ln_frequency, damping_ratio=damping, shape=shape))
-
-    def _gathered(self, order: np.ndarray, index: np.ndarray, covariance_factors: CovarianceFactors) -> CertainPoles:
-        of_order = {one.order: one for one in self.by_order}
-        n_channel, n_mode = len(self.poles.shape), len(order)
-        frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
-        shape = np.full((n_channel, n_mode), np.nan + 0j)
-        for mode in np.flatnonzero(index >= 0):
-            one, k = of_order[order[mode]], index[mode]
-            frequency[mode], damping[mode] = one.frequency_hz[k], one.damping_ratio[k]
-            shape[:, mode] = unit_largest(one.shape[:, [k]])[:, 0]
-        return CertainPoles(
-            order=frozen_array(order, int), index=frozen_array(index, int), frequency_hz=frozen_array(frequency),
-            damping_ratio=frozen_array(damping), shape=frozen_array(shape, complex),
-                            covariance_factors=covariance_factors)
-
-
-def _size(covariance_factors: CovarianceFactors) -> np.ndarray:
-    """(n_mode,) standard deviation of |lambda| and damping together."""
-    return np.sqrt(np.sum(covariance_factors.ln_frequency**2 + covariance_factors.damping_ratio**2, axis=1))
 
 
 def identify_record(

@@ -36,6 +36,9 @@ class IdentificationConstants:
     twin_frequency: float = stated(
         0.01, "ln f", "poles of several orders of a block this close in frequency may be one mode")
     twin_mac: float = stated(0.90, "-", "and with this MAC (of a pair: S2MAC to its plane) at least")
+    same_estimate: float = stated(
+        3.0, "std", "a mode's pole at another order is averaged with the chosen one if they differ by less than this",
+        "standard deviations of the difference")
     range_margin: float = stated(
         0.05, "ln f", "a pole farther outside the range of a mode's poles over the campaign is none of it")
     model_mac: float = stated(0.15, "-", "standard deviation of 1 - MAC that a poor model may miss")

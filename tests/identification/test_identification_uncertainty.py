@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from peer_packages import peer
+from scipy import signal
 
 from probupdate.errors import InputError
+from probupdate.identification.order_average import ModePoles, averaged, averages, twins
+from probupdate.identification.preprocessing import resampled
 from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
     block_toeplitz,
@@ -20,7 +23,7 @@ from probupdate.identification.uncertainty import (
     sub_record_covariances,
     toeplitz_products,
 )
-from probupdate.modal.modes import unit_largest
+from probupdate.modal.modes import CovarianceFactors, mac, unit_largest
 
 RATE, BLOCK_ROWS, ORDER, SPREAD = 5.0, 30, 20, 8
 
@@ -226,23 +229,72 @@ def test_stated_deviations_are_those_of_three_hundred_records(jacket, validation
         row.between(ratio[np.isfinite(ratio)], 0.8, 1.25, of=name)
 
 
-def test_another_order_where_poles_of_the_noise_lie_close(jacket):
-    """Order 20 where ten states are: of each mode the pole of the order that deviates least scatters no more than
-    that of order 20, and its stated standard deviations hold: errors over them have standard deviation 1 within 3 of 1
-    / sqrt(2 n)."""
-    n_record, error, plain = 25, [], []
-    for k in range(n_record):
-        record = identify_record(jacket.record(9000, seed=500 + k)[:, [0, 1, 4, 12, 16, 17]], RATE, order=ORDER,
-                                 block_rows=BLOCK_ROWS, spread=SPREAD, sub_records=30)
-        index = np.array([np.argmin(abs(record.poles.frequency_hz - f)) for f in jacket.frequency_hz[2:]])
-        best, known = record.most_certain(index), record.factors(index)
-        here = np.linalg.norm(best.covariance_factors.ln_frequency, axis=1)
-        size = np.sqrt(np.sum(known.ln_frequency**2 + known.damping_ratio**2, axis=1))
-        assert np.all(np.sqrt(here**2 + np.sum(best.covariance_factors.damping_ratio**2, axis=1)) <= size * (1 + 1e-9))
-        error.append(np.log(best.frequency_hz / jacket.frequency_hz[2:]) / here)
-        plain.append(np.log(record.poles.frequency_hz[index] / best.frequency_hz))
-    assert np.any(np.array(plain) != 0)
-    assert np.std(error) == pytest.approx(1.0, abs=3 / np.sqrt(2 * 3 * n_record))
+def averaged_over(records, rate, block_rows, frequency, shape):
+    """(n_record, 4, n_mode): ln f and damping ratio of each mode's pole at order 20 of the rest, averaged over model
+    orders, and their stated standard deviations; and the same of that pole alone."""
+    found = []
+    for data in records:
+        record = identify_record(data - data.mean(axis=0), rate, order=ORDER, block_rows=block_rows, spread=SPREAD,
+                                 sub_records=30)
+        like = 1 - mac(record.poles.shape, shape) + 10 * np.abs(np.log(record.poles.frequency_hz[:, None] / frequency))
+        keys = [(ORDER, int(k)) for k in np.argmin(like, axis=0)]
+        both = [averages(record, some) for some in ([twins(record.by_order, *key) for key in keys],
+                                                    [(key,) for key in keys])]
+        found.append([[np.log(one.frequency_hz), one.damping_ratio, np.linalg.norm(one.factors.ln_frequency, axis=1),
+                       np.linalg.norm(one.factors.damping_ratio, axis=1)] for one in both])
+    return np.array(found).transpose(1, 0, 2, 3)
+
+
+def two_modes(seed):
+    """Half an hour of four accelerometers, two modes under white forces, by exact discretisation (scipy)."""
+    shape = np.array([[1.0, 0.02], [0.02, 1.0], [0.6, 0.0], [0.02, 0.6]])
+    rng, y = np.random.default_rng(seed), 0.0
+    for w, column in zip(2 * np.pi * np.array([0.32, 0.345]), shape.T, strict=True):
+        a = np.array([[0, 1], [-w * w, -0.02 * w]])
+        b, d = signal.ss2tf(*signal.cont2discrete((a, np.eye(2)[:, 1:], a[1:], np.ones((1, 1))), 1 / 2.5)[:4])
+        y = y + np.outer(signal.lfilter(b.ravel(), d, rng.standard_normal(6500))[2000:], column)
+    return resampled(y + 0.02 * y.std() * rng.standard_normal(y.shape), 2.5, 2.5 / 3), shape
+
+
+def test_stated_std_hold_at_an_order_far_above_the_record(validation):
+    """Order 20 for four states, at 0.83 Hz: Au's uncertainty laws (2017, Operational modal analysis, 15-16) are the
+    least scatter of any estimate, sqrt(zeta / (2 pi N)) for f and sqrt(1 / (2 pi zeta N)) for damping of N cycles."""
+    frequency, records = np.array([0.32, 0.345]), [two_modes(k) for k in range(60)]
+    average, pole = averaged_over([y for y, _ in records], 2.5 / 3, 20, frequency, records[0][1])
+    scatter, stated = average[:, :2].std(axis=0, ddof=1), np.sqrt(np.mean(average[:, 2:] ** 2, axis=0))
+    cycles = 1800 * frequency
+    least = np.array([np.sqrt(0.01 / (2 * np.pi * cycles)), 0.01 * np.sqrt(1 / (2 * np.pi * 0.01 * cycles))])
+    row = validation(what="order 20 for four states: stated std over scatter; scatter over Au's bound",
+                     reference="60 records by exact discretisation; Au's uncertainty laws",
+                     why="0.85 to 1.2, and three standard errors of 9 %")
+    row.between(stated / scatter, 0.62, 1.53, of="stated over scatter")
+    row.between(scatter / least, 0.8, 2.0, of="scatter over the bound")
+    # of the pole at order 20 itself no standard deviation holds
+    assert np.all(np.sqrt(np.mean(pole[:, 2:] ** 2, axis=0)) > 2 * pole[:, :2].std(axis=0))
+
+
+def test_close_pairs_and_weak_modes_are_averaged_without_bias(jacket):
+    """Order 20 where ten states are: errors over stated standard deviations have root mean square 1 within 3 of
+    1 / sqrt(2 n), and scatter in the mean of all modes is less than that of the pole of order 20."""
+    channels, n_record = [0, 1, 4, 12, 16, 17], 25
+    average, pole = averaged_over([jacket.record(9000, seed=500 + k)[:, channels] for k in range(n_record)], RATE,
+                                  BLOCK_ROWS, jacket.frequency_hz, jacket.shape[channels])
+    error = average[:, :2] - np.array([np.log(jacket.frequency_hz), jacket.damping_ratio])
+    assert np.sqrt(np.mean((error / average[:, 2:]) ** 2)) == pytest.approx(1.0, abs=3 / np.sqrt(2 * 10 * n_record))
+    assert np.mean(np.log(average[:, :2].std(axis=0) / pole[:, :2].std(axis=0))) < -0.05
+
+
+def test_an_order_that_misses_the_estimate_is_not_averaged():
+    """Three orders: the first states 1 %, the second agrees, the third is 5 % off with a small standard deviation."""
+    rng = np.random.default_rng(0)
+    column = rng.standard_normal((3, 30)) * np.array([[0.01], [0.008], [0.001]]) / np.sqrt(30)
+    shape = np.array([[1.0, 2j, 1.0], [0.5, 1j, 0.5]])
+    poles = ModePoles(
+        frequency_hz=np.array([1.0, 1.002, 1.05]), damping_ratio=np.full(3, 0.01), shape=shape,
+        factors=CovarianceFactors(ln_frequency=column, damping_ratio=0.1 * column, shape=0.1j * column + np.zeros((2, 1, 1))))
+    found = averaged(poles, [0, 1, 2])
+    assert 1.0 < found.frequency_hz[0] < 1.002
+    assert found.shape[:, 0] == pytest.approx([1.0, 0.5])
 
 
 # Edges --------------------------------------------------------------------------------------------------------------
@@ -250,12 +302,10 @@ def test_another_order_where_poles_of_the_noise_lie_close(jacket):
 
 def test_absent_modes_are_nan_and_wrong_poles_are_refused(data):
     record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=10)
-    found, best = record.factors(np.array([2, -1, 0])), record.most_certain(np.array([2, -1, 0]))
+    found = record.factors(np.array([2, -1, 0]))
     assert found.n_column == 10
-    for one in (found, best.covariance_factors):
-        assert np.all(np.isnan(one.ln_frequency[1])) and np.all(np.isnan(one.shape[:, 1]))
-        assert np.all(np.isfinite(one.ln_frequency[[0, 2]])) and np.all(np.isfinite(one.shape[:, [0, 2]]))
-    assert best.index[1] == -1 and np.isnan(best.frequency_hz[1])
+    assert np.all(np.isnan(found.ln_frequency[1])) and np.all(np.isnan(found.shape[:, 1]))
+    assert np.all(np.isfinite(found.ln_frequency[[0, 2]])) and np.all(np.isfinite(found.shape[:, [0, 2]]))
     # a mode's standard deviations are the same whatever else is asked for
     assert record.factors(np.array([0])).shape[:, 0] == pytest.approx(found.shape[:, 2], rel=1e-9)
     assert record.factors(np.array([-1])).shape.shape == (18, 1, 10)
