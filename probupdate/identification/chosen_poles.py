@@ -69,8 +69,9 @@ class JudgedBlock:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChosenPoles:
     """What is kept of a block's poles: the choice; of the poles that stand for modes, or of their averages over model
-    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
-    the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order,
+    index within its poles) -> place in the block's stack; key_of: mode -> key; rows of the table of poles, the mode as
+    its number."""
 
     choice: Choice
     frequency_hz: np.ndarray

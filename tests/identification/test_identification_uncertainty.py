@@ -291,7 +291,8 @@ def test_an_order_that_misses_the_estimate_is_not_averaged():
     shape = np.array([[1.0, 2j, 1.0], [0.5, 1j, 0.5]])
     poles = ModePoles(
         frequency_hz=np.array([1.0, 1.002, 1.05]), damping_ratio=np.full(3, 0.01), shape=shape,
-        factors=CovarianceFactors(ln_frequency=column, damping_ratio=0.1 * column, shape=0.1j * column + np.zeros((2, 1, 1))))
+        factors=CovarianceFactors(ln_frequency=column, damping_ratio=0.1 * column,
+                                  shape=0.1j * column + np.zeros((2, 1, 1))))
     found = averaged(poles, [0, 1, 2])
     assert 1.0 < found.frequency_hz[0] < 1.002
     assert found.shape[:, 0] == pytest.approx([1.0, 0.5])
