@@ -290,6 +290,15 @@ def test_no_line_of_prose_is_longer_than_the_code_s(name):
     assert not [line for line in text(name).splitlines() if len(line) > 125 and not line.startswith(("|", "$$"))]
 
 
+@pytest.mark.parametrize("name", (*PAPERS, *STUDIES, *PAGES))
+def test_tables_have_a_header_and_as_many_cells_in_every_row(name):
+    prose = re.sub(r"^```.*?^```", "", text(name), flags=re.DOTALL | re.MULTILINE)
+    for table in re.findall(r"(?:^\|.*\n?)+", prose, re.MULTILINE):
+        rows = re.sub(r"`[^`]*`|\\\|", "", table).splitlines()
+        assert len(rows) > 2 and re.fullmatch(r"[|\- ]+", rows[1]), rows[0]
+        assert len({row.count("|") for row in rows}) == 1, rows[0]
+
+
 def test_packaged_files_are_all_shipped():
     """Whatever is not Python in the package is matched by a pattern of package-data."""
     patterns = tomllib.loads(text("pyproject.toml"))["tool"]["setuptools"]["package-data"]["probupdate"]
