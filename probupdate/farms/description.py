@@ -13,6 +13,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import named_within, read_toml
 from probupdate.io.schema import Length, Range, refuse_unknown, table_as
 from probupdate.structure.load import REFERENCE_STATES
+from probupdate.updating.joint_inference import DEFAULT as JOINT
 
 # in the order of the work
 STEPS = ("identify", "select", "update", "sample", "compare", "diagnose", "report")
@@ -70,6 +71,19 @@ class DiagnoseTable:
 
     records: bool = True
     extend: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointTable:
+    """[joint]: one inference for all turbines after their own. common: parameters that are one number for all; varying:
+    those drawn from a population; the others are a turbine's own. spread: scale of the hyper-prior of the scatter;
+    odd_share: of turbines that are unlike the others a priori; odd_wide: how far; in prior standard deviations."""
+
+    common: tuple[str, ...] = ()
+    varying: tuple[str, ...] = ()
+    spread: Annotated[float, Range(0, 100, above=True)] = JOINT.spread
+    odd_share: Annotated[float, Range(0, 0.5)] = JOINT.odd_share
+    odd_wide: Annotated[float, Range(0, 100, above=True)] = JOINT.odd_wide
 
 
 TABLES = {"identify": IdentifyTable, "select": SelectTable, "update": UpdateTable, "sample": SampleTable,
@@ -131,6 +145,7 @@ class Farm:
     options: Options
     months: tuple[Month, ...]
     left_out: tuple[tuple[str, str, str], ...] = ()
+    joint: JointTable | None = None
 
 
 def read_farm(path: str | Path) -> Farm:
@@ -142,7 +157,7 @@ def read_farm(path: str | Path) -> Farm:
     if isinstance(asked, dict) and "deviations" in asked:
         # the key's former name
         content["select"] = {"std_from": asked["deviations"], **{k: v for k, v in asked.items() if k != "deviations"}}
-    refuse_unknown(content, [*FarmTable.__dataclass_fields__, "turbine", *TABLES], str(path))
+    refuse_unknown(content, [*FarmTable.__dataclass_fields__, "turbine", "joint", *TABLES], str(path))
     head = table_as(FarmTable, {k: v for k, v in content.items() if k in FarmTable.__dataclass_fields__}, str(path))
     options = Options(**{name: table_as(kind, content[name], f"{path}, [{name}]") for name, kind in TABLES.items()
                          if name in content})
@@ -152,7 +167,9 @@ def read_farm(path: str | Path) -> Farm:
     turbines = [table_as(TurbineTable, one, f"{path}, turbine {k}") for k, one in enumerate(given, 1)]
     _refuse_twice([t.name.casefold() for t in turbines], str(path), "turbine")
     months = tuple(month for turbine in turbines for month in _months(path, turbine, head.model))
-    return Farm(name=head.name, steps=_steps(head.steps, content, path), seed=head.seed, options=options, months=months,
+    steps = _steps(head.steps, content, path)
+    return Farm(name=head.name, steps=steps, seed=head.seed, options=options, months=months,
+                joint=_joint(content, steps, len(turbines), path),
                 left_out=tuple(left for turbine in turbines for left in _left_out(path, turbine)))
 
 
@@ -168,6 +185,24 @@ def _steps(given: tuple[str, ...], content: Mapping, path: Path) -> tuple[str, .
         if name in content and name not in given and not (name == "update" and "sample" in given):
             raise InputError(f"{path}, [{name}]", "is a table of a step that is not among steps", "add it there")
     return tuple(step for step in STEPS if step in given)
+
+
+def _joint(content: Mapping, steps: tuple[str, ...], n_turbine: int, path: Path) -> JointTable | None:
+    if "joint" not in content:
+        return None
+    found, where = table_as(JointTable, content["joint"], f"{path}, [joint]"), f"{path}, [joint]"
+    if not (found.common or found.varying):
+        raise InputError(where, "names no parameter that turbines have in common",
+                         "list parameters of the model as common or varying")
+    twice = [name for name in found.common if name in found.varying]
+    if twice:
+        raise InputError(where, f"{', '.join(twice)} is common and varying", "list it once")
+    for needed in ("select", "update"):
+        if needed not in steps:
+            raise InputError(f"{path}, steps", f"[joint] needs '{needed}'", "add it")
+    if n_turbine < 2:
+        raise InputError(where, "is of several turbines, and there is one", "add [[turbine]] tables, or leave it out")
+    return found
 
 
 def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Month]:

@@ -90,7 +90,7 @@ def made_of(month: Month, farm: Farm, records: Mapping[str, Mapping[str, str]] |
     return {
         "records": _hash([repr(contents).encode()]),
         **{name: _hash([p.read_bytes()] if p.is_file() else []) for name, p in files.items()},
-        "model": _model_hash(verbs.model_path(month.model)),
+        "model": model_hash(verbs.model_path(month.model)),
         **{f"options of {name}": _hash([repr(table).encode()]) for name, table in asdict(farm.options).items()},
         "selected": str("select" in farm.steps), "seed": str(farm.seed), "version": __version__,
     }
@@ -112,7 +112,7 @@ def still_finished(known: MonthState | None, farm: Farm, now: Mapping[str, str])
     return kept
 
 
-def _model_hash(model: Path) -> str:
+def model_hash(model: Path) -> str:
     """Of the model's file and all that is read with it."""
     return _hash(p.read_bytes() for p in sorted(set(belonging(model))) if p.is_file())
 
@@ -201,7 +201,7 @@ def _write(folder: Path, state: MonthState) -> None:
     write_json(folder / STATE, asdict(state))
 
 
-def _chosen(folder: Path) -> Path:
+def chosen_sets(folder: Path) -> Path:
     """The selected sets, or all."""
     nine = folder / "nine.json"
     return nine if nine.exists() else folder / "modes.json"
@@ -224,13 +224,13 @@ def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
 
 def _update(month: Month, folder: Path, options: Options, seed: int) -> None:
     likelihood = LikelihoodSettings(**asdict(options.update))
-    verbs.update(month.model, _chosen(folder), likelihood=likelihood).write(folder / "update.json")
+    verbs.update(month.model, chosen_sets(folder), likelihood=likelihood).write(folder / "update.json")
 
 
 def _sample(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked, likelihood = options.sample, LikelihoodSettings(**asdict(options.update))
     settings = SamplerSettings(seed=seed, target_ess=asked.ess, ensembles=asked.ensembles)
-    verbs.sample(month.model, _chosen(folder), folder / "posterior.nc", likelihood=likelihood, settings=settings)
+    verbs.sample(month.model, chosen_sets(folder), folder / "posterior.nc", likelihood=likelihood, settings=settings)
 
 
 def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
@@ -253,7 +253,7 @@ def _prepared(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
     turbine and all turbines of one model with the same sensors."""
     from probupdate.diagnosis.prepare import prepare
 
-    made = _hash([str(model).encode(), _model_hash(model).encode(), repr(sensors).encode(), *(
+    made = _hash([str(model).encode(), model_hash(model).encode(), repr(sensors).encode(), *(
         array.tobytes() for s in sensors or () for array in (s.position_m, s.direction))])
     if made not in _KEPT:
         _KEPT.clear()

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
+from probupdate.farms.joint import JointRun
+from probupdate.farms.joint_page import joint_section
 from probupdate.farms.summary import DONE, FAILED, LEFT_OUT, WAITING, MonthRow, by_turbine, labels_of, months_of
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
@@ -22,7 +24,7 @@ MARKS = {"none": ("GREEN", "o"), "named": ("RED", "X"), "ambiguous": ("ORANGE", 
 PANEL_IN, MOST_NAMED = 1.5, 12
 
 
-def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
+def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path, joint: JointRun | None = None) -> Path:
     from probupdate.reporting.page import render
 
     failed, left_out = ([row for row in rows if row.state == state] for state in (FAILED, LEFT_OUT))
@@ -46,7 +48,8 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
             f"{count[FAILED]} failed, {count[WAITING]} waiting.")
     section = Section(anchor="farm", title="All turbines", items=tuple(items), lead=lead, shown=len(items))
     footer = "Written by probupdate. This page needs no network and no other file."
-    return write_text(path, render([section], title=farm.name, subtitle=", ".join(farm.steps), footer=footer))
+    sections = [section] if joint is None else [section, joint_section(joint)]
+    return write_text(path, render(sections, title=farm.name, subtitle=", ".join(farm.steps), footer=footer))
 
 
 def _table(rows: Sequence[MonthRow]) -> Table:

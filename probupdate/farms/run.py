@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.farms.description import Farm, Month, read_farm
+from probupdate.farms.joint import JointRun, refuse_other_parameters, run_joint
 from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
 from probupdate.farms.page import write_page
 from probupdate.farms.records import read_kept, record_table
@@ -27,12 +28,14 @@ ANEW = "give an empty directory, or the farm's own"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FarmRun:
-    """rows: what is known of every turbine and month; run: how many months were worked on now; folder holds farm.csv,
-    farm.html and a folder per turbine and month."""
+    """rows: what is known of every turbine and month; run: how many months were worked on now; joint: the inference for
+    all turbines, None where farm.toml asks for none or this was a shard; folder holds farm.csv, farm.html, of a joint
+    inference farm_joint.json and farm_joint.csv, and a folder per turbine and month."""
 
     folder: Path
     rows: tuple[MonthRow, ...]
     run: int
+    joint: JointRun | None = None
 
     @property
     def failed(self) -> tuple[MonthRow, ...]:
@@ -53,6 +56,8 @@ class FarmRun:
         lines += [f"{row.turbine}, {row.month}: failed at {row.failed_step}: {row.failed}" for row in self.failed]
         lines += [f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in self.rows if row.changes]
         lines += [f"{row.turbine}, {row.month}: left out: {row.failed}" for row in self.rows if row.state == LEFT_OUT]
+        if self.joint is not None:
+            lines.append(self.joint.found.summary if self.joint.found else f"joint inference: {self.joint.failed}")
         return "\n".join([*lines, f"open {self.folder / PAGE}"])
 
 
@@ -63,12 +68,15 @@ def farm(
     """The steps of every turbine and month of a farm.toml into `out`; those that are finished are not repeated, a month
     that fails is one line of the result and is tried again by the next run, the others go on.
 
-    A month's results are made anew where its records, its model, the options, the seed or the version have changed.
+    A month's results are made anew where its records, its model, the options, the seed or the version have changed; the
+    joint inference of [joint] where a month's result has.
     shard: '3/8', the share of one job of an array; all jobs write into the same `out`. jobs: processes, or an executor.
     Raises InputError where the description is wrong or `out` holds something else.
     """
     description, out = Path(description), Path(out)
     read = read_farm(description)
+    if read.joint is not None:
+        refuse_other_parameters(read)
     share = Shard.of(shard) if isinstance(shard, str) else shard
     _claim(out, read)
     known = {month: _known(out / month.folder) for month in read.months}
@@ -83,13 +91,15 @@ def farm(
         for count, (month, state) in enumerate(results, 1):
             known[month] = state
             progress("turbine-months", len(mine) - len(todo) + count, len(mine))
-    # what other shards finished meanwhile
-    known = {month: state if month in todo else _known(out / month.folder) for month, state in known.items()}
+        # what other shards finished meanwhile
+        known = {month: state if month in todo else _known(out / month.folder) for month, state in known.items()}
+        # of all turbines: no shard's, which know not of one another
+        joint = run_joint(read, known, out, jobs=runs, progress=progress) if read.joint and share is None else None
     rows = farm_rows(read, known, out)
     write_rows(rows, out / TABLE)
-    write_page(read, rows, out / PAGE)
+    write_page(read, rows, out / PAGE, joint)
     remove_stale(out)
-    return FarmRun(folder=out, rows=tuple(rows), run=len(todo))
+    return FarmRun(folder=out, rows=tuple(rows), run=len(todo), joint=joint)
 
 
 def run_one(month: Month, farm: Farm, out: Path) -> tuple[Month, MonthState]:

@@ -7,6 +7,7 @@
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "alpha", "comparison", "components", "discrepancy", "ensemble", "evidence", "hierarchical", "identifiability",
-    "information", "joint_set", "laplace", "outlier_sets", "posterior_file", "predictive", "problem", "responses",
-    "runs", "set_views", "set_views_file", "settings", "shared_error", "tikhonov", "update_file",
+    "information", "joint_file", "joint_inference", "joint_result", "joint_set", "joint_system", "laplace",
+    "outlier_sets", "posterior_file", "predictive", "problem", "responses", "runs", "set_views", "set_views_file",
+    "settings", "shared_error", "tikhonov", "update_file",
 ]

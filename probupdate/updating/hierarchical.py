@@ -154,6 +154,13 @@ class Population:
         return self.mean + (self.factor @ rng.standard_normal(self.mean.shape)[..., None])[..., 0]
 
 
+def half_normal(w: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """tau that is half-normal of that scale where w is standard normal, by the distribution function: 2 Phi(tau /
+    scale) - 1 = Phi(w)."""
+    tau = -scale * special.ndtri(0.5 * special.ndtr(-w))
+    return np.where(w > -6, tau, scale * np.sqrt(np.pi / 2) * special.ndtr(w))
+
+
 class _Hyper:
     """The density of x = (mean of u, w of tau, w of R); every w is standard normal by its hyper-prior."""
 
@@ -170,10 +177,7 @@ class _Hyper:
 
     def scales(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """tau (n, n_param) and the factor of the covariance."""
-        w = x[:, self.n : 2 * self.n]
-        # half-normal by its distribution function: 2 Phi(tau / s) - 1 = Phi(w)
-        tau = -self.spread * special.ndtri(0.5 * special.ndtr(-w))
-        tau = np.where(w > -6, tau, self.spread * np.sqrt(np.pi / 2) * special.ndtr(w))
+        tau = half_normal(x[:, self.n : 2 * self.n], self.spread)
         root = lkj_factor(x[:, 2 * self.n :], self.n) if self.correlated else np.eye(self.n)
         return tau, tau[:, :, None] * root
 

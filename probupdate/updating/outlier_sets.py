@@ -56,7 +56,7 @@ def outlier_sets(data: ModalData) -> OutlierSets:
     stated = np.maximum(np.where(np.isfinite(stated), stated, 0.0), LEAST)
     n_set, n_mode = ln.shape
     probability, ratio, off = np.zeros(n_set), np.full((n_set, n_mode), -np.inf), np.zeros((n_set, n_mode))
-    counts = _near_the_median(ln, stated)
+    counts = near_the_median(ln, stated)
     for _ in range(PASSES if n_set >= FEWEST else 0):
         for s in range(n_set):
             for j in np.flatnonzero(np.isfinite(ln[s])):
@@ -73,11 +73,12 @@ def outlier_sets(data: ModalData) -> OutlierSets:
                        mode=mode, off=frozen_array(off[np.arange(n_set), mode]))
 
 
-def _near_the_median(ln: np.ndarray, stated: np.ndarray) -> np.ndarray:
-    """Sets (n_set,) to begin with: none of their modes far from the median by the median deviation."""
-    middle = np.nanmedian(ln, axis=0)
-    scale = np.maximum(1.4826 * np.nanmedian(np.abs(ln - middle), axis=0), np.median(stated, axis=0))
-    return ~np.any(np.abs(ln - middle) > 5 * scale, axis=1)
+def near_the_median(value: np.ndarray, stated: np.ndarray, times: float = 5.0) -> np.ndarray:
+    """Rows (n_set,) of value (n_set, n) to begin with: none far from the median by the median absolute deviation, which
+    is no less than what is stated."""
+    middle = np.nanmedian(value, axis=0)
+    scale = np.maximum(1.4826 * np.nanmedian(np.abs(value - middle), axis=0), np.median(stated, axis=0))
+    return ~np.any(np.abs(value - middle) > times * scale, axis=1)
 
 
 def _log_ratio(value: float, own: float, others: np.ndarray, stated: np.ndarray) -> tuple[float, float]:

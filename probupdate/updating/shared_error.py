@@ -317,9 +317,10 @@ def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Co
 
 def _common_discrepancy(problems: Sequence[Problem]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """How each set's responses (n, n_common) follow from one discrepancy of each frequency and of each component of a
-    shape, in the first set's scale and turn of the shapes that has them; kind and form (n_common,)."""
+    shape, in the first set's scale and turn of the shapes that has them; kind and form (n_common,). Modes and channels
+    are known by their names: sets of several turbines may number them otherwise."""
     keys: dict[tuple, tuple[int, float, float]] = {}
-    bases: dict[tuple[int, ...], np.ndarray] = {}
+    bases: dict[tuple[str, ...], dict[str, np.ndarray]] = {}
     entries = []
     for problem in problems:
         own = list(_responses(problem, bases))
@@ -340,27 +341,27 @@ def _common_discrepancy(problems: Sequence[Problem]) -> tuple[list[np.ndarray], 
 
 def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, float, float, int, float]]:
     """Row of a response, name of the unknown, how the row follows it, what a discrepancy of one does there, its kind
-    and what is missed by form: `bases` are those of the sets before, of a group's measured modes, rows of all of the
-    model's channels, NaN where not measured."""
+    and what is missed by form: `bases` are those of the sets before, by a group's labels, a row a channel."""
     unit = problem.unit_discrepancy
     form = np.where(unit > 0, problem.form_std / np.where(unit > 0, unit, 1.0), 0.0) * problem.form_is_shared
+    labels = problem.mode_labels
     for row, mode in enumerate(problem.used):
-        yield row, ("f", mode), 1.0, float(unit[row]), 1, float(form[row])
+        yield row, ("f", labels[mode]), 1.0, float(unit[row]), 1, float(form[row])
     start = problem.n_frequency
     for matched, group in zip(problem.matching.groups, problem.groups, strict=True):
         if group.shapes in ("plane", "components"):
-            n, k, whole = len(group.rows), group.size, np.full((len(problem.model.channels), group.size), np.nan)
-            whole[group.rows] = group.basis
-            first = bases.setdefault(matched.measured, whole)
-            both = np.all(np.isfinite(first) & np.isfinite(whole), axis=1)
+            n, k, modes = len(group.rows), group.size, tuple(labels[m] for m in matched.measured)
+            channels = [problem.model.channels[c] for c in group.rows]
+            first = bases.setdefault(modes, dict(zip(channels, group.basis, strict=True)))
+            both = [number for number, channel in enumerate(channels) if channel in first]
             # this set's basis is the first one turned and scaled
-            turn = np.linalg.lstsq(first[both], whole[both], rcond=None)[0] if both.any() else np.eye(k)
+            turn = np.linalg.lstsq(np.array([first[channels[j]] for j in both]), group.basis[both],
+                                   rcond=None)[0] if both else np.eye(k)
             for to in range(k):
                 for of in range(k):
-                    for number, channel in enumerate(group.rows):
+                    for number, channel in enumerate(channels):
                         row = start + to * n + number
-                        yield (row, ("s", matched.measured, of, int(channel)), float(turn[of, to]), float(unit[row]),
-                               2, float(form[row]))
+                        yield row, ("s", modes, of, channel), float(turn[of, to]), float(unit[row]), 2, float(form[row])
         start += group.shape_response.size
 
 

@@ -1,0 +1,261 @@
+"""One inference for the turbines of a design: stacked Tikhonov, then emcee with the true model at its draws.
+
+Each turbine's responses are linear about its own estimate; the joint estimate is where they are made linear again until
+it stays where it is. There the estimate is the minimum of the stacked misfit with pooled weights (the model's error is
+one for all) and penalties of the priors and the scatter; the posterior is that of `joint_scales` and `joint_draws`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.discrepancy import hyper_scales
+from probupdate.updating.hierarchical import SPREAD, Coordinates, coordinates_of
+from probupdate.updating.joint_draws import JointDraws, LinearSet, PriorRatio, draw_joint, weigh_by_model
+from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
+from probupdate.updating.joint_scales import ScaleChain, Scales, sample_scales
+from probupdate.updating.joint_system import FarmSystem, Layout, Roles, prior_in_u
+from probupdate.updating.problem import Problem
+from probupdate.updating.shared_error import Inner, SharedError, learn_scales, shared_error, total
+
+# linearisations at most, and the move in prior standard deviations at which the estimate stays where it is
+ROUNDS, STAYS = 8, 1e-3
+# sets from which what is new in each is learnt: more do not say more of two numbers
+LEARNT_FROM = 36
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TurbineSets:
+    """A turbine's sets of one month as problems of one model, and theta (n_param,) about which its responses are first
+    made linear: its own estimate."""
+
+    name: str
+    month: str
+    problems: tuple[Problem, ...]
+    theta: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSettings:
+    """spread: of the half-normal hyper-prior of tau, in prior standard deviations; odd_share: of turbines that are
+    unlike the others a priori, odd_wide: how far, in prior standard deviations."""
+
+    spread: float = SPREAD
+    odd_share: float = SHARE
+    odd_wide: float = 1.0
+    seed: int = 1
+
+
+DEFAULT = JointSettings()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointEstimate:
+    """The stacked estimate and what the posterior is sampled from. z (n_z,), u (n_turbine, n_param) in u, tau
+    (n_varying,); turn (n_e, n_kept) from the system's common unknowns back to all; `new`: what is new in each set."""
+
+    roles: Roles
+    parameters: Parameters
+    coordinates: Coordinates
+    prior: tuple[np.ndarray, np.ndarray]
+    error: SharedError
+    set_turbine: np.ndarray
+    new: tuple[float, float]
+    inners: tuple[Inner, ...]
+    system: FarmSystem
+    turn: np.ndarray
+    scales: Scales
+    x: np.ndarray
+    z: np.ndarray
+    e: np.ndarray
+    u: np.ndarray
+    odd: OddTurbines
+    rounds: int
+    settled: bool
+    at_bound: np.ndarray
+
+    @property
+    def tau(self) -> np.ndarray:
+        return self.scales.tau(self.x)
+
+    @property
+    def common_std(self) -> np.ndarray:
+        return self.system.common_std(self.scales.shared(self.x, self.system))
+
+    def of_months(self, months: Sequence[TurbineSets], number: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """u and its standard deviation (n_month, n_param) by each month's sets alone, linear about its own estimate,
+        where all that turbines share is known; number: of each month's turbine."""
+        problems = [*self.error.problems, *(p for month in months for p in month.problems)]
+        own = np.concatenate([self.coordinates.back(self.error.centre),
+                              *(np.tile(m.theta, (len(m.problems), 1)) for m in months)])
+        error, n_e = shared_error(problems, own, self.coordinates), len(self.error.kind)
+        # modes and channels that the joint inference does not know follow its own
+        error = replace(error, effect=tuple(B[:, :n_e] for B in error.effect), kind=self.error.kind,
+                        form=self.error.form)
+        group = np.concatenate([np.full(len(self.error.problems), len(months)),
+                                np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
+        layout = Layout.of(self.roles, self.prior, error.middle)
+        whole = FarmSystem.of(_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
+        system = whole.turned(self.turn, self.system.kind, self.system.form).with_wide(self.system.wide[list(number)])
+        shared = self.roles.numbers(self.roles.shared)
+        joint = self.system.conditional(self.tau, self.common_std)
+        joint = replace(joint, mean=np.concatenate([self.z - error.middle[shared], self.e]))
+        mean, _, _, left = system.of_turbines(self.tau, joint)
+        return mean + error.middle, np.sqrt(np.diagonal(left, axis1=1, axis2=2))
+
+    def linear_sets(self) -> list[list[LinearSet]]:
+        """Of each turbine."""
+        found: list[list[LinearSet]] = [[] for _ in range(len(self.u))]
+        error = self.error
+        for i, problem, centre, r, J, B in zip(self.set_turbine, error.problems, error.centre, error.residual,
+                                               error.slope, error.effect, strict=True):
+            found[i].append(LinearSet(problem=problem.noise_alone(self.new), centre=centre, residual=r, slope=J,
+                                      effect=B))
+        return found
+
+
+def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> list[Inner]:
+    """Of each group of sets, by its number (n_set,)."""
+    each = error.each(new)
+    return [total([each[s] for s in np.flatnonzero(group == i)]) for i in range(group.max() + 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class _AtScatter:
+    """What `learn_scales` asks of a shared error, of a farm at one tau."""
+
+    error: SharedError
+    set_turbine: np.ndarray
+    layout: Layout
+    tau: np.ndarray
+
+    def __getattr__(self, name: str):
+        return getattr(self.error, name)
+
+    def summed(self, new: tuple[float, float]) -> Inner:
+        return FarmSystem.of(_inners(self.error, new, self.set_turbine), self.layout).inner(self.tau)
+
+
+def _new_scales(
+    error: SharedError, set_turbine: np.ndarray, roles: Roles, prior: tuple[np.ndarray, np.ndarray], tau: np.ndarray
+) -> tuple[float, float]:
+    """What is new in each set, from as many turbines as have enough of them."""
+    last = set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1]
+    some = np.flatnonzero(set_turbine <= last)
+    part = SharedError(**{name: tuple(getattr(error, name)[s] for s in some) for name in
+                          ("problems", "residual", "slope", "effect")}, centre=error.centre[some], kind=error.kind,
+                       form=error.form)
+    layout = Layout.of(roles, prior, part.middle)
+    return learn_scales(_AtScatter(part, set_turbine[some], layout, tau), layout.prior).new
+
+
+def estimate_farm(
+    turbines: Sequence[TurbineSets], *, common: Sequence[str], varying: Sequence[str],
+    settings: JointSettings = DEFAULT, progress: Progress = silent,
+) -> JointEstimate:
+    """The deterministic estimate: linear again at every round, scales at the maximum of their density, turbines that
+    are unlike the others set apart. Raises InputError where turbines have different parameters."""
+    first = turbines[0].problems[0].parameters
+    for one in turbines:
+        for problem in one.problems:
+            if tuple(problem.parameters) != tuple(first):
+                raise InputError(f"turbine {one.name}", "has other parameters or priors than the first turbine's model",
+                                 "give turbines of one joint inference the same parameters")
+    roles = Roles(names=first.names, common=tuple(common), varying=tuple(varying))
+    coordinates = coordinates_of(first)
+    prior = prior_in_u(first, coordinates)
+    set_turbine = np.repeat(np.arange(len(turbines)), [len(t.problems) for t in turbines])
+    problems = [p for t in turbines for p in t.problems]
+    theta = np.array([t.theta for t in turbines])
+    std = np.sqrt(np.diag(prior[1]))
+    shared = roles.numbers(roles.shared)
+    scales = Scales(spread=settings.spread * std[roles.numbers(roles.varying)],
+                    hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
+    x, new, wide, settled, number = None, None, None, False, 0
+    for number in range(1, ROUNDS + 1):
+        progress("joint estimate", number - 1, ROUNDS)
+        error = shared_error(problems, theta[set_turbine], coordinates)
+        layout = Layout.of(roles, prior, error.middle)
+        tau = scales.tau(np.zeros(len(scales.spread)) if x is None else x)
+        if new is None or number == 2:
+            new = _new_scales(error, set_turbine, roles, prior, tau)
+        inners = _inners(error, new, set_turbine)
+        whole = FarmSystem.of(inners, layout, error.kind, error.form)
+        system, turn = whole.informed(scales.hyper, scales.learnt)
+        if wide is not None:
+            system = system.with_wide(wide)
+        x = scales.maximum(system, x)
+        u, z, e = _solved(system, scales, x)
+        u = u + error.middle
+        fresh = np.clip(coordinates.back(u), first.lower, first.upper)
+        fresh = _off_zero(fresh, first)
+        moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
+        theta = fresh
+        if (moved < STAYS or number == ROUNDS) and (wide is None or number < ROUNDS):
+            odd = odd_turbines(system, scales, settings.odd_wide * std[shared], share=settings.odd_share,
+                               seed=settings.seed)
+            before, wide = wide, odd.wide(settings.odd_wide * std[shared])
+            # who is odd is set apart, and all is solved again
+            if np.array_equal(wide, np.zeros_like(wide) if before is None else before):
+                settled = moved < STAYS
+                break
+    progress("joint estimate", ROUNDS, ROUNDS)
+    low, high = first.lower, first.upper
+    return JointEstimate(
+        roles=roles, parameters=first, coordinates=coordinates, prior=prior, error=error, set_turbine=set_turbine,
+        new=new, inners=tuple(inners), system=system, turn=turn, scales=scales, x=x, z=z + error.middle[shared], e=e,
+        u=frozen_array(u), odd=odd, rounds=number, settled=settled,
+        at_bound=np.any((coordinates.back(u) < low) | (coordinates.back(u) > high), axis=0))
+
+
+def _hyper(problem: Problem) -> np.ndarray:
+    """Of the common part: hyper-priors' scales where it is learnt, else what is stated of it."""
+    weights = problem.weights
+    if weights.scales:
+        return np.array(hyper_scales(weights)) / np.sqrt(2)
+    return np.sqrt(weights.shared) * np.array(weights.discrepancies)
+
+
+def _off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:
+    return np.where(parameters.lower >= 0, np.maximum(theta, 1e-3 * parameters.std), theta)
+
+
+def _solved(system: FarmSystem, scales: Scales, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    tau = scales.tau(x)
+    joint = system.conditional(tau, system.common_std(scales.shared(x, system)))
+    return system.of_turbines(tau, joint)[0], joint.mean[: system.n_z], joint.mean[system.n_z :]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointPosterior:
+    """chain over the scales, draws with what they weigh, effective number of draws, Pareto k."""
+
+    chain: ScaleChain
+    draws: JointDraws
+    weight: np.ndarray
+    effective: float
+    pareto_k: float
+
+
+def sample_farm(
+    estimate: JointEstimate, *, seed: int = 1, jobs: int | Executor = 1, progress: Progress = silent
+) -> JointPosterior:
+    """emcee over the scales, exact draws of all else, importance weights of the true priors and models."""
+    chain = sample_scales(estimate.scales, estimate.system, estimate.x, seed=seed, progress=progress)
+    ratio = PriorRatio(parameters=estimate.parameters, coordinates=estimate.coordinates, roles=estimate.roles,
+                       mean=estimate.prior[0], covariance=estimate.prior[1])
+    draws = draw_joint(estimate.system, estimate.scales, chain, estimate.error.middle, ratio=ratio, seed=seed,
+                       shared=estimate.roles.numbers(estimate.roles.shared), turn=estimate.turn)
+    draws = weigh_by_model(draws, estimate.linear_sets(), estimate.coordinates, seed=seed, jobs=jobs,
+                           progress=progress)
+    weight, k = draws.weighed()
+    return JointPosterior(chain=chain, draws=draws, weight=frozen_array(weight), pareto_k=k,
+                          effective=float(1 / np.sum(weight**2)))

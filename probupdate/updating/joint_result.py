@@ -1,0 +1,195 @@
+"""From the joint estimate and posterior of a farm to rows and sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from probupdate.runtime.executors import Executor
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.joint_draws import weighted_quantile
+from probupdate.updating.joint_file import (
+    TRUSTED_K,
+    FarmJoint,
+    MonthValue,
+    NextRow,
+    PopulationRow,
+    TurbineRow,
+)
+from probupdate.updating.joint_inference import (
+    DEFAULT,
+    JointEstimate,
+    JointPosterior,
+    JointSettings,
+    TurbineSets,
+    estimate_farm,
+    sample_farm,
+)
+from probupdate.updating.joint_next import next_measurements
+from probupdate.updating.joint_odd import odd_sentences
+from probupdate.updating.joint_system import OWN, VARYING
+
+# a month's value has changed by so many standard deviations of both months
+UNLIKE = 3.0
+INTERVAL = (0.05, 0.5, 0.95)
+
+
+def infer_farm(
+    turbines: Sequence[TurbineSets], *, common: Sequence[str], varying: Sequence[str],
+    earlier: Sequence[TurbineSets] = (), settings: JointSettings = DEFAULT, jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> FarmJoint:
+    """Both estimators for turbines of one design (at least two), each by its last month; `earlier` months of the same
+    turbines are worked out by themselves, given what the turbines share. Raises InputError where their parameters
+    differ, or `common` and `varying` name none of them."""
+    estimate = estimate_farm(turbines, common=common, varying=varying, settings=settings, progress=progress)
+    posterior = sample_farm(estimate, seed=settings.seed, jobs=jobs, progress=progress)
+    names = tuple(t.name for t in turbines)
+    corrected = posterior.pareto_k <= TRUSTED_K
+    weight = posterior.weight if corrected else np.full(len(posterior.weight), 1 / len(posterior.weight))
+    k = posterior.pareto_k
+    return FarmJoint(
+        turbines=names, odd_probability=tuple(float(p) for p in estimate.odd.probability),
+        population=tuple(_population(estimate, posterior, weight, settings)),
+        rows=tuple(_turbine_rows(estimate, posterior, weight, names)),
+        months=tuple(_months(estimate, turbines, earlier)),
+        next=tuple(NextRow(**vars(row)) for row in next_measurements(estimate, names)),
+        settled=estimate.settled, converged=posterior.chain.converged, corrected=bool(corrected), pareto_k=float(k),
+        effective=posterior.effective, draws=len(weight), verdict=_verdict(estimate, posterior, bool(corrected)),
+        notes=tuple(_notes(estimate, posterior, names, bool(corrected))),
+        settings={
+            "common": ", ".join(common), "varying": ", ".join(varying), "own": ", ".join(estimate.roles.own),
+            "weights": estimate.error.problems[0].weights.description, "sets": str(len(estimate.error.problems)),
+            "hyper-prior of tau": f"half-normal, scale {settings.spread:g} prior standard deviations",
+            "odd turbines": f"a share of {settings.odd_share:g} a priori, off by {settings.odd_wide:g} prior standard "
+                            "deviations in one parameter", "seed": str(settings.seed)})
+
+
+def _verdict(estimate: JointEstimate, posterior: JointPosterior, corrected: bool) -> str:
+    ended = f"settled after {estimate.rounds} linearisations" if estimate.settled else \
+        f"NOT settled after {estimate.rounds} linearisations"
+    k = posterior.pareto_k
+    if not np.isfinite(k):
+        weighed = "no draw has a density under the true model" if k > 0 else "the linear posterior is exact"
+    else:
+        weighed = f"true models weigh {posterior.effective:.0f} effective of {len(posterior.weight)} draws, Pareto k " \
+                  f"{k:.2f}"
+    failed = "" if corrected else ": THE LINEARISATION FAILED, intervals are those of the linear models alone"
+    return f"stacked estimate {ended}; scatter {posterior.chain.verdict}; {weighed}{failed}"
+
+
+def _notes(estimate: JointEstimate, posterior: JointPosterior, names: Sequence[str], corrected: bool) -> list[str]:
+    shared = estimate.roles.shared
+    logarithmic = estimate.coordinates.logarithmic[estimate.roles.numbers(shared)]
+
+    def words(i: int, k: int) -> str:
+        shift = estimate.odd.shift[i, k]
+        if logarithmic[k]:
+            return f"{100 * np.expm1(shift):+.2g} %"
+        return f"{shift:+.3g} {estimate.parameters.items[estimate.parameters.index(shared[k])].unit}"
+
+    notes = odd_sentences(estimate.odd, names, shared, words)
+    bound = [name for name, there in zip(estimate.roles.names, estimate.at_bound, strict=True) if there]
+    if bound:
+        notes.append(f"the stacked estimate lies beyond a bound in some turbine, and is cut there: {', '.join(bound)}")
+    if not corrected:
+        notes.append("widen the bounds or the model, hold parameters that the data hardly identify, or update turbines "
+                     "one by one: this farm's responses are not linear over their posterior's width")
+    return notes
+
+
+def _population(estimate: JointEstimate, posterior: JointPosterior, weight, settings: JointSettings):
+    roles, coordinates, parameters = estimate.roles, estimate.coordinates, estimate.parameters
+    draws, rng = posterior.draws, np.random.default_rng([settings.seed, 41])
+    inherited = parameters.draw(rng, len(weight))
+    place = {name: k for k, name in enumerate(roles.shared)}
+    joint = estimate.system.conditional(estimate.tau, estimate.common_std)
+    z_std = np.sqrt(np.diag(joint.solve(np.eye(len(joint.mean))[:, : len(place)])[: len(place)]))
+    means, stds = parameters.moments
+    for number, p in enumerate(parameters):
+        name, role, nan = p.name, roles.role(p.name), float("nan")
+        one = _single(coordinates, number)
+        row = dict.fromkeys(("tikhonov", "tikhonov_std", "mean", "std", "low", "high", "tau", "tau_low", "tau_high",
+                             "tau_prior"), nan)
+        if role != OWN:
+            z = draws.z[:, place[name]]
+            at = one(estimate.z[place[name]])
+            row |= dict(tikhonov=float(at), tikhonov_std=float(z_std[place[name]] * _rate(coordinates, number, at)),
+                        **_moments(one(z), weight))
+            new = z
+            if role == VARYING:
+                tau = draws.tau[:, roles.varying.index(name)]
+                low, middle, high = weighted_quantile(tau, weight, INTERVAL)
+                spread = estimate.scales.spread[roles.varying.index(name)]
+                row |= dict(tau=float(middle), tau_low=float(low), tau_high=float(high),
+                            tau_prior=float(stats.norm.ppf(0.75) * spread))
+                new = z + tau * rng.standard_normal(len(tau))
+            inherited[:, number] = np.clip(one(new), p.lower, p.upper)
+        of_new = _moments(inherited[:, number], weight)
+        yield PopulationRow(
+            parameter=name, unit=p.unit, role=role, prior_mean=float(means[number]), prior_std=float(stds[number]),
+            tau_relative=bool(coordinates.logarithmic[number]),
+            **row, **{f"inherited_{key}": value for key, value in of_new.items()})
+
+
+def _single(coordinates, number: int):
+    """u of one parameter -> theta."""
+    return np.exp if coordinates.logarithmic[number] else np.asarray
+
+
+def _rate(coordinates, number: int, theta: float) -> float:
+    return float(theta) if coordinates.logarithmic[number] else 1.0
+
+
+def _moments(values: np.ndarray, weight: np.ndarray) -> dict[str, float]:
+    mean = float(weight @ values)
+    low, _, high = weighted_quantile(values, weight, INTERVAL)
+    return dict(mean=mean, std=float(np.sqrt(weight @ (values - mean) ** 2)), low=float(low), high=float(high))
+
+
+def _turbine_rows(estimate: JointEstimate, posterior: JointPosterior, weight, names: Sequence[str]):
+    roles, coordinates, parameters, tau = estimate.roles, estimate.coordinates, estimate.parameters, estimate.tau
+    system, odd = estimate.system, estimate.odd
+    _, covariance, *_ = system.of_turbines(tau, system.conditional(tau, estimate.common_std))
+    u, shared = estimate.u, list(roles.shared)
+    theta = coordinates.back(posterior.draws.u)
+    for i, turbine in enumerate(names):
+        alone = system.chosen([i])
+        own = alone.of_turbines(tau, alone.conditional(tau, estimate.common_std))[1][0]
+        for k, p in enumerate(parameters):
+            role, one = roles.role(p.name), _single(coordinates, k)
+            value, rate = float(one(u[i, k])), _rate(coordinates, k, float(one(u[i, k])))
+            probability, limit = float("nan"), float("nan")
+            if role != OWN:
+                at = shared.index(p.name)
+                probability = float(odd.share[i, at])
+                limit = float(one(u[i, k] + odd.limit[i, at]) - one(u[i, k])) if np.isfinite(odd.limit[i, at]) else \
+                    float("nan")
+            yield TurbineRow(
+                turbine=turbine, parameter=p.name, unit=p.unit, role=role, tikhonov=float(np.clip(value, p.lower,
+                                                                                                  p.upper)),
+                tikhonov_std=float(np.sqrt(covariance[i, k, k]) * rate), **_moments(theta[:, i, k], weight),
+                alone_std=float(np.sqrt(own[k, k]) * rate), odd=probability, limit=limit,
+                at_bound=bool(not p.lower <= value <= p.upper))
+
+
+def _months(estimate: JointEstimate, turbines: Sequence[TurbineSets], earlier: Sequence[TurbineSets]):
+    """Of turbines with earlier months, in the order of time."""
+    names = [t.name for t in turbines]
+    months = [m for t in turbines if any(e.name == t.name for e in earlier)
+              for m in (*(e for e in earlier if e.name == t.name), t)]
+    if not months:
+        return
+    u, std = estimate.of_months(months, [names.index(m.name) for m in months])
+    for j, month in enumerate(months):
+        follows = j > 0 and months[j - 1].name == month.name
+        for k, p in enumerate(estimate.parameters):
+            if estimate.roles.role(p.name) not in (OWN, VARYING):
+                continue
+            value = float(_single(estimate.coordinates, k)(u[j, k]))
+            yield MonthValue(
+                turbine=month.name, month=month.month, parameter=p.name, unit=p.unit, value=value,
+                std=float(std[j, k] * _rate(estimate.coordinates, k, value)),
+                changed=bool(follows and abs(u[j, k] - u[j - 1, k]) > UNLIKE * np.hypot(std[j, k], std[j - 1, k])))

@@ -1,0 +1,168 @@
+"""How much the varying parameters scatter and what the turbines' common error amounts to: maximum, and emcee.
+
+Everything else of a `FarmSystem` is integrated out in closed form, so that the chain walks over ln tau and the scales
+alone; common parameters, means and turbines' values follow from each of its draws exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+from scipy import optimize
+
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.discrepancy import log_half_student
+from probupdate.updating.hierarchical import half_normal
+from probupdate.updating.importance import StudentT
+from probupdate.updating.joint_system import FarmSystem
+from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.settings import CONSTANTS
+
+# of w, standard normal a priori, and of ln of a scale over its hyper-prior's
+W_RANGE, LN_RANGE = (-5.0, 6.0), (-6.0, 4.0)
+N_WALKER, SEGMENT, MAX_STEPS, TARGET_ESS, BURN_IN = 32, 120, 3000, 400, 0.25
+# how much wider in variance proposals are
+WIDER = 1.3
+# step of central differences of w and of ln of a scale
+STEP = 0.05
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scales:
+    """x = (w of tau, ln of the learnt scales of the common error over their hyper-prior's): spread (n_varying,) of the
+    half-normal hyper-prior of tau; hyper (2,), of frequencies and of shapes; learnt: whether these are unknown."""
+
+    spread: np.ndarray
+    hyper: np.ndarray
+    learnt: bool
+
+    def present(self, system: FarmSystem) -> np.ndarray:
+        """Which of the two scales are unknown and count."""
+        return np.flatnonzero([self.learnt and np.any(system.kind == k) for k in (1, 2)])
+
+    def n_x(self, system: FarmSystem) -> int:
+        return len(self.spread) + len(self.present(system))
+
+    def tau(self, x: np.ndarray) -> np.ndarray:
+        return half_normal(x[..., : len(self.spread)], self.spread)
+
+    def shared(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
+        """(..., 2) of x (..., n_x)."""
+        found = np.tile(np.array(self.hyper, float), (*x.shape[:-1], 1)).reshape(*x.shape[:-1], 2)
+        found[..., self.present(system)] *= np.exp(x[..., len(self.spread) :])
+        return found
+
+    def bounds(self, n_x: int) -> np.ndarray:
+        """(n_x, 2)."""
+        n = len(self.spread)
+        return np.array([W_RANGE] * n + [LN_RANGE] * (n_x - n)).reshape(-1, 2)
+
+    def log_prior(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
+        """Of x (..., n_x)."""
+        present = self.present(system)
+        scales = log_half_student(self.shared(x, system)[..., present], self.hyper[present])
+        return np.sum(scales, axis=-1) - 0.5 * np.sum(x[..., : len(self.spread)] ** 2, axis=-1)
+
+    def log_posterior(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
+        """(n,) of x (n, n_x)."""
+        low, high = self.bounds(x.shape[1]).T
+        held = np.clip(x, low, high)
+        value = self.log_prior(held, system) + system.log_density(
+            self.tau(held), system.common_std(self.shared(held, system)))
+        return np.where(np.all(held == x, axis=1), value, -np.inf)
+
+    def maximum(self, system: FarmSystem, start: np.ndarray | None = None) -> np.ndarray:
+        """x (n_x,) of the largest density."""
+        n = self.n_x(system)
+        begin = np.zeros(n) if start is None or len(start) != n else start
+        if not n:
+            return begin
+        # differences stay inside the bounds
+        inside = self.bounds(n) + np.array([0.01, -0.01])
+        steps = np.vstack([np.zeros(n), 1e-4 * np.eye(n), -1e-4 * np.eye(n)])
+
+        def descent(x: np.ndarray) -> tuple[float, np.ndarray]:
+            value = -self.log_posterior(x + steps, system)
+            return float(value[0]), (value[1 : n + 1] - value[n + 1 :]) / 2e-4
+
+        return optimize.minimize(descent, begin, jac=True, method="L-BFGS-B", bounds=inside, options={"ftol": 1e-10}).x
+
+    def curvature(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
+        """Covariance (n_x, n_x) of the Gaussian at x, by differences; no wider than twice the hyper-prior."""
+        n = len(x)
+        i, j = (index.ravel() for index in np.indices((n, n)))
+        steps = STEP * np.eye(n)
+        corners = [self.log_posterior(x + a * steps[i] + b * steps[j], system) for a, b in
+                   ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+        H = -(corners[0] - corners[1] - corners[2] + corners[3]).reshape(n, n) / (4 * STEP**2)
+        value, vectors = np.linalg.eigh(np.where(np.isfinite(H), H, np.eye(n)))
+        return (vectors / np.maximum(value, 0.5)) @ vectors.T
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScaleChain:
+    """x (n, n_x) of the chain after its start, with what is said of its convergence."""
+
+    x: np.ndarray
+    r_hat: float
+    ess: float
+    verdict: str
+
+    @property
+    def converged(self) -> bool:
+        return self.r_hat < CONSTANTS.population_r_hat_limit and self.ess >= TARGET_ESS
+
+    def evenly(self, n: int) -> np.ndarray:
+        """n of its draws (n, n_x)."""
+        return self.x[np.linspace(0, len(self.x) - 1, n).astype(int)]
+
+
+def student_about(scales: Scales, system: FarmSystem, maximum: np.ndarray) -> StudentT:
+    """A Student t distribution about the maximum, wider than the density there."""
+    root = np.linalg.cholesky(WIDER * scales.curvature(maximum, system))
+    return StudentT(centre=maximum, factor=root, logarithmic=np.zeros(len(maximum), bool))
+
+
+class _Redraw(emcee.moves.RedBlueMove):
+    """Each walker anew, independently of where it was."""
+
+    def __init__(self, about: StudentT):
+        super().__init__()
+        self._about = about
+
+    def get_proposal(self, sample, complement, random):
+        fresh = self._about.draw(len(sample), random)
+        return fresh, self._about.of_coordinates(sample) - self._about.of_coordinates(fresh)
+
+
+def sample_scales(
+    scales: Scales, system: FarmSystem, maximum: np.ndarray, *, seed: int, progress: Progress = silent
+) -> ScaleChain:
+    """emcee from about the maximum; no chain where no scale is unknown."""
+    n = len(maximum)
+    if not n:
+        return ScaleChain(x=np.zeros((1, 0)), r_hat=1.0, ess=float(TARGET_ESS), verdict="no scale is unknown")
+    rng = np.random.default_rng([seed, 31])
+    about = student_about(scales, system, maximum)
+    low, high = scales.bounds(n).T
+    start = np.clip(about.draw(max(N_WALKER, 2 * n + 2), rng), low + 0.1, high - 0.1)
+    moves = [(_Redraw(about), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.StretchMove(), 0.1)]
+    sampler = emcee.EnsembleSampler(*start.shape, lambda x: scales.log_posterior(x, system), moves=moves,
+                                    vectorize=True)
+    state = emcee.State(start, random_state=np.random.RandomState(rng.integers(2**32, size=8)).get_state())
+    judged, kept = (np.inf, 0.0), start[None]
+    while sampler.iteration < MAX_STEPS and not (
+            judged[0] < CONSTANTS.population_r_hat_limit and judged[1] >= TARGET_ESS):
+        progress("scatter between turbines", sampler.iteration, MAX_STEPS)
+        more = max(SEGMENT, sampler.iteration // 3)
+        state = sampler.run_mcmc(state, more, skip_initial_state_check=True)
+        kept = sampler.get_chain(discard=int(BURN_IN * sampler.iteration))
+        judged = tuple(float(f(v)) for f, v in zip((np.max, np.min), effective_size(kept), strict=True))
+    progress("scatter between turbines", MAX_STEPS, MAX_STEPS)
+    words = f"{sampler.iteration} steps, R-hat {judged[0]:.3f}, effective size {judged[1]:.0f}"
+    settled = judged[0] < CONSTANTS.population_r_hat_limit and judged[1] >= TARGET_ESS
+    return ScaleChain(x=frozen_array(kept.reshape(-1, n)), r_hat=judged[0], ess=judged[1],
+                      verdict=f"{'converged' if settled else 'NOT converged'}: {words}")

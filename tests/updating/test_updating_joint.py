@@ -1,0 +1,197 @@
+"""One inference for the turbines of a design against one dense joint Gaussian, quadrature and a plain chain."""
+
+from __future__ import annotations
+
+import emcee
+import numpy as np
+import pytest
+from joint_cases import HZ, PARAMETERS, ROLES, SLOPE, STD, dense, drawn_farm, farm_problems, linear_model
+from scipy import special, stats
+
+from probupdate.errors import InputError
+from probupdate.updating.joint_file import read_joint
+from probupdate.updating.joint_inference import JointSettings, estimate_farm, sample_farm
+from probupdate.updating.joint_next import SURVEY, next_measurements
+from probupdate.updating.joint_result import infer_farm
+from probupdate.updating.problem import Weights
+
+SPREAD = 0.25 * 1.5
+# a common error of a share of each frequency, half of it the same for all
+STATED = Weights(shapes="none", discrepancy=0.01)
+
+
+def parts(y):
+    """Standard deviations of what all share and of what is new, as the weights of a file state them."""
+    share = 0.01 * np.sqrt(0.5)
+    return share * y[0, 0], np.hypot(STD, share * y)
+
+
+@pytest.fixture(scope="module")
+def farm():
+    y, _ = drawn_farm(5, 3, seed=1, wrong=0.007)
+    return y, estimate_farm(farm_problems(y, weights=STATED), **ROLES)
+
+
+def test_the_stacked_estimate_is_the_mean_of_one_dense_gaussian(farm, validation):
+    row = validation(what="stacked Tikhonov estimate of five turbines with one model error: values, covariances",
+                     reference="one dense joint Gaussian, plain numpy", unit="posterior standard deviations")
+    y, found = farm
+    mean, covariance, _ = dense(y, found.tau[0], *parts(y))
+    std = np.sqrt(np.diag(covariance))
+    row.error((np.concatenate([found.z, found.u[:, 1], found.u[:, 2]]) - mean) / std, below=1e-6, of="values")
+    joint = found.system.conditional(found.tau, found.common_std)
+    _, own, across, _ = found.system.of_turbines(found.tau, joint)
+    assert found.settled and np.allclose(found.u[:, 0], found.z[0], atol=1e-9)
+    soil, scour = np.arange(2, 7), np.arange(7, 12)
+    errors = [own[:, 1, 2] - covariance[soil, scour], own[:, 1, 1] - std[soil] ** 2,
+              across[:, 2, 0] - covariance[scour, 0], across[:, 1, 1] - covariance[soil, 1]]
+    row.error(np.array(errors) / std[2] ** 2, below=1e-6, of="covariances")
+
+
+def test_the_density_of_the_scatter_is_that_of_all_data(farm):
+    y, found = farm
+    taus = np.array([1e-3, 0.05, 0.2, 0.5, 1.5])
+    each = found.system.log_density(taus[:, None], np.tile(found.common_std, (5, 1)))
+    stacked = [dense(y, tau, *parts(y))[2] for tau in taus]
+    assert np.ptp(each - stacked) < 1e-7
+
+
+def test_the_chain_over_the_scatter_is_quadrature_s(farm, validation):
+    row = validation(what="scatter between turbines by emcee, all else in closed form: mean of ln tau",
+                     reference="quadrature over the dense Gaussian's density", unit="standard errors")
+    y, found = farm
+    chain = sample_farm(found).chain
+    tau = np.geomspace(1e-4, 3, 400)
+    value = np.array([dense(y, t, *parts(y))[2] for t in tau]) + stats.halfnorm.logpdf(tau, scale=SPREAD) + np.log(tau)
+    weight = special.softmax(value)
+    mean = weight @ np.log(tau)
+    std = np.sqrt(weight @ (np.log(tau) - mean) ** 2)
+    assert chain.converged
+    row.error((np.log(found.scales.tau(chain.x)[:, 0]).mean() - mean) / (std / np.sqrt(chain.ess)), below=4)
+
+
+def test_a_turbine_is_odd_with_the_probability_of_the_mixture(validation):
+    row = validation(what="probability that a turbine is unlike the others", unit="of the logit",
+                     reference="evidences of dense Gaussians, quadrature over the scatter")
+    tau = np.geomspace(1e-3, 3, 60)
+    prior = stats.halfnorm.logpdf(tau, scale=SPREAD) + np.log(tau)
+    for shift, turbine in ((0.0, 3), (1.0, 0)):
+        y, _ = drawn_farm(6, 1, seed=4, shift=shift)
+        found = estimate_farm(farm_problems(y), **ROLES).odd
+        # each beside all others
+        assert np.all(np.delete(found.probability, turbine) < 0.5)
+        evidence = []
+        for off in (None, 0, 1):
+            each = [dense(y, t, 0 * HZ, STD, odd=None if off is None else (turbine, off))[2] for t in tau]
+            evidence.append(special.logsumexp(np.array(each) + prior))
+        factor = np.logaddexp(evidence[1], evidence[2]) - np.log(2) - evidence[0]
+        row.error(special.logit(found.probability[turbine]) - (factor + np.log(0.05 / 0.95)), below=0.15)
+        assert found.share[turbine, 1] / found.probability[turbine] == pytest.approx(
+            special.expit(evidence[2] - evidence[1]), abs=0.03)
+
+
+def test_an_odd_turbine_is_named_and_the_population_is_the_others():
+    y, truth = drawn_farm(12, 3, seed=1, shift=4.0)
+    found = infer_farm(farm_problems(y), **ROLES)
+    assert found.odd_probability[0] > 0.99 and max(found.odd_probability[1:]) < 0.5
+    soil = next(r for r in found.population if r.parameter == "soil")
+    assert soil.low < truth[1:, 1].mean() < soil.high and soil.tau_high < 1.0
+    own = next(r for r in found.rows if r.turbine == "T0" and r.parameter == "soil")
+    assert own.low < truth[0, 1] < own.high and own.odd > 0.95 and own.limit < 4.0
+    assert any(text.startswith("T0 is unlike") and "soil" in text for text in found.notes)
+
+
+def log_joint(x: np.ndarray, y: np.ndarray, bend: float, noise: float) -> np.ndarray:
+    """ln of the whole density (n,) of x = (steel, mu, ln tau, soil of each, scour of each) (n, 3 + 2 n_turbine)."""
+    n = len(y)
+    steel, mean, ln_tau, soil, scour = x[:, 0], x[:, 1], x[:, 2], x[:, 3 : 3 + n], x[:, 3 + n :]
+    tau = np.exp(ln_tau)
+    theta = np.stack([np.broadcast_to(steel[:, None], soil.shape), soil, scour], axis=-1)
+    exact = HZ + theta @ SLOPE.T + bend * HZ * soil[:, :, None] ** 2
+    value = -0.5 * np.sum(((y[None] - exact[:, :, None]) / (noise * STD)) ** 2, axis=(1, 2, 3))
+    value += -0.5 * steel**2 - 0.5 * (mean / 1.5) ** 2 - 0.5 * (tau / SPREAD) ** 2 + ln_tau
+    value += np.sum(-0.5 * ((soil - mean[:, None]) / tau[:, None]) ** 2 - ln_tau[:, None], axis=1)
+    return value - 0.5 * np.sum((scour / 0.8) ** 2, axis=1)
+
+
+def test_weights_by_the_true_model_correct_the_linearisation(validation):
+    row = validation(what="two turbines with a bent response: posterior means", unit="posterior standard deviations",
+                     reference="emcee on the whole density, nothing in closed form")
+    bend = 0.005
+    y, truth = drawn_farm(2, 1, seed=6, bend=bend, noise=5.0)
+    found = infer_farm(farm_problems(y, model=linear_model(bend=bend), noise=5.0), **ROLES)
+    assert found.corrected and 0 < found.pareto_k < 0.7 and found.effective < 0.97 * found.draws
+    start = np.concatenate([truth[0, :1], [truth[:, 1].mean(), np.log(0.3)], truth[:, 1], truth[:, 2]])
+    sampler = emcee.EnsembleSampler(28, 7, log_joint, args=(y, bend, 5.0), vectorize=True,
+                                    moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)])
+    state = emcee.State(start + 0.05 * np.random.default_rng(2).standard_normal((28, 7)),
+                        random_state=np.random.RandomState(3).get_state())
+    sampler.run_mcmc(state, 5000)
+    draws = sampler.get_chain(discard=1000, flat=True)
+    own = {(r.turbine, r.parameter): r for r in found.rows}
+    for k, key in ((0, ("T0", "steel")), (3, ("T0", "soil")), (4, ("T1", "soil")), (5, ("T0", "scour"))):
+        mean, std = draws[:, k].mean(), draws[:, k].std()
+        row.error((own[key].mean - mean) / std, below=0.25, of="means")
+        assert own[key].std == pytest.approx(std, rel=0.15)
+
+
+def test_a_failed_linearisation_is_said():
+    y, _ = drawn_farm(2, 1, seed=6, bend=0.01, noise=10.0)
+    found = infer_farm(farm_problems(y, model=linear_model(bend=0.01), noise=10.0), **ROLES)
+    assert not found.corrected and (found.pareto_k > 0.7 or not np.isfinite(found.pareto_k))
+    assert "LINEARISATION FAILED" in found.summary
+
+
+def test_what_a_survey_says_is_the_ratio_of_dense_variances():
+    y, _ = drawn_farm(4, 2, seed=2)
+    found = estimate_farm(farm_problems(y), **ROLES)
+    _, covariance, _ = dense(y, found.tau[0], 0 * HZ, STD)
+    rows = {(r.turbine, r.measurement): r for r in next_measurements(found, tuple("ABCD"))}
+    of_soil = rows["B", "a survey of soil"]
+    noise, at, z = (SURVEY * 1.5) ** 2, 3, [0, 1]
+    after = covariance - np.outer(covariance[:, at], covariance[at]) / (covariance[at, at] + noise)
+    expected = 0.5 * np.log2(np.linalg.det(covariance[np.ix_(z, z)]) / np.linalg.det(after[np.ix_(z, z)]))
+    assert of_soil.farm_bits == pytest.approx(expected, rel=1e-6)
+    twice = np.concatenate([y, y], axis=1)[:, :4]
+    again = dense(twice, found.tau[0], 0 * HZ, np.where(np.arange(4)[:, None, None] == 1, 1.0, np.sqrt(2.0)) * STD)[1]
+    expected = 0.5 * np.log2(np.linalg.det(covariance[np.ix_(z, z)]) / np.linalg.det(again[np.ix_(z, z)]))
+    assert rows["B", "as many sets again"].farm_bits == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_turbine_without_sensors_inherits_the_population():
+    y, _ = drawn_farm(10, 2, seed=3)
+    found = infer_farm(farm_problems(y), **ROLES)
+    steel, soil, scour = (next(r for r in found.population if r.parameter == n) for n in ("steel", "soil", "scour"))
+    assert steel.inherited_std == pytest.approx(steel.std, rel=1e-9)
+    assert soil.std < soil.tau < soil.inherited_std < 1.5
+    assert scour.inherited_std == pytest.approx(0.8, rel=0.15) and np.isnan(scour.mean)
+
+
+def test_what_all_have_in_common_narrows_with_turbines_until_the_model_error():
+    widths = []
+    for n in (2, 8, 32):
+        y, _ = drawn_farm(n, 2, seed=5, wrong=0.002)
+        found = estimate_farm(farm_problems(y, weights=Weights(shapes="none", discrepancy=0.003)), **ROLES)
+        joint = found.system.conditional(found.tau, found.common_std)
+        widths.append(np.sqrt(joint.solve(np.eye(len(joint.mean))[:, 0])[0]))
+    # sixteen times the turbines, not a fourth of the width
+    assert widths[0] > widths[1] > widths[2] > 0.3 * widths[0]
+
+
+def test_an_estimate_read_back_says_the_same(tmp_path):
+    y, _ = drawn_farm(3, 2, seed=3)
+    found = infer_farm(farm_problems(y), **ROLES, settings=JointSettings(odd_share=0.0))
+    again = read_joint(found.write(tmp_path / "farm_joint.json"))
+    assert again.summary == found.summary and len(found.to_frame()) == 9
+    (tmp_path / "other.json").write_text('{"format": 1, "rows": 3}')
+    with pytest.raises(InputError, match="farm_joint.json"):
+        read_joint(tmp_path / "other.json")
+
+
+@pytest.mark.parametrize("common, varying, said", [
+    (("steel", "oak"), (), "oak"), (("steel",), ("steel",), "common and varying"), ((), (), "names no parameter")])
+def test_roles_that_cannot_be_are_refused(common, varying, said):
+    y, _ = drawn_farm(2, 1, seed=1)
+    with pytest.raises(InputError, match=said):
+        estimate_farm(farm_problems(y), common=common, varying=varying)
+    assert PARAMETERS.names == ("steel", "soil", "scour")
