@@ -1,4 +1,4 @@
-"""[joint] in farm.toml: one inference after the turbines' own, kept, made anew where something changed, refused early."""
+"""[joint] in farm.toml: one inference after the turbines' own, kept until something changes, refused early."""
 
 import csv
 import shutil
