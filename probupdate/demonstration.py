@@ -16,7 +16,8 @@ from probupdate.diagnosis.wording import found_words
 from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.io.result_table import table_of
-from probupdate.reporting import report as write_report
+from probupdate.modal.modes import read_modes
+from probupdate.reporting import report_with_conclusion
 from probupdate.runtime.executors import Executor, beside, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 # the virtual turbine stands in the updated state; the model that is updated starts from the as-built one
 TRUTH_STATE, START_STATE = "updated", "as_built"
-LIKELIHOOD = LikelihoodSettings(weights="paper")
+PAPER_LIKELIHOOD = LikelihoodSettings(weights="paper")
 # hidden unless the caller says otherwise: one effect of the structure, one of a sensor
 HIDDEN = """\
 # hidden in the demonstration's virtual turbine; as `probupdate simulate --truth` reads it
@@ -47,14 +48,14 @@ kind = "sensor_gain"
 channel = "TP-C-y"
 factor = 1.15
 """
-# the demonstration's posterior is for looking at: fewer effective draws than a report would want
-TARGET_ESS = 400
+# two ensembles of 200 steps give twice as many effective draws, and both must agree
+TARGET_ESS, ENSEMBLES = 400, 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Demonstration:
-    """folder holds campaign/, modes.json, nine.json, update.json, posterior.nc, compare.json, diagnosis.json and
-    report.html (`files`, those with results)."""
+    """folder holds campaign/, modes.json, nine.json, paper.json, diagnosis.json, update.json, posterior.nc,
+    compare.json and report.html (`files`, those with results)."""
 
     folder: Path
     seconds: float
@@ -76,14 +77,16 @@ def demo(
     progress: Progress = silent,
     say: Callable[[str], None] = lambda text: None,
 ) -> Demonstration:
-    """Simulate, identify, select, update, sample, diagnose, compare, report. `say` is called with what each step found.
+    """Simulate, identify, select, diagnose, update and sample with the findings in the model, compare, report. `say` is
+    called with what each step found.
 
     The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
     tolerances), in the reference turbine's updated state, and measured; the model starts as built. `hide`: a truth.toml
     of effects that the model does not have, "none", or "default", one of the structure from half of the record on
-    (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more hours, blocks and
-    sections of the report are shared out, and update and sampler run beside the diagnosis, with the same bytes; a
-    script needs `if __name__ == "__main__"` then.
+    (HIDDEN) and one of a sensor; what it was is said after the diagnosis. The model with the findings in it is updated
+    and sampled with default weights; the paper's update, of the model as built with the paper's weights, is beside it.
+    jobs: with two or more hours, blocks and sections of the report are shared out, the paper's update runs beside the
+    diagnosis and the update beside the sampler, with the same bytes; a script needs `if __name__ == "__main__"` then.
     """
     out = Path(out)
     hidden = _hidden(hide, days)
@@ -96,27 +99,41 @@ def demo(
                          "version": __version__})
     campaign, model = out / "campaign", out / "model.toml"
     write_bytes(model, reference_model(START_STATE).read_bytes())
-    modes, nine = out / "modes.json", out / "nine.json"
-    files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
+    modes, nine, diagnosis = out / "modes.json", out / "nine.json", out / "diagnosis.json"
+    files = {"paper": out / "paper.json", "update": out / "update.json", "posterior": out / "posterior.nc",
+             "compare": out / "compare.json"}
     steps = _Steps(state, say)
     with executor(jobs) as runs:
         _measure(steps, out, hidden, seed=seed, days=days, jobs=runs if jobs > 1 else 1, progress=progress, say=say)
         # the diagnosis is asked of all blocks, with the model as it was before any update
         steps.side_by_side({
-            "update": (_update, model, nine, files["update"]),
-            "sample": (_sample, model, nine, files["posterior"], seed),
-            "diagnose": (_diagnose, model, modes, campaign, out / "diagnosis.json", seed, hidden, runs),
+            "paper": (_paper, model, nine, files["paper"]),
+            "diagnose": (_diagnose, model, modes, campaign, diagnosis, seed, hidden, runs),
+        }, jobs, progress)
+        extended, data = _with_findings(diagnosis, model, nine)
+        state.updates(extended)
+        steps.side_by_side({
+            "update": (_update, extended, data, files["update"]),
+            "sample": (_sample, extended, data, files["posterior"], seed, runs),
         }, jobs, progress)
         with steps.of("compare", again=True):
-            compared = verbs.compare(files["update"], files["posterior"], model=model)
+            compared = verbs.compare(files["update"], files["posterior"], model=extended)
             compared.write(files["compare"])
             say(compared.summary)
         with steps.of("report", again=True):
-            page = write_report(out, out / "report.html", jobs=runs, progress=progress)
+            page, conclusion = report_with_conclusion(out, out / "report.html", jobs=runs, progress=progress)
     seconds = time.monotonic() - begun
-    summary = f"{seconds:.0f} s; open {page}"
-    written = page, modes, nine, *files.values(), out / "diagnosis.json"
+    summary = "\n".join(["", *conclusion, f"{seconds:.0f} s; open {page}"])
+    written = page, modes, nine, diagnosis, *files.values()
     return Demonstration(folder=out, seconds=seconds, files=written, summary=summary)
+
+
+def _with_findings(diagnosis: Path, model: Path, nine: Path) -> tuple[Path, Path]:
+    """Model and modes to update: with the findings in both, or as they were where nothing was included."""
+    content = read_json(diagnosis, "delete it, and run the demonstration again")
+    files = (content.get("extension") or {}).get("files") or {}
+    return (diagnosis.with_name(files["model"]) if files.get("model") else model,
+            diagnosis.with_name(files["mean"]) if files.get("mean") else nine)
 
 
 def _measure(
@@ -168,15 +185,25 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
                       *(f"  {f}" for f in found)])
 
 
-def _update(model: Path, nine: Path, out: Path, progress: Progress = silent) -> str:
-    updated = verbs.update(model, nine, likelihood=LIKELIHOOD, progress=progress)
+def _paper(model: Path, nine: Path, out: Path, progress: Progress = silent) -> str:
+    """The paper's update is of one set, the most consistent one."""
+    updated = verbs.update(model, nine, likelihood=PAPER_LIKELIHOOD, set_id=read_modes(nine).set().id,
+                           progress=progress)
     updated.write(out)
     return updated.summary
 
 
-def _sample(model: Path, nine: Path, out: Path, seed: int, progress: Progress = silent) -> str:
-    settings = SamplerSettings(seed=seed, target_ess=TARGET_ESS)
-    return verbs.sample(model, nine, out, likelihood=LIKELIHOOD, settings=settings, progress=progress).summary
+def _update(model: Path, modes: Path, out: Path, progress: Progress = silent) -> str:
+    updated = verbs.update(model, modes, progress=progress)
+    updated.write(out)
+    return updated.summary
+
+
+def _sample(
+    model: Path, modes: Path, out: Path, seed: int, runs: Executor, progress: Progress = silent
+) -> str:
+    settings = SamplerSettings(seed=seed, target_ess=TARGET_ESS, ensembles=ENSEMBLES)
+    return verbs.sample(model, modes, out, settings=settings, jobs=runs, progress=progress).summary
 
 
 def _diagnose(
@@ -198,8 +225,10 @@ def _timed(step: Callable[..., str], *arguments) -> tuple[str, float]:
 # step -> what it does, in the order of the work; the last two are done anew each time
 STEPS = {
     "simulate": "a virtual turbine is measured", "identify": "modes of every half hour", "select": "sets to trust",
-    "update": "the deterministic update", "sample": "the posterior", "diagnose": "what the model gets wrong",
-    "compare": "update and posterior side by side", "report": "one page of it all",
+    "paper": "the model as built with the paper's weights, for comparison",
+    "diagnose": "what is wrong in model or measurement",
+    "update": "deterministic update of the model with the findings", "sample": "its posterior",
+    "compare": "both estimators side by side", "report": "one page of it all",
 }
 
 
@@ -284,18 +313,23 @@ class _State:
         }
         if self._path.exists():
             found = _finished(self._path)
-            differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
+            differ = [k for k in self._content if k not in ("finished", "model") and found.get(k) != self._content[k]]
             if differ:
                 key = differ[0]
                 what = ("in which something else is hidden" if key == "hidden" else
                         f"whose {key} is {found.get(key)}, not {self._content[key]}")
                 raise InputError(str(out), f"holds a demonstration {what}",
                                  "give an empty directory, or delete this one")
-            self._content["finished"] = found["finished"]
+            self._content |= {key: found[key] for key in ("finished", "model") if key in found}
         elif not holds_nothing(out):
             raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")
         else:
             self._write()
+
+    def updates(self, model: Path) -> None:
+        """The model that the report is of."""
+        self._content["model"] = model.name
+        self._write()
 
     def done(self, step: str) -> bool:
         return step in self._content["finished"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,15 +16,16 @@ if TYPE_CHECKING:
     from probupdate.reporting.values import Run
 
 # what other rooms and users import; the other modules are this room's own
-__all__ = ["elements", "identification_pictures", "page", "report", "run_files", "style"]
+__all__ = ["elements", "identification_pictures", "page", "report", "report_with_conclusion", "run_files", "style"]
 
 # the page's sections in their order -> the module of each
 SECTIONS = {
     "verdict_section": "overview_sections", "measured_section": "measurement_sections",
     "identification_section": "measurement_sections", "selection_section": "measurement_sections",
-    "modes_section": "modes_section", "update_section": "updating_sections", "posterior_section": "posterior_sections",
-    "comparison_section": "posterior_sections", "sets_section": "sets_section", "information_section": "sets_section",
-    "diagnosis_section": "diagnosis_section", "provenance_section": "overview_sections",
+    "diagnosis_section": "diagnosis_section", "update_section": "updating_sections",
+    "posterior_section": "posterior_sections", "comparison_section": "posterior_sections",
+    "modes_section": "modes_section", "paper_section": "updating_sections", "sets_section": "sets_section",
+    "information_section": "sets_section", "provenance_section": "overview_sections",
 }
 # three quarters of a page's time: begun first, and worth a process each
 SLOW = ("diagnosis_section", "posterior_section", "identification_section")
@@ -40,14 +42,26 @@ def report(
     InputError, as does a directory that holds nothing of a run. jobs: processes, or an executor, for the sections; the
     page is the same on any.
     """
-    from probupdate.reporting.run_files import read_run
-
     given = {"campaign": campaign, "model": model, "parameters": parameters}
     known = {name: Path(path) for name, path in given.items() if path is not None}
+    return report_with_conclusion(run, out, known, jobs=jobs, progress=progress)[0]
+
+
+def report_with_conclusion(
+    run: str | Path, out: str | Path, given: Mapping[str, Path] | None = None, *, jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> tuple[Path, list[str]]:
+    """The path of the page, and what its first screen says, in lines."""
+    from probupdate.reporting.run_files import read_run
+
     with executor(jobs) as runs:
         # they import while the files are read
         runs.prepare(len(SLOW), "probupdate.reporting.run_files", "probupdate.reporting.figures")
-        return write_text(Path(out), compose(read_run(Path(run), progress, known), jobs=runs, progress=progress))
+        values = read_run(Path(run), progress, given)
+        page = write_text(Path(out), compose(values, jobs=runs, progress=progress))
+    from probupdate.reporting.overview_sections import conclusion
+
+    return page, conclusion(values)
 
 
 def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) -> str:

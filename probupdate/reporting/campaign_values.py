@@ -94,8 +94,9 @@ def scada_values(campaign: Campaign, scada: pd.DataFrame) -> tuple[pd.DataFrame,
     return table, words
 
 
-def truth_values(path: Path, modes: ModalData | None) -> Mapping:
-    """What is known of a virtual turbine: `parameters` by name, and `idling_hz`, its own frequencies by label at the
+def truth_values(path: Path, modes: ModalData | None, added: Mapping[str, str] | None = None) -> Mapping:
+    """What is known of a virtual turbine: `parameters` by name, with those that an extended model has for a hidden
+    factor (`added`: their names and places), and `idling_hz`, its own frequencies by label at the
     nacelle heading nearest to that of the modes' reference set (fore-aft is where the nacelle looks)."""
     from probupdate.virtual.effects import hidden_words
     from probupdate.virtual.truth import read_truth_modes
@@ -105,9 +106,12 @@ def truth_values(path: Path, modes: ModalData | None) -> Mapping:
     heading = np.nan if modes is None else float(modes.set().environment.get("nacelle_heading_deg", np.nan))
     turn = [abs((s.heading_deg - heading + 180) % 360 - 180) if np.isfinite(heading) else 0.0 for s in sets]
     near = sets[int(np.argmin(turn))]
+    hidden = [(hidden_words(e), e.get("factor")) for e in content.get("effect", ())]
+    factors = {name: factor for name, place in (added or {}).items() for words, factor in hidden
+               if factor is not None and f", {place}: " in words}
     return {
-        "parameters": content.get("parameters", {}),
-        "effects": tuple(hidden_words(e) for e in content.get("effect", ())),
+        "parameters": {**content.get("parameters", {}), **factors},
+        "effects": tuple(words for words, _ in hidden),
         "idling_hz": {label: float(f) for label, f in zip(near.labels, near.frequency_hz, strict=True)},
         "heading_deg": near.heading_deg,
     }

@@ -10,6 +10,7 @@ from probupdate.diagnosis import wording
 from probupdate.io.result_table import plural
 from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import (
+    changed_parameters,
     extension_items,
     gain_items,
     plain_table,
@@ -35,8 +36,8 @@ from probupdate.reporting.elements import (
 from probupdate.reporting.values import Run
 
 HEADLINES = {
-    "named": "Something is wrong, and it has a name", "ambiguous": "Something is wrong; which of several, is open",
-    "unexplained": "Something is wrong that no listed cause explains", "none": "Nothing beyond tolerances was found",
+    "named": "Fault identified", "ambiguous": "Several causes are possible",
+    "unexplained": "Cause unknown: unexplained", "none": "Nothing beyond tolerances was found",
 }
 KINDS = ("structural", "environmental", "measurement")
 # limits drawn in all, and at least so many places of a cause before another cause gets its second
@@ -47,7 +48,7 @@ def diagnosis_section(run: Run) -> Section | None:
     if content is None:
         return None
     shown = content["details"].get("residuals")
-    items: list[Element] = [_tiles(content), *_actions(content)]
+    items: list[Element] = [_tiles(content), *_actions(content, run.included)]
     if content["notes"]:
         items.append(Items(title="Notes", statements=tuple(map(typeset_with_stop, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
@@ -60,21 +61,25 @@ def diagnosis_section(run: Run) -> Section | None:
             "meant (hatched), by evidence of each refitted as it is, discounted by what models cannot be trusted to."))
     items += _changes(content["details"].get("changes"))
     items += gain_items(content["findings"])
-    items += extension_items(content.get("extension"))
+    items += extension_items(content.get("extension"), sampled=run.included and run.posterior is not None)
     if shown:
         items += _remaining(run, content, shown)
     items += _prior_shifts(content, shown)
     items += _measurement(content, shown)
     items += _detectable_sizes(content)
-    level = "good" if content["verdict"] == "none" else "warning"
-    title = "What the model gets wrong" if content["parameters"] else "What is wrong in the record"
+    level = "warning" if content["verdict"] != "none" else "plain" if changed_parameters(content) else "good"
+    title = "What is wrong" if content["parameters"] else "What is wrong in the record"
     return Section(anchor="diagnosis", title=title, items=tuple(items),
                    headline=_headline(content), level=level, lead=wording.verdict_words(content))
 
 
 def _headline(content: Mapping) -> str:
     if content["verdict"] == "unexplained" and content["findings"]:
-        return "Something is wrong, and not all of it has a name"
+        return "Fault identified, and residuals of unknown cause"
+    if content["verdict"] == "none" and (changed := changed_parameters(content)):
+        return f"No fault beyond changes of the model's own parameters: {', '.join(changed)}"
+    if content["verdict"] == "named" and len(content["findings"]) > 1:
+        return f"{len(content['findings'])} faults identified"
     return HEADLINES[content["verdict"]]
 
 
@@ -99,7 +104,7 @@ def _tiles(content: Mapping) -> Tiles:
     return Tiles(items=tuple(shown))
 
 
-def _actions(content: Mapping) -> list[Element]:
+def _actions(content: Mapping, included: bool) -> list[Element]:
     """What to do next: the check of each finding, what would split an ambiguity, where to look otherwise."""
     statements = []
     for f in content["findings"]:
@@ -116,7 +121,9 @@ def _actions(content: Mapping) -> list[Element]:
     if content["verdict"] == "unexplained" and nearest:
         statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
     statements += [typeset_with_stop(s) for s in wording.free_form_words(content)]
-    if content.get("extended_model"):
+    if included:
+        statements.append("Update and posterior of this run have the findings in them.")
+    elif content.get("extended_model"):
         statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
     if content["verdict"] == "none":
         statements.append("No cause is to be looked for. What could hide below the minimum detectable sizes is "
@@ -257,9 +264,9 @@ def _prior_shifts(content: Mapping, shown: Mapping | None) -> list[Element]:
             together = " → ".join(number(p, 2) for p in stated["p_together"])
             items.append(_picture(
                 figures.prior_shifts(stated["parameters"], shown["states"]), "prior_shift",
-                "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
-                "ten when its "
-                f"prior is right (grey). All together: p = {together}."))
+                "Standardised shift of each parameter from its prior, and how far these data shift it with 90 % "
+                "probability "
+                f"when its prior is right (grey). All together: p = {together}."))
     sentences = wording.prior_shift_words(content)
     if sentences:
         items.append(Items(title="Shifted where the prior did not expect it", level="warning",

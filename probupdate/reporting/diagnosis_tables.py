@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from probupdate.diagnosis import wording
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, fixed, number, percent
+from probupdate.updating.identifiability import STRONG
 
 
 def typeset_with_stop(text: str) -> str:
@@ -20,11 +21,26 @@ def typeset(text: str) -> str:
     return re.sub(r"(?<![\w)])-(?=[\d.])", "−", text.replace("+-", "±"))
 
 
+def changed_parameters(content: Mapping) -> list[str]:
+    """"k3 −30 ± 1 %" of the model's own parameters that the record identifies and whose 90 % interval leaves out the
+    prior's centre, by an amount worth a word."""
+    said = []
+    for p in content["parameters"]:
+        value, std, shift = (p.get(f"{key}_after", p.get(key)) for key in ("value", "std", "prior_shift"))
+        if None in (value, std, shift) or std > STRONG * p["prior_std"] or abs(shift) < wording.LEAST_SHIFT:
+            continue
+        if abs(value - p["prior"]) > wording.SURPRISING * std:
+            size = wording.amount((value - p["prior"]) / (abs(p["prior"]) or 1.0), std / (abs(p["prior"]) or 1.0),
+                                  "-" if p["prior"] else p["unit"], wording.SHARES[0] if p["prior"] else "")
+            said.append(typeset(f"{p['name']} {size}"))
+    return said
+
+
 def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     gained = [(k, f, f["gain"]) for k, f in enumerate(findings, start=1) if f.get("gain")]
     if not gained:
         return []
-    items: list[Element] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
+    items: list[Element] = [Items(title="Predictive gain on held-out blocks", statements=tuple(
         typeset_with_stop(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
                 for k, _, g in gained for key in _pairs_of(g)]
@@ -83,11 +99,14 @@ def _fatigue(gained: Sequence) -> list[Element]:
                   note=f"Per {per}." if per else "")]
 
 
-def extension_items(table: object) -> list[Element]:
+def extension_items(table: object, *, sampled: bool = False) -> list[Element]:
     """The model with the findings in it: what it says first, then what the estimators make of it side by side, then its
-    numbers."""
+    numbers. `sampled`: the run has a posterior of it, whatever the diagnosis sampled itself."""
     if not isinstance(table, Mapping):
         return []
+    if sampled and not (table.get("sampler") or {}).get("asked"):
+        left = [s for s in table.get("statements", ()) if not s.startswith("the posterior with the findings was not")]
+        table = {**table, "statements": left, "sampler": None}
     said = table.get("statements")
     title = "The model with what was found"
     first = [Items(title=title, statements=tuple(map(typeset_with_stop, said)))] if said else []
@@ -146,7 +165,7 @@ def _update_words(table: Mapping) -> str:
     responses, n_set = table["after"].get("effective_responses"), table.get("mean_of_blocks")
     said = [f"Misfit {misfit}" + (f" of {responses} effective responses" if responses is not None else "")
             + (f", for the mean of {n_set} sets" if n_set else "") + "."] if misfit else []
-    said += [f"The deterministic update of the model {words} has NOT settled." for words, side in sides
+    said += [f"The deterministic update of the model {words} did not converge." for words, side in sides
              if side.get("settled") is False]
     return " ".join(said)
 

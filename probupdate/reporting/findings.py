@@ -115,14 +115,10 @@ def _left_at_a_bound(extension: Mapping) -> list[str]:
 
 def _of_diagnosis(run: Run) -> list[Finding]:
     content = run.diagnosis
-    if content is None or content["verdict"] == "none":
+    if content is None or content["verdict"] == "none" or (run.included and content["verdict"] == "named"):
         return []
     named = "; ".join(found_words(content))
-    actions = [full_sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
-    if content.get("extended_model"):
-        held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
-        but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
-        actions.append(f"Then update again with {content['extended_model']}, which has the findings in it{but}.")
+    actions = [] if run.included else _to_extend(content)
     actions += [full_sentence(one) for one in own_response_actions(content)]
     if not actions:
         actions.append("Find what is missing in the model before the parameters are read as properties of the "
@@ -130,6 +126,19 @@ def _of_diagnosis(run: Run) -> list[Finding]:
     return [Finding(level="warning", short="the diagnosis found what the model does not describe",
                     text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
                     action=" ".join(actions))]
+
+
+def checks(content: Mapping) -> list[str]:
+    """How each finding is confirmed on site."""
+    return [full_sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
+
+
+def _to_extend(content: Mapping) -> list[str]:
+    if not content.get("extended_model"):
+        return []
+    held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
+    but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
+    return [f"Update again with {content['extended_model']}, which has the findings in it{but}."]
 
 
 def _of_shifts(run: Run) -> list[Finding]:
@@ -155,13 +164,12 @@ def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
     chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
     p = chances[-1]
     shifts = [full_sentence(t) for t in prior_shift_words(content)]
-    unlikely = p is not None and p < NO_CHANCE
-    if not shifts and not unlikely:
+    if not shifts and not (p is not None and p < NO_CHANCE):
         return []
     names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in shifts)]
     together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
     who = ", ".join(names) or "the parameters together"
-    return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
+    return [Finding(level="caution", short=f"{who} far from the prior",
                     text=typeset(" ".join(shifts)) + together, action=CHECK_PRIORS)]
 
 
@@ -179,7 +187,7 @@ def _of_update(run: Run) -> list[Finding]:
         where = ", ".join(f"{name} {words} of {number(value)}" for name, value, words in held)
         names = ", ".join(name for name, *_ in held)
         found.append(Finding(
-            level="warning", short=f"{names} at a bound",
+            level="caution", short=f"{names} at a bound",
             text=f"At the most probable parameters (MAP): {where}. A value at a bound is the bound's, not the data's.",
             action=f"See whether the bounds of {names} are right or the model lacks something."))
     if update.other_maxima:

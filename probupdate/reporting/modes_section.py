@@ -51,7 +51,7 @@ def modes_section(run: Run) -> Section:
 def _viewed(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict, bool]:
     """The viewer's values, and whether measured shapes are among them: where every sensor's place is known."""
     sensors = run.campaign.sensors if run.campaign else ()
-    modes = compared_modes(run.nine or run.modes, run.update)
+    modes = compared_modes(run.compared, run.update)
     chosen = drawn_set(modes, run.update)
     measured_hz, measured_shape, states = None, None, model.states
     if modes is not None and chosen is not None:

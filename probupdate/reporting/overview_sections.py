@@ -9,8 +9,11 @@ import numpy as np
 from probupdate.diagnosis import wording
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures
+from probupdate.reporting.diagnosis_tables import changed_parameters, typeset, typeset_with_stop
 from probupdate.reporting.elements import (
+    MISSING,
     Column,
     Element,
     Items,
@@ -26,7 +29,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, Finding, evaluations, findings, worst
+from probupdate.reporting.findings import MANY_FALLBACKS, Finding, checks, evaluations, findings, worst
 from probupdate.reporting.identifiability import (
     BOUND,
     KNOWN,
@@ -48,28 +51,30 @@ from probupdate.updating.update_file import UpdateRecord, blunt, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
+# half of a 90 % interval in standard deviations
+NINETY = 1.645
 
 
 def verdict_section(run: Run) -> Section:
     found = findings(run)
     cautions = [f.text for f in found] + _not_to_be_read(run)
-    items: list[Element] = []
-    actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
-    if run.update is not None and not found:
-        actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
+    items: list[Element] = [*_parameters_to_use(run, found), *_what_was_found(run)]
+    actions = _actions(run, found)
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
     if cautions:
         items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst(found), width="half"))
     if run.diagnosis is not None and run.diagnosis["findings"]:
         items.append(_found_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
-    if run.update is not None:
+    elif run.update is not None:
         items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
     if run.update is not None:
         items += [_before_and_after(run.update, run.posterior), _known_table(run, run.update)]
     items.append(Tiles(items=tuple(_tiles(run))))
     if run.update is not None:
+        if run.diagnosis is not None and run.diagnosis["findings"]:
+            items.append(_errors_picture(run.update, run.posterior))
         items.append(_shifts_picture(run, run.update))
     remarks = remarkable(run)
     if remarks:
@@ -84,12 +89,132 @@ def verdict_section(run: Run) -> Section:
                    headline=_headline(run, found), level=level, shown=shown if run.update is not None else len(items))
 
 
+def conclusion(run: Run) -> list[str]:
+    """The first screen in lines: the answer, what is known of the parameters, those to use with their intervals."""
+    found, update = findings(run), run.update
+    said = [_headline(run, found), *([lead] if (lead := _lead(run)) else [])]
+    if update is None:
+        return said
+    for table in _parameters_to_use(run, found):
+        if isinstance(table, Table):
+            said.append(f"{table.caption}:")
+            said += [f"  {'  '.join(cell for cell in row if cell != MISSING)}" for row in _plain_rows(run, update)]
+    if run.paper is not None:
+        after = {p.name: value for p, value in zip(run.paper.parameters, run.paper.map_theta, strict=True)}
+        named = [p.name for p in _to_use(run, update) if p.name in after]
+        if named:
+            said.append("for comparison, the model as built with the paper's weights: "
+                        + ", ".join(f"{name} {number(after[name])}" for name in named))
+    return said
+
+
+def _plain_rows(run: Run, update: UpdateRecord) -> list[tuple[str, ...]]:
+    after, known = estimate(update, run.posterior), (run.truth or {}).get("parameters") or {}
+    rows, used = [], [p.name for p in _to_use(run, update)]
+    for k, p in enumerate(update.parameters):
+        if p.name in used:
+            interval = MISSING if after.low is None or after.high is None else (
+                f"90 % {number(after.low[k])} to {number(after.high[k])}")
+            truth = f"(truth {number(known[p.name])})" if p.name in known else MISSING
+            rows.append((f"{p.name:<8}", f"{number(after.theta[k]):>8}", p.unit if p.unit != "-" else MISSING, interval,
+                         truth))
+    return rows
+
+
+def _to_use(run: Run, update: UpdateRecord) -> list[Parameter]:
+    """Parameters of which the data say something, and no bound decides."""
+    found = identifiabilities(update, run.posterior)
+    return [p for p, s in zip(update.parameters, found, strict=True) if s.kind in (KNOWN, PARTLY)
+            or p.name in _sizes_by_change(run)]
+
+
+def _sizes_by_change(run: Run) -> list[str]:
+    """Parameters that findings became: the change within the record, which is their prior here, identifies them."""
+    added = ((run.diagnosis or {}).get("extension") or {}).get("added", ()) if run.included else ()
+    return [one["parameter"] for one in added if one["as"] == "parameter"]
+
+
+def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
+    """The parameters with their intervals, or of a diagnosis alone those of its own fit."""
+    update = run.update
+    if update is None:
+        rows = (run.diagnosis or {}).get("parameters") or ()
+        return [_diagnosed_parameters(rows)] if rows else []
+    used = [p.name for p in _to_use(run, update)]
+    if not used:
+        return [Notice(level="plain", text="The data identify none of the parameters.")]
+    after, known = estimate(update, run.posterior), (run.truth or {}).get("parameters") or {}
+    rows = []
+    for k, (p, s) in enumerate(zip(update.parameters, identifiabilities(update, run.posterior), strict=True)):
+        if p.name not in used:
+            continue
+        name = p.name if p.unit in ("", "-") else figures.unit_label(p.name, p.unit)
+        row = [f"{name}: {meaning(p, run.jacket).split(';')[0]}".removesuffix(": "), number(p.initial),
+               number(after.theta[k])]
+        if after.low is not None and after.high is not None:
+            row.append(f"{number(after.low[k])} to {number(after.high[k])}")
+        row += [percent(after.theta[k] / p.initial - 1, 0, sign=True) if p.initial else MISSING,
+                "by its change" if p.name in _sizes_by_change(run) else s.words.split(" ")[0]]
+        rows.append((*row, *([number(known.get(p.name))] if known else [])))
+    columns = [Column(name="parameter", number=False), Column(name="prior"), Column(name="updated")]
+    columns += [Column(name="90 % interval")] if after.low is not None else []
+    columns += [Column(name="change", unit="%"), Column(name="identified", number=False)]
+    columns += [Column(name="truth")] if known else []
+    left = [p.name for p in update.parameters if p.name not in used]
+    note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
+    refused = bool(found) and found[0].level == "warning"
+    return [Table(caption="Parameters, provisional" if refused else "Parameters to use, with their intervals",
+                  columns=tuple(columns), rows=tuple(rows), note=note, width="half")]
+
+
+def _diagnosed_parameters(parameters: Sequence[Mapping]) -> Table:
+    """The model's own parameters at the best fit of a diagnosis, with the findings where there are any."""
+    rows = []
+    for p in parameters:
+        value, std = (p.get(f"{key}_after", p.get(key)) for key in ("value", "std"))
+        interval = MISSING if value is None or std is None else (
+            f"{number(value - NINETY * std)} to {number(value + NINETY * std)}")
+        change = value / p["prior"] - 1 if value is not None and p["prior"] else None
+        rows.append((figures.unit_label(p["name"], p["unit"]), f"{number(p['prior'])} ± {number(p['prior_std'])}",
+                     number(value), interval, percent(change, 0, sign=True)))
+    return Table(caption="Parameters at the best fit", rows=tuple(rows), columns=(
+        Column(name="parameter", unit="[unit]", number=False), Column(name="prior with standard deviation"),
+        Column(name="fitted"), Column(name="90 % interval"), Column(name="change", unit="%")),
+        note="A change that the model's own parameters describe is here, and among the findings only what these do not "
+             "describe.")
+
+
+def _what_was_found(run: Run) -> list[Items]:
+    content = run.diagnosis
+    if content is None:
+        return []
+    said = []
+    for f in content["findings"]:
+        gain = wording.gain_words(f)
+        said.append(typeset_with_stop(wording.finding_words(f)
+                                      + (f"; held-out blocks: {gain}" if gain else "")))
+    said += [typeset_with_stop(s) for s in wording.free_form_words(content)]
+    if not said:
+        said.append(wording.verdict_words(content))
+    return [Items(title="What was found", statements=tuple(said), width="half")]
+
+
+def _actions(run: Run, found: tuple[Finding, ...]) -> tuple[str, ...]:
+    content = run.diagnosis
+    confirm = [f"Confirm: {line}" for line in checks(content)] if content is not None else []
+    actions = list(dict.fromkeys([*confirm, *(f.action for f in found if f.action), *_next_measurement(run)]))
+    if run.update is not None and not found:
+        actions.insert(0, "Use the parameters with their intervals; no check of this run speaks against it.")
+    return tuple(actions)
+
+
 def _not_to_be_read(run: Run) -> list[str]:
     if run.update is None:
         return []
     kept = names_of(identifiabilities(run.update, run.posterior), PRIOR)
-    return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is "
-            "the prior."] if kept else []
+    kept = [name for name in kept if name not in _sizes_by_change(run)]
+    equals = "its value equals" if len(kept) == 1 else "their values equal"
+    return [f"{', '.join(kept)}: not identified by these data; {equals} the prior."] if kept else []
 
 
 def _next_measurement(run: Run) -> list[str]:
@@ -107,36 +232,60 @@ def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
     return float(np.nanmax(error)) if np.any(np.isfinite(error)) else float("nan")
 
 
+def compared_words(update: UpdateRecord) -> str:
+    """How many of the measured modes an error of frequencies is of."""
+    n, of = int(np.isfinite(update.initial_hz).sum()), len(update.labels)
+    return f"all {of} measured modes" if n == of else f"{n} of {of} measured modes, the others not compared,"
+
+
+def _diagnosed_words(run: Run) -> str:
+    """What is wrong, as the beginning of a sentence; empty where it was not asked."""
+    content = run.diagnosis
+    if content is None:
+        return ""
+    named = "; ".join(typeset(wording.finding_words(f)) for f in content["findings"])
+    several = len(content["findings"]) > 1
+    if content["verdict"] == "none":
+        return "Nothing beyond tolerances was found" + (
+            f" but changes of the model's own parameters ({changes})" if run.update is None and (
+                changes := ", ".join(changed_parameters(content))) else "")
+    if content["verdict"] == "unexplained":
+        return f"Cause unknown{f', beside {named}' if named else ''}"
+    start = "Several causes are possible" if content["verdict"] == "ambiguous" else (
+        f"{'Faults' if several else 'Fault'} identified")
+    return f"{start}: {named}"
+
+
 def _headline(run: Run, found: tuple[Finding, ...]) -> str:
-    """Whether the model fits now, whether the sampler converged, and what speaks against the parameters."""
-    update, posterior = run.update, run.posterior
+    """The answer: what is wrong, whether the model fits with it, and whether the parameters may be used."""
+    update = run.update
+    start = _diagnosed_words(run)
     if update is None:
-        done = [words for words, part in (("Modes were identified", run.modes), ("diagnosed", run.diagnosis))
-                if part is not None]
-        start = f"{' and '.join(done).capitalize()}; no" if done else "No"
-        return f"{start} model has been updated in this run."
-    which = f"the measurement of {update.set_id}" if update.set_id else "the measurement"
+        if start:
+            return f"{start}. The model has not been updated in this run."
+        done = "Modes were identified; no" if run.modes is not None else "No"
+        return f"{done} model has been updated in this run."
     before = percent(_worst(update.measured_hz, update.initial_hz))
-    after = percent(_worst(update.measured_hz, estimate(update, posterior).frequency_hz))
+    after = percent(_worst(update.measured_hz, estimate(update, run.posterior).frequency_hz))
+    its = f"the model {'with the finding' + ('s' if len(run.diagnosis['findings']) > 1 else '') + ' in it'}" if (
+        run.diagnosis is not None and run.included) else "the updated model"
     if misses(update):
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
-        words = (f"The updated model does not fit {which}: it misses it by {ratio} times the stated standard "
-                 f"deviations, the worst frequency by {after} % ({before} % before).")
+        words = (f"{its} does not fit: it misses the measurement by {ratio} times the stated standard deviations, the "
+                 f"worst frequency of {compared_words(update)} by {after} % ({before} % before)")
     elif blunt(update):
-        words = (f"The updated model was not tested by {which}: standard deviations this wide let any fit, the worst "
-                 f"frequency is off by {after} % ({before} % before).")
+        words = (f"{its} was not tested: standard deviations this wide let any fit, the worst frequency of "
+                 f"{compared_words(update)} is off by {after} % ({before} % before)")
     else:
-        words = f"The updated model fits {which}: every frequency within {after} % ({before} % before)."
-    if posterior is None:
-        words += " No posterior was sampled."
-    else:
-        words += " The sampler converged." if posterior.converged else \
-            " The sampler did NOT converge: its posterior is provisional."
+        words = f"{its} fits {compared_words(update)} within {after} % ({before} % before)"
+    sentence = full_sentence(f"{start}; {words}" if start else words)
+    if run.posterior is None:
+        sentence += " No posterior was sampled."
     if not found:
-        return f"{words} No check speaks against the parameters."
+        return f"{sentence} No check speaks against the parameters."
     reasons = "; ".join(f.short for f in found if f.level == found[0].level)
     start = "Do not rely on the parameters yet" if found[0].level == "warning" else "Use the parameters with care"
-    return f"{words} {start}: {reasons}."
+    return f"{sentence} {start}: {reasons}."
 
 
 def _listed(names: list[str]) -> str:
@@ -157,8 +306,10 @@ def _lead(run: Run) -> str:
         f"{len(partly)} weakly{_listed(partly)}; {len(kept)} {_keep(kept)} the prior{_listed(kept)}"
     )
     words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} pinned at a bound{_listed(bound)}." if bound else "."
+    converged = "" if run.posterior is None else " The sampler converged." if run.posterior.converged else (
+        " The sampler did not converge.")
     truth = truth_sentence(run)
-    return f"{words} {truth}" if truth else words
+    return f"{words}{converged} {truth}" if truth else f"{words}{converged}"
 
 
 def _tiles(run: Run) -> list[Tile]:
@@ -178,7 +329,7 @@ def _tiles(run: Run) -> list[Tile]:
     if posterior is not None:
         tiles.append(Tile(
             label="posterior (emcee)", level="good" if posterior.converged else "warning",
-            value="converged" if posterior.converged else "NOT converged",
+            value="converged" if posterior.converged else "did not converge",
             detail=f"at least {count(float(np.min(posterior.ess)))} effective draws, R-hat at most "
             f"{fixed(float(np.max(posterior.r_hat)), 3)}"))
     if run.modes is not None:
@@ -198,10 +349,10 @@ def _parameter_tile(update: UpdateRecord, posterior: Posterior | None) -> Tile:
 
 def _update_tile(update: UpdateRecord) -> Tile:
     settled = [s for s in update.schemes if s.converged]
-    detail = "; ".join(f"{scheme_name(s)}: {'settled' if s.converged else 'NOT settled'} after "
+    detail = "; ".join(f"{scheme_name(s)}: {'converged' if s.converged else 'did not converge'} after "
                        f"{plural(len(s.theta) - 1, 'iteration')}" for s in update.schemes)
-    return Tile(label="deterministic updates", value=f"{len(settled)} of {len(update.schemes)} settled", detail=detail,
-                level="good" if len(settled) == len(update.schemes) else
+    return Tile(label="deterministic updates", value=f"{len(settled)} of {len(update.schemes)} converged",
+                detail=detail, level="good" if len(settled) == len(update.schemes) else
                 "plain" if any(s.key == "prior" for s in settled) else "warning")
 
 
@@ -258,7 +409,7 @@ def _known_table(run: Run, update: UpdateRecord) -> Table:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
         rows.append((*row, fixed(s.width, 2), ("+" if s.shift > 0.005 else "") + fixed(s.shift, 1)))
     columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="meaning", number=False),
-               Column(name="the data say", number=False), Column(name="before"), Column(name="after")]
+               Column(name="identifiability", number=False), Column(name="before"), Column(name="after")]
     columns += [Column(name="90 % interval")] if after.low is not None else []
     columns += [Column(name="width over prior", unit="-"), Column(name="standardised shift", unit="-")]
     if posterior is not None:
@@ -310,7 +461,7 @@ def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
     draws = run.posterior.draws if run.posterior is not None else None
     shifts = figures.parameter_shifts(update.parameters.items, draws, marks(run, update))
     return Picture(svg=figures.svg_text(shifts, "parameter_shifts"),
-                   caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from "
+                   caption="Where each parameter went. A posterior as wide as the grey bar is not identified by "
                    "the data; estimates far from the posterior's middle are not to be relied on. MAP: the most "
                    "probable parameters.")
 
@@ -322,8 +473,8 @@ def remarkable(run: Run) -> list[str]:
     if update is not None:
         for s in update.schemes:
             if s.key != "prior" and not s.converged:
-                said.append(f"The update with {scheme_name(s)} did not settle: {s.status}. It penalises the step, not "
-                            "the distance from the prior, so that parameters the data do not inform keep drifting.")
+                said.append(f"The update with {scheme_name(s)} did not converge: {s.status}. It penalises the step, "
+                            "not the distance from the prior, so that parameters the data do not inform keep drifting.")
             held = [n for n, b in zip(update.parameters.names, s.at_bound, strict=True) if b]
             if held:
                 said.append(f"Held at a bound by the update with {scheme_name(s)}: {', '.join(held)}.")

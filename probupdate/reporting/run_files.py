@@ -46,6 +46,8 @@ PARTS = {
     "compare.json": "the comparison (compare.json)",
     "diagnosis.json": "the diagnosis (diagnosis.json)",
 }
+# an update with the paper's weights, for comparison
+PAPER = "paper.json"
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
 # what the demonstration notes for itself
 DEMONSTRATION_KEYS = ("start", "days", "hidden", "finished")
@@ -99,7 +101,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
     diagnosis = read("diagnosis.json", read_diagnosis)
-    data = compared_modes(nine or modes, update)
+    mean = _mean_updated_on(folder, update, diagnosis)
+    data = compared_modes(mean or nine or modes, update)
     held = update.parameters if update is not None and update.parameters.held else parameters
     model = read("model", lambda path: _load_model(path, held, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
@@ -107,6 +110,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     _refuse_other_structure(folder, model, update, diagnosis)
     truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
     names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
+    added = added_parameters(diagnosis)
+    paper = folder / PAPER
     return Run(
         folder=folder,
         title=_title(folder, head, places, model, campaign),
@@ -114,12 +119,31 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
         warnings=(*_warnings(head, data, update, posterior), *_other_inputs(places, parameters, diagnosis)),
         provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
         campaign=campaign,
-        truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
+        truth=(truth_values(truth_file, data, added) if truth_file is not None and truth_file.exists() else None),
+        mean=mean, paper=read_update(paper) if paper.exists() else None,
         modes=modes, poles=poles, selection=selection, nine=nine,
         model=None if model is None else model_values(model, data, update),
         update=update, posterior=posterior, comparison=comparison, diagnosis=diagnosis,
-        jacket=is_the_jacket(names),
+        jacket=is_the_jacket(tuple(name for name in names if name not in added)),
     )
+
+
+def added_parameters(diagnosis: Mapping | None) -> dict[str, str]:
+    """Parameters that findings became in the extended model -> the place of each."""
+    added = ((diagnosis or {}).get("extension") or {}).get("added", ())
+    return {one["parameter"]: one["location"] for one in added if one["as"] == "parameter"}
+
+
+def _mean_updated_on(folder: Path, update: UpdateRecord | None, diagnosis: Mapping | None) -> ModalData | None:
+    """The diagnosis's mean of the blocks in which its findings act, where the update is of that."""
+    name = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
+    if update is None or not name:
+        return None
+    path = named_within(str(name), folder, f"{folder / 'diagnosis.json'}, extension")
+    if not path.exists():
+        return None
+    mean = read_modes(path)
+    return mean if update.set_id in {s.id for s in mean.sets} else None
 
 
 def run_places(folder: Path) -> dict[str, Path]:
@@ -241,7 +265,10 @@ def _other_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis
     """What a diagnosis was made from, and lies here otherwise; files from before `inputs` do not say."""
     from probupdate.structure.load import model_files
 
-    made = (diagnosis or {}).get("inputs", {})
+    made = dict((diagnosis or {}).get("inputs", {}))
+    if "model" in places and places["model"].name == (diagnosis or {}).get("extended_model"):
+        # its own model with the findings in it
+        made.pop("model", None)
     model = model_files(places["model"], parameters) if "model" in places else ()
     modes = tuple(places[name] for name in ("modes.json", "nine.json") if name in places)
     for part, paths, words, whose in (

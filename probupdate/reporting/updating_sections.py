@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from probupdate.io.result_table import plural
@@ -22,9 +24,18 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
+from probupdate.reporting.identifiability import estimate
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
-from probupdate.updating.update_file import ACCUSED, ScatterRecord, SchemeRecord, UpdateRecord, fit_sentence, unproven
+from probupdate.updating.update_file import (
+    ACCUSED,
+    ScatterRecord,
+    SchemeRecord,
+    UpdateRecord,
+    fit_sentence,
+    stated_error,
+    unproven,
+)
 
 SCHEME_WORDS = {
     "step": "step penalty (Eq. 7 as printed)",
@@ -57,8 +68,10 @@ def meaning(parameter: Parameter, jacket: bool) -> str:
 
 
 def too_close(update: UpdateRecord) -> bool:
-    """Whether the fit is closer than the stated standard deviations allow: they are not this set's scatter."""
-    return update.map_misfit < update.n_effective - ACCUSED * np.sqrt(2 * update.n_effective)
+    """Whether the fit is closer than the stated standard deviations allow: they are not this set's scatter. Of
+    tolerances and an error of the model that are stated a structure may use up little."""
+    least = update.n_effective - ACCUSED * np.sqrt(2 * update.n_effective)
+    return not stated_error(update) and update.map_misfit < least
 
 
 def fit_level(update: UpdateRecord) -> str:
@@ -80,9 +93,7 @@ def update_section(run: Run) -> Section:
     items.append(Notice(level=fit_level(update), text=full_sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
-    pile, jacket = _pile_head_table(run, update), run.jacket
-    items += [_frequency_table(update, jacket), _parameter_table(update, jacket), _mac_table(update, jacket),
-              *([pile] if pile else [])]
+    items += _tables(run, update)
     items.append(
         Picture(
             svg=figures.svg_text(
@@ -102,10 +113,56 @@ def update_section(run: Run) -> Section:
     items += _paths_picture(run, update)
     scatter = _scatter_table(run, update)
     items += [scatter] if scatter else []
-    if run.jacket:
+    if run.beside_paper:
         items.append(_sensitivity_table(update))
     return Section(anchor="update", title="Update", items=tuple(items),
                    lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
+
+
+def _tables(run: Run, update: UpdateRecord) -> list[Element]:
+    """Frequencies, parameters, MAC and what follows from the parameters."""
+    pile, paper = _pile_head_table(run, update), run.beside_paper
+    return [_frequency_table(update, paper), _parameter_table(update, run.jacket, paper), _mac_table(update, paper),
+            *([pile] if pile else [])]
+
+
+def paper_section(run: Run) -> Section | None:
+    """An update with the paper's weights beside the run's own."""
+    paper, update = run.paper, run.update
+    if paper is None:
+        return None
+    alone = replace(run, update=paper, paper=None, posterior=None, comparison=None)
+    items: list[Element] = [] if update is None else [_beside_paper_table(run, paper, update)]
+    items.append(Notice(level="plain", text=full_sentence(fit_sentence(paper))))
+    items += _tables(alone, paper)
+    scatter = _scatter_table(alone, paper)
+    items += [scatter] if scatter else []
+    if run.jacket:
+        items.append(_sensitivity_table(paper))
+    return Section(anchor="paper", title="Comparison: the paper's weights", items=tuple(items), lead=(
+        "The model without any finding, updated on one set with the paper's weights: constant standard deviations, "
+        "wider than this measurement's own, and nothing stated of the model's error. For comparison; the parameters to "
+        "use are those of the first section."))
+
+
+def _beside_paper_table(run: Run, paper: UpdateRecord, update: UpdateRecord) -> Table:
+    after = estimate(update, run.posterior)
+    std, known = np.sqrt(np.diag(paper.map_covariance)), (run.truth or {}).get("parameters") or {}
+    rows = []
+    for k, p in enumerate(update.parameters):
+        low, high = (after.low[k], after.high[k]) if after.low is not None and after.high is not None else (None, None)
+        theirs = MISSING
+        if p.name in paper.parameters.names:
+            j = paper.parameters.index(p.name)
+            theirs = f"{number(paper.map_theta[j])} ± {number(std[j], 2)}"
+        row = [p.name, p.unit or "-", theirs, number(after.theta[k]), f"{number(low)} to {number(high)}"]
+        rows.append((*row, *([number(known.get(p.name))] if known else [])))
+    columns = [Column(name="parameter", number=False), Column(name="unit", number=False),
+               Column(name="paper's weights: MAP with Laplace's standard deviation"),
+               Column(name=f"this run: {after.name}"), Column(name="this run: 90 % interval")]
+    columns += [Column(name="truth")] if known else []
+    return Table(caption="Parameters with the paper's weights and in this run", columns=tuple(columns),
+                 rows=tuple(rows))
 
 
 def _paths_picture(run: Run, update: UpdateRecord) -> list[Picture]:
@@ -192,7 +249,7 @@ def _ratio(value: float, initial: float) -> str:
     return fixed(value / initial, 3) if initial else ""
 
 
-def _parameter_table(update: UpdateRecord, jacket: bool) -> Table:
+def _parameter_table(update: UpdateRecord, jacket: bool, paper: bool) -> Table:
     relative = not np.all(update.parameters.initial == 0)
     rows = []
     for k, p in enumerate(update.parameters):
@@ -202,7 +259,7 @@ def _parameter_table(update: UpdateRecord, jacket: bool) -> Table:
             row.append(number(value) + (" *" if s.at_bound[k] else ""))
             if relative:
                 row.append(_ratio(value, p.initial))
-        if jacket:
+        if paper:
             known = paper_tables.UPDATED.get(p.name)
             row += [number(known[3]), fixed(known[4], 2)] if known else ["", ""]
         rows.append(tuple(row))
@@ -212,14 +269,14 @@ def _parameter_table(update: UpdateRecord, jacket: bool) -> Table:
         columns.append(Column(name=short_name(s)))
         if relative:
             columns.append(Column(name="over initial", unit="-"))
-    if jacket:
+    if paper:
         columns += [Column(name="paper: updated", paper=True), Column(name="over initial", unit="-", paper=True)]
     note = SOIL_NOTE if jacket else ""
     if any(s.at_bound.any() for s in update.schemes):
         note = f"* held at a bound of its prior. {note}".strip()
-    if jacket:
+    if paper:
         note += f" The paper prints k_TP as 3.41e-1 and as 0.36; its text says a reduction of 64 %. {PAPER_NOTE}"
-    return Table(caption="Updated parameters" + (" (Table 5)" if jacket else ""), columns=tuple(columns),
+    return Table(caption="Updated parameters" + (" (Table 5)" if paper else ""), columns=tuple(columns),
                  rows=tuple(rows), note=note)
 
 
@@ -229,7 +286,7 @@ def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
         return None
     states = list(next(iter(derived.values())))
     drawn = run.comparison.derived if run.comparison is not None else {}
-    printed = ("design", "as-built", "updated") if run.jacket else ()
+    printed = ("design", "as-built", "updated") if run.beside_paper else ()
     rows = []
     for name, values in derived.items():
         known = [paper_tables.PILE_HEAD_NPM[state].get(name, float("nan")) for state in printed]
@@ -248,9 +305,9 @@ def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
     note = (
         "Stiffness of one pile's head, lateral (head's rotation held) and axial. The paper's ratios 4.7 and 6.0 are "
         "over its design state; here they are over its as-built state, from which its update starts. "
-        + PAPER_NOTE if run.jacket else ""
+        + PAPER_NOTE if run.beside_paper else ""
     )
-    return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.jacket else ""), columns=tuple(columns),
+    return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.beside_paper else ""), columns=tuple(columns),
                  rows=tuple(rows), note=note, width="half")
 
 
@@ -267,21 +324,21 @@ def _scatter_table(run: Run, update: UpdateRecord) -> Table | None:
         if posterior is not None and np.mean(posterior[:, k]):
             width = number(float(np.std(posterior[:, k], ddof=1) / abs(np.mean(posterior[:, k]))), 2)
         rows.append((p.name, p.unit or "-", *_scatter(sets.theta_step[:, k], p), *_scatter(sets.theta_map[:, k], p),
-                     fixed(float(resolution[k]), 2), width, *(_paper_scatter(p.name, 1.0) if run.jacket else ())))
+                     fixed(float(resolution[k]), 2), width, *(_paper_scatter(p.name, 1.0) if run.beside_paper else ())))
     for name, values in sets.derived.items():
         drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
         rows.append((name, "MN/m", MISSING, MISSING, *_scatter(values / 1e6), "", number(drawn.get("cov"), 2),
-                     *(_paper_scatter(name, 1e6) if run.jacket else ())))
+                     *(_paper_scatter(name, 1e6) if run.beside_paper else ())))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
         Column(name="step penalty: mean"), Column(name="step penalty: CoV", unit="-"), Column(name="MAP: mean"),
         Column(name="MAP: CoV", unit="-"), Column(name="resolution", unit="-"), Column(name="posterior CoV", unit="-"),
     ]
-    if run.jacket:
+    if run.beside_paper:
         columns += [Column(name="paper: mean", paper=True), Column(name="paper: CoV", unit="-", paper=True)]
     held = any(cell.endswith("*") for row in rows for cell in row)
-    return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.jacket else ""),
-                 columns=tuple(columns), rows=tuple(rows), note=_scatter_note(sets, held, run.jacket))
+    return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.beside_paper else ""),
+                 columns=tuple(columns), rows=tuple(rows), note=_scatter_note(sets, held, run.beside_paper))
 
 
 def _scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[str, str]:

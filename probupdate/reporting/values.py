@@ -51,8 +51,9 @@ class ModelValues:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """A run directory read; None for what was not there, `missing` says so in words. `warnings`: what does not fit
-    together. `truth`: see campaign_values.truth_values. `diagnosis`: content of diagnosis.json. `jacket`: the paper's
-    numbers may stand beside ours."""
+    together. `truth`: see campaign_values.truth_values. `diagnosis`: content of diagnosis.json. `mean`: the mean of
+    blocks of the diagnosis, where the update is of it. `paper`: an update with the paper's weights, for comparison.
+    `jacket`: the paper's numbers may stand beside ours."""
 
     folder: Path
     title: str
@@ -69,5 +70,27 @@ class Run:
     posterior: Posterior | None = None
     comparison: Comparison | None = None
     diagnosis: Mapping | None = None
+    mean: ModalData | None = None
+    paper: UpdateRecord | None = None
     warnings: tuple[str, ...] = ()
     jacket: bool = False
+
+    @property
+    def compared(self) -> ModalData | None:
+        """The sets that the update is of, or that one would take."""
+        return self.mean or self.nine or self.modes
+
+    @property
+    def beside_paper(self) -> bool:
+        """Whether the paper's numbers stand beside the update's: where an update with the paper's weights is there,
+        they stand beside that."""
+        return self.jacket and self.paper is None
+
+    @property
+    def included(self) -> bool:
+        """Whether the updated model and its data have all findings of the diagnosis in them."""
+        if self.diagnosis is None or self.update is None or not self.diagnosis["findings"]:
+            return False
+        added = (self.diagnosis.get("extension") or {}).get("added", ())
+        named = [one["parameter"] for one in added if one["as"] == "parameter"]
+        return bool(added) and self.mean is not None and set(named) <= set(self.update.parameters.names)

@@ -322,8 +322,12 @@ def fit_sentence(record: UpdateRecord) -> str:
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
-        return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
-                "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
+        closer = (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
+                  "deviations expect")
+        if stated:
+            return (f"{closer}, as this structure uses up little of what is stated of the model's error ({stated}); "
+                    "posterior widths hold all of it")
+        return (f"{closer}; they are too wide for these data or their errors go together, and posterior widths "
                 "are too wide with them")
     if record.suspected:
         # a mistaken channel that parameters took in leaves no misfit
