@@ -11,22 +11,15 @@ from collections.abc import Iterator, Sequence
 from probupdate.errors import plain
 from probupdate.runtime.progress import Progress
 
+SECONDS_BETWEEN_LINES = 10
+
 
 @contextlib.contextmanager
 def terminal_progress() -> Iterator[Progress]:
-    """A bar per task on a terminal; elsewhere a line every ten seconds, so that a log shows life too."""
+    """A bar per task on a terminal; elsewhere a line every ten seconds, so that a log shows life too. Both say how
+    long the task still takes at its rate."""
     if not sys.stderr.isatty():
-        last: dict[str, float] = {}
-
-        def line(what: str, done: int, total: int) -> None:
-            now = time.monotonic()
-            started = last.setdefault(what, now)
-            if now - started >= 10:
-                last[what] = now
-                sys.stderr.write(f"  {what}: {done} of {total}\n")
-                sys.stderr.flush()
-
-        yield line
+        yield _lines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
@@ -42,6 +35,33 @@ def terminal_progress() -> Iterator[Progress]:
             bars.update(tasks[what], completed=done, total=total)
 
         yield bar
+
+
+def _lines() -> Progress:
+    # of each task: when it began, when it was last said, how much was done then
+    tasks: dict[str, tuple[float, float, int]] = {}
+
+    def line(what: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        began, said, before = tasks.get(what, (now, now, 0))
+        if done < before:
+            # the same task once more
+            began = said = now
+        if now - said >= SECONDS_BETWEEN_LINES:
+            said = now
+            sys.stderr.write(f"  {what}: {done} of {total}{time_left(now - began, done, total)}\n")
+            sys.stderr.flush()
+        tasks[what] = began, said, done
+
+    return line
+
+
+def time_left(seconds: float, done: int, total: int) -> str:
+    """", about 3 min left": of a task that took so many seconds until now; empty where nothing shows its rate."""
+    if not 0 < done < total:
+        return ""
+    left = seconds * (total - done) / done
+    return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
 
 
 def say(text: str) -> None:

@@ -130,7 +130,7 @@ def _of_diagnosis(run: Run) -> list[Finding]:
 
 def checks(content: Mapping) -> list[str]:
     """How each finding is confirmed on site."""
-    return [full_sentence(f"{name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
+    return [full_sentence(f"confirm {name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
 
 
 def _to_extend(content: Mapping) -> list[str]:

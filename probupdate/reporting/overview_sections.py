@@ -128,10 +128,12 @@ def _to_use(run: Run, update: UpdateRecord) -> list[Parameter]:
             or p.name in _sizes_by_change(run)]
 
 
-def _sizes_by_change(run: Run) -> list[str]:
-    """Parameters that findings became: the change within the record, which is their prior here, identifies them."""
+def _sizes_by_change(run: Run) -> dict[str, float]:
+    """Parameters that findings became -> the size found: the change within the record, which is their prior here,
+    identifies them."""
     added = ((run.diagnosis or {}).get("extension") or {}).get("added", ()) if run.included else ()
-    return [one["parameter"] for one in added if one["as"] == "parameter"]
+    return {one["parameter"]: one["size"] for one in added
+            if one["as"] == "parameter" and one["time_profile"] in ("step", "ramp")}
 
 
 def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
@@ -149,14 +151,16 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
         if p.name not in used:
             continue
         name = p.name if p.unit in ("", "-") else figures.unit_label(p.name, p.unit)
-        row = [f"{name}: {meaning(p, run.jacket).split(';')[0]}".removesuffix(": "), number(p.initial),
+        # the prior of one that is known by its change is the size found: what it was before
+        before = p.initial - _sizes_by_change(run).get(p.name, 0.0)
+        row = [f"{name}: {meaning(p, run.jacket).split(';')[0]}".removesuffix(": "), number(before),
                number(after.theta[k])]
         if after.low is not None and after.high is not None:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
-        row += [percent(after.theta[k] / p.initial - 1, 0, sign=True) if p.initial else MISSING,
+        row += [percent(after.theta[k] / before - 1, 0, sign=True) if abs(before) > 1e-9 else MISSING,
                 "by its change" if p.name in _sizes_by_change(run) else s.words.split(" ")[0]]
         rows.append((*row, *([number(known.get(p.name))] if known else [])))
-    columns = [Column(name="parameter", number=False), Column(name="prior"), Column(name="updated")]
+    columns = [Column(name="parameter", number=False), Column(name="before"), Column(name="updated")]
     columns += [Column(name="90 % interval")] if after.low is not None else []
     columns += [Column(name="change", unit="%"), Column(name="identified", number=False)]
     columns += [Column(name="truth")] if known else []
@@ -201,7 +205,7 @@ def _what_was_found(run: Run) -> list[Items]:
 
 def _actions(run: Run, found: tuple[Finding, ...]) -> tuple[str, ...]:
     content = run.diagnosis
-    confirm = [f"Confirm: {line}" for line in checks(content)] if content is not None else []
+    confirm = checks(content) if content is not None else []
     actions = list(dict.fromkeys([*confirm, *(f.action for f in found if f.action), *_next_measurement(run)]))
     if run.update is not None and not found:
         actions.insert(0, "Use the parameters with their intervals; no check of this run speaks against it.")
@@ -301,10 +305,13 @@ def _lead(run: Run) -> str:
         return ""
     found = identifiabilities(run.update, run.posterior)
     known, partly, kept, bound = (names_of(found, kind) for kind in (KNOWN, PARTLY, PRIOR, BOUND))
+    changed = [name for name in kept if name in _sizes_by_change(run)]
+    kept = [name for name in kept if name not in changed]
     words = (
         f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_listed(known)} and "
         f"{len(partly)} weakly{_listed(partly)}; {len(kept)} {_keep(kept)} the prior{_listed(kept)}"
     )
+    words += f"; of {', '.join(changed)} the change within the record gives the size" if changed else ""
     words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} pinned at a bound{_listed(bound)}." if bound else "."
     converged = "" if run.posterior is None else " The sampler converged." if run.posterior.converged else (
         " The sampler did not converge.")

@@ -19,7 +19,7 @@ from probupdate.reporting import compose, figures
 from probupdate.reporting.elements import Column, Table, fixed, full_sentence, number, percent, plain_text
 from probupdate.reporting.page import csv_text
 
-SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "diagnosis",
+SECTIONS = ("verdict", "measured", "identified", "selected", "diagnosis", "update", "posterior", "comparison", "modes",
             "provenance")
 VOID = {"meta", "input", "br", "img", "link", "hr", "col", "source", "area", "base", "wbr"}
 

@@ -62,7 +62,8 @@ def to_use(run) -> Table:
 @pytest.fixture
 def taken_in(run):
     """The same with an update of the mean of blocks, in which both findings are."""
-    added = [{"cause": "joints loosened", "location": "face AB, bay 2", "as": "parameter", "parameter": "LJF"},
+    added = [{"cause": "joints loosened", "location": "face AB, bay 2", "as": "parameter", "parameter": "LJF",
+              "time_profile": "step", "size": -0.3},
              {"cause": "sensor gain", "location": "TP-B-x", "as": "correction of the modal sets"}]
     extension = {"added": added, "files": {"mean": "diagnosis.mean.json"}}
     diagnosis = dict(run.diagnosis, extended_model="diagnosis.model.toml", extension=extension)
@@ -76,7 +77,7 @@ def test_findings_in_the_updated_model_forbid_nothing(taken_in):
     assert section.headline.startswith("Faults identified: joints loosened, face AB, bay 2: −62.0 ± 4.0 %")
     assert "the model with the findings in it fits all 5 measured modes" in section.headline
     actions = next(i for i in section.items if getattr(i, "title", "") == "What to do").statements
-    assert "Confirm: Joints loosened, face AB, bay 2: inspect the weld toes." in actions
+    assert "Confirm joints loosened, face AB, bay 2: inspect the weld toes." in actions
     assert not any("pdate again" in text for text in actions)
     # of the update of the model without them it is said
     assert any("disagree" in text for text in alarming(replace(taken_in, mean=None)))
@@ -94,7 +95,8 @@ def test_the_parameters_open_the_first_screen_with_their_intervals(taken_in):
     row = next(r for r in table.rows if r[0].startswith("k_TP"))
     assert row[names.index("90 % interval")] == f"{low:.3f} to {high:.3f}"
     # a finding's size is known from the change, though the mean after it adds nothing
-    assert next(r for r in table.rows if r[0].startswith("LJF"))[names.index("identified")] == "by its change"
+    finding = next(r for r in table.rows if r[0].startswith("LJF"))
+    assert finding[names.index("identified")] == "by its change" and finding[names.index("before")] == "1.30"
     assert "k_j" in table.note and not any(r[0].startswith("k_j") for r in table.rows)
     assert to_use(replace(taken_in, mean=None)).caption == "Parameters, provisional"
 
