@@ -105,7 +105,8 @@ def test_the_screen_says_what_the_page_says(taken_in):
     said = conclusion(taken_in)
     section = verdict_section(taken_in)
     assert said[0] == section.headline and said[1] == section.lead
-    assert [line.split()[0] for line in said[3:]] == [row[0].replace(":", "").split()[0] for row in to_use(taken_in).rows]
+    names = [row[0].replace(":", "").split()[0] for row in to_use(taken_in).rows]
+    assert [line.split()[0] for line in said[3:]] == names
 
 
 def test_how_many_modes_were_compared_stands_with_the_error(sound):
