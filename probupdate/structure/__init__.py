@@ -6,5 +6,5 @@ __all__ = [
     "effect_kinds", "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load",
     "matrices", "mode_labels", "moved_channels", "own_modes", "parameter_table", "places", "projected_terms",
     "readings", "reduced", "schema", "soil", "subdyn_frame", "subdyn_model", "subdyn_values", "subdyn_writing",
-    "substructure", "turbine_frame",
+    "substructure", "tangent", "turbine_frame",
 ]

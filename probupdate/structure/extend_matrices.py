@@ -143,6 +143,11 @@ def _csr_parts(key: str, rows: sparse.csr_array) -> dict[str, np.ndarray]:
             for part, values in zip(SPARSE_PARTS, (rows.data, rows.indices, rows.indptr), strict=True)}
 
 
+def parameters_text(parameters: Parameters) -> str:
+    """The TOML of a model's parameters, as `read_parameters` reads it."""
+    return "\n".join(parameter_text(_table(p)) for p in parameters) + _correlation_text(parameters)
+
+
 def _table(p) -> dict:
     return {"name": p.name, "description": p.description, "unit": p.unit, "initial": float(p.initial),
             "std": float(p.std), "lower": float(p.lower), "upper": float(p.upper), "prior": p.prior,

@@ -8,7 +8,7 @@ as P S^T W S P + P W_Theta P = P.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,8 @@ IDENTIFICATION, DISCREPANCY, PRIOR = "identification", "model discrepancy", "pri
 # a measure that narrows no parameter by this share is not worth a line
 LEAST_GAIN = 0.02
 MOST_MEASURES = 12
+# of ln f, within which a mode of the model at the maximum may be one that was identified
+NEAR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +50,9 @@ class VarianceComponents:
     measures: tuple[Measure, ...]
 
 
-def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponents:
-    """Of one problem at the maximum of its posterior."""
+def variance_components(problem: Problem, laplace: Laplace, seen_hz: Sequence[float] = ()) -> VarianceComponents:
+    """Of one problem at the maximum of its posterior. seen_hz: frequencies that were identified and are not among the
+    responses: no mode near one of them is to be measured next."""
     whitened = whitened_at(problem, laplace)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
     P = whitened.covariance()
@@ -70,7 +73,7 @@ def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponent
         parameters=problem.parameters.names, names=tuple(parts),
         std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
         source_names=tuple(s.description for s in sources), source_std=frozen_array(np.abs(of_sources.T)),
-        measures=_ranked(problem, laplace, whitened),
+        measures=_ranked(problem, laplace, whitened, seen_hz),
     )
 
 
@@ -149,17 +152,21 @@ class Candidate:
     known: tuple[int, ...] = ()
 
 
-def _ranked(problem: Problem, laplace: Laplace, now: Whitened) -> tuple[Measure, ...]:
+def _ranked(
+    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float]
+) -> tuple[Measure, ...]:
     before = np.sqrt(np.diag(now.covariance()))
     found = []
-    for one in candidates(problem, laplace, now):
+    for one in candidates(problem, laplace, now, seen_hz):
         gain = 1 - np.sqrt(np.diag(one.covariance)) / before
         if gain.max() >= LEAST_GAIN:
             found.append(Measure(what=one.what, gain=tuple(float(g) for g in gain)))
     return tuple(sorted(found, key=lambda m: -max(m.gain))[:MOST_MEASURES])
 
 
-def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
+def candidates(
+    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float] = ()
+) -> Iterator[Candidate]:
     """What could be measured next: each tolerance checked, each mode identified better, a mode of the model's more."""
     sources = problem.error_sources
     checks: dict[tuple[str, str], list[int]] = {}
@@ -172,7 +179,7 @@ def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Ca
                         covariance=now.covariance(np.array(columns)), known=tuple(columns))
     if not problem.weights.covariance:
         yield from _better(problem, now)
-    yield from _further_modes(problem, laplace, now)
+    yield from _further_modes(problem, laplace, now, seen_hz)
 
 
 def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
@@ -192,12 +199,15 @@ def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
         frequency, shape = frequency + group.size, shape + size
 
 
-def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
+def _further_modes(
+    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float]
+) -> Iterator[Candidate]:
     """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
     n_mode = problem.matching.n_mode
     solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
     taken = {int(i) for i in problem._assign(solution.shape[None])[0][0]}
     highest = max(taken)
+    seen = np.array(seen_hz, float)
     share = float(np.median([s / f for g in problem.groups for s, f in
                              zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))
     unknown = getattr(problem.model, "uncertainty", None)
@@ -206,9 +216,9 @@ def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterato
         change = unknown.changes(laplace.theta, min(n_mode, highest + 2), ()).frequency_derivative
         change = change * np.array([s.std for s in problem.error_sources])
     for i in range(min(n_mode, highest + 2)):
-        if i in taken:
-            continue
         f = solution.frequency_hz[i]
+        if i in taken or np.any(np.abs(np.log(seen / f)) < NEAR):
+            continue
         factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
         slope = solution.both_derivatives[0][i : i + 1] / (share * f)
         yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,11 +69,13 @@ def deterministic_update(
     weights: Weights | None = None,
     settings: UpdateSettings | None = None,
     every: ModalData | None = None,
+    seen_hz: Sequence[float] = (),
     model_at: Callable[[ModalSet], Model] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """Both readings of Eq. 7 and the maximum of the posterior for one set, then each of `every` (None: of the data).
+    seen_hz: frequencies that were identified and are not among these data's.
 
     `model` stands in that one set's environmental conditions; `model_at` gives it in another set's. jobs: processes, or
     an executor, for the sets.
@@ -81,26 +83,20 @@ def deterministic_update(
     settings = settings or UpdateSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     path = alpha_path(problem, progress=progress)
-    rule = settings.alpha if isinstance(settings.alpha, str) else "by hand"
-    alpha = choose(path, settings.alpha) if isinstance(settings.alpha, str) else settings.alpha
-    runs = {
-        key: update(problem, penalty=key, alpha=alpha, max_iteration=settings.iterations, progress=progress,
-                    method=settings.method if key == "prior" else "gauss-newton")
-        for key in ("step", "prior")
-    }
+    runs, alpha = _both_readings(problem, path, settings, progress)
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
     sets = _scatter(problem, every or data, schemes[0].closest_iteration, model_at, jobs, progress)
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     modal_set = data.set(set_id)
-    std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
-    likely = _suspected(problem, data, laplace, set_id)
+    likely, seen_hz = _suspected(problem, data, laplace, set_id), [*_unused_hz(problem, modal_set), *seen_hz]
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
         measured_hz=modal_set.frequency_hz,
-        measured_std_hz=_in_data_order(problem, std, data.n_mode),
+        measured_std_hz=_in_data_order(problem, np.concatenate([g.frequency_std_hz for g in problem.groups]),
+                                       data.n_mode),
         initial_hz=_in_data_order(problem, predicted.frequency_hz[0], data.n_mode),
         initial_mac=_in_data_order(problem, predicted.mac[0], data.n_mode),
         initial_misfit=float(problem.misfit(predicted.response[0])),
@@ -112,20 +108,33 @@ def deterministic_update(
         map_at_bound=laplace.at_bound, map_misfit=laplace.misfit,
         map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
         map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
-        n_response=problem.measured.size,
-        n_effective=problem.n_effective,
+        n_response=problem.measured.size, n_effective=problem.n_effective,
         other_maxima=laplace.others,
         derived=_derived(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
                          prior=runs["prior"].theta[-1], map=laplace.theta),
         sets=sets,
-        settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
+        settings={"weights": problem.weights.description, "alpha": alpha,
                   "iterations at most": str(settings.iterations), "anchored by": settings.method},
         map_gradient=laplace.projected_gradient,
         alpha_path=_alpha_record(path),
-        components=_components(problem, laplace),
+        components=_components(problem, laplace, seen_hz),
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
         identified_std_hz=_in_data_order(problem, _identified_std_hz(problem), data.n_mode),
     )
+
+
+def _both_readings(
+    problem: Problem, path: AlphaPath, settings: UpdateSettings, progress: Progress
+) -> tuple[dict[str, TikhonovUpdate], str]:
+    """Eq. 7 as printed and anchored at the prior, and which alpha was taken."""
+    by_rule = isinstance(settings.alpha, str)
+    alpha = choose(path, settings.alpha) if isinstance(settings.alpha, str) else settings.alpha
+    runs = {
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=settings.iterations, progress=progress,
+                    method=settings.method if key == "prior" else "gauss-newton")
+        for key in ("step", "prior")
+    }
+    return runs, f"{alpha:g} ({settings.alpha if by_rule else 'by hand'})"
 
 
 def _suspected(problem: Problem, data: ModalData, laplace: Laplace, set_id: str | None) -> ChannelMistake | None:
@@ -169,8 +178,13 @@ def _alpha_record(path: AlphaPath) -> AlphaRecord:
                        log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks)
 
 
-def _components(problem: Problem, laplace: Laplace) -> ComponentsRecord:
-    parts = variance_components(problem, laplace)
+def _unused_hz(problem: Problem, modal_set: ModalSet) -> list[float]:
+    """Frequencies that the set has and the responses have not."""
+    return [float(modal_set.frequency_hz[j]) for j in np.flatnonzero(modal_set.measured) if j not in problem.used]
+
+
+def _components(problem: Problem, laplace: Laplace, seen_hz: Sequence[float]) -> ComponentsRecord:
+    parts = variance_components(problem, laplace, seen_hz)
     responses, chi_square, expected = misfit_by_response(problem, laplace)
     n_param = len(parts.parameters)
     return ComponentsRecord(

@@ -342,17 +342,21 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
         bits = bits_gained(2 * special.ndtr(tau / hyper) - 1, population.ess)
         low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
-        scatter = _cov(theta_map[:, k])
+        scatter = float(theta_map[:, k].mean())
+
+        def cov(mean: float, variance: float, p=p) -> float:
+            return cov_of(float(mean), float(np.sqrt(variance)), p)
+
         row: dict[str, Any] = dict(
             name=p.name, unit=p.unit, prior_cov=cov_of(*(float(x[k]) for x in parameters.moments), p),
-            scatter_mean=scatter[0], scatter_cov=_ratio(float(np.std(theta_map[:, k], ddof=1)), scatter[0]),
+            scatter_mean=scatter, scatter_cov=cov(scatter, np.var(theta_map[:, k], ddof=1)),
             resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),
-            pooled_cov=_ratio(float(np.sqrt(within + np.var(means, ddof=1))), float(means.mean())),
+            pooled_cov=cov(means.mean(), within + np.var(means, ddof=1)),
             joint_mean=float(joint.mean()[k]),
-            joint_cov=_ratio(float(np.sqrt(joint.variance()[k])), float(joint.mean()[k])),
-            mean=float(middle[:, k].mean()), mean_cov=_cov(middle[:, k])[1], tau=float(mid), tau_low=float(low),
+            joint_cov=cov(joint.mean()[k], joint.variance()[k]), mean=float(middle[:, k].mean()),
+            mean_cov=cov(middle[:, k].mean(), middle[:, k].var()), tau=float(mid), tau_low=float(low),
             tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper), tau_bits=bits,
-            population_cov=_cov(new[:, k])[1], tau_relative=bool(coordinates.logarithmic[k]),
+            population_cov=cov(new[:, k].mean(), new[:, k].var()), tau_relative=bool(coordinates.logarithmic[k]),
         )
         rows.append(SetsRow(sentence=parameter_sentence(row), **row))
     return rows

@@ -14,9 +14,11 @@ import numpy as np
 from probupdate.errors import ProbupdateError
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
+from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, completed
 from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.identifiability import cov_of
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
 from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.updating.tikhonov import update
@@ -36,11 +38,13 @@ class SetScatter:
     resolution: np.ndarray
     derived: dict[str, np.ndarray]
     failed: tuple[str, ...]
+    parameters: Parameters
 
     @property
     def cov(self) -> np.ndarray:
-        """CoV of the maxima over the sets (n_param,), relative to |mean|."""
-        return np.std(self.theta_map, axis=0, ddof=1) / np.abs(np.mean(self.theta_map, axis=0))
+        """CoV of the maxima over the sets (n_param,); NaN of what may be zero (`cov_of`)."""
+        mean, std = np.mean(self.theta_map, axis=0), np.std(self.theta_map, axis=0, ddof=1)
+        return np.array([cov_of(float(m), float(s), p) for m, s, p in zip(mean, std, self.parameters, strict=True)])
 
     @property
     def total_std(self) -> np.ndarray:
@@ -92,6 +96,7 @@ def update_sets(
         variance=stack([np.diag(x.covariance) for _, x, _ in kept]),
         resolution=stack([x.resolution for _, x, _ in kept]),
         derived={name: frozen_array(values) for name, values in derived.items()}, failed=tuple(failed),
+        parameters=model.parameters,
     )
 
 

@@ -130,6 +130,14 @@ def unmatched(
     return {"left out": tuple(left), "taken": tuple(taken)}
 
 
+def not_compared_hz(modes: str | Path | ModalData, data: ModalData) -> list[float]:
+    """Frequencies of modes that were identified and are not among those that are compared."""
+    whole = modes if isinstance(modes, ModalData) else read_modes(modes)
+    found = np.array([s.frequency_hz for s in whole.sets])
+    other = [j for j, label in enumerate(whole.labels) if label not in data.labels and np.isfinite(found[:, j]).any()]
+    return [float(np.nanmedian(found[:, j])) for j in other]
+
+
 @names_files("modes")
 def update(
     model: GivenModel,
@@ -155,7 +163,8 @@ def update(
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
-                                  every=case.data, model_at=case.model_at, jobs=jobs, progress=progress)
+                                  every=case.data, seen_hz=not_compared_hz(modes, case.data), model_at=case.model_at,
+                                  jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode, likelihood.modes)
     kept = {**record.settings, **case.setting}
     if said["taken"]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +23,7 @@ from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, rising, silent
 from probupdate.structure.load import load_model, model_files
 from probupdate.structure.subdyn_model import is_subdyn
+from probupdate.structure.tangent import Tangent, write_tangent
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.problem import build_problem
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from probupdate.diagnosis.prepare import Prepared
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.lifetime.export import Export
+    from probupdate.model.interface import Model
 
 
 @names_files("modes")
@@ -52,7 +56,8 @@ def diagnose(
 ) -> Diagnosis:
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
-    `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors
+    `model` None: measurement and environmental and operational conditions only; of a function its tangent at the
+    initial parameters is diagnosed, written beside `out` (structural causes are then its parameters). `campaign` says where the sensors
     are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
     at, as a diagnosis has found that they are wrong. `shapes` "none": frequencies alone. `frequency_std`, `shape_std`:
     standard deviations of what states none, as shares of each frequency and of a shape's largest component; from eight
@@ -74,12 +79,26 @@ def diagnose(
     gather(data if model is None else of_model(data)[0], "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
+    if path is not None and not isinstance(path, Path | Prepared):
+        with _tangent_of(path, options.get("out")) as tangent:
+            found = diagnose(tangent.path, data, campaign=campaign, seed=seed, progress=progress, **options)
+        return replace(found, notes=(tangent.note, *found.notes), inputs=_inputs(None, None, modes))
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
     source = ModelSource(model=path, parameters=parameters, **of_model)
     # before the work: a file may be written anew meanwhile
     inputs = _inputs(path.path if isinstance(path, Prepared) else path, parameters, modes)
     found = diagnose_files(source, data, campaign=records, seed=seed, progress=rising(progress), **options)
     return replace(found, inputs=inputs)
+
+
+@contextmanager
+def _tangent_of(model: Model, out: str | Path | None) -> Iterator[Tangent]:
+    """A function's matrices beside diagnosis.json, which extended models name, or for the time of the run."""
+    if out is not None:
+        yield write_tangent(model, Path(out).with_name(f"{Path(out).stem}.tangent.npz"))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield write_tangent(model, Path(folder) / "tangent.npz")
 
 
 def _inputs(model: object, parameters: str | Path | None, modes: object) -> dict[str, dict[str, str]]:

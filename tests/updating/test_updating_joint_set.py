@@ -1,5 +1,6 @@
 """All comparable sets as one: what it is the mean of, how certain, and which sets are not in it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -133,3 +134,28 @@ def test_update_says_of_how_many_sets_it_is_and_one_is_a_choice():
     assert alone.set_id == "b2" and alone.summary.startswith("these numbers are of set b2 alone, one of 4")
     with pytest.raises(InputError, match="there is none of that id"):
         update(chain_model(), data, set_id="b9")
+
+
+def test_a_mode_that_is_measured_is_not_to_be_measured_next():
+    """The third and fourth mode are in the file, and the first two are compared alone."""
+    data = replace(measured_chain(noise=0.004, seed=1), labels=("1", "2", "3", "4"))
+    alone = LikelihoodSettings(modes=("1", "2"))
+    said, free = (update(chain_model(), d, likelihood=taken).components.measures
+                  for d, taken in ((data, alone), (data.of_modes([0, 1]), LikelihoodSettings())))
+
+    def near(measures) -> bool:
+        named = [float(x) for m in measures for x in re.findall("the model's mode at ([0-9.]+) Hz", m)]
+        return any(abs(x / f - 1) < 0.1 for x in named for f in data.set().frequency_hz[2:])
+
+    # without the others in the file the third is what to measure
+    assert near(free) and not near(said)
+
+
+def test_a_parameter_about_zero_has_no_cov_over_sets():
+    from probupdate.updating.set_wise_updates import SetScatter
+
+    one = np.ones((3, len(CHAIN_TRUTH)))
+    theta = one * [1.0, 1.0, 1.0, 0.001] + 0.02 * np.arange(-1, 2)[:, None]
+    scatter = SetScatter(ids=("a", "b", "c"), theta_map=theta, theta_step=theta, iterations=1, variance=one,
+                         resolution=one, derived={}, failed=(), parameters=chain_model().parameters)
+    assert scatter.cov[:3] == pytest.approx(0.02) and np.isnan(scatter.cov[3])
