@@ -50,8 +50,8 @@ def write_tangent(model: Model, path: str | Path) -> Tangent:
             f"modes, whose frequencies are within {100 * _error(model, arrays, n_mode):.2g} % one prior standard "
             "deviation away; causes are its parameters and the sensors, as the parts of the structure are not known")
     if share < 1:
-        note += (f"; the distance of its parameters' bounds is narrowed to a share of {share:.2f}, where the tangent has "
-                 "masses and stiffnesses above zero")
+        note += (f"; the distance of its parameters' bounds is narrowed to a share of {share:.2f}, where the tangent "
+                 "has masses and stiffnesses above zero")
     return Tangent(path=path, note=note)
 
 
@@ -133,7 +133,7 @@ def _at(arrays: dict[str, np.ndarray], kind: str, names: tuple[str, ...], theta:
 def _where_positive(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tuple[Parameters, float]:
     """The parameters with bounds at whose corners the tangent's matrices are positive definite, which they are within
     then, and the share of their distance from the initial values that is left."""
-    initial, n = np.array(parameters.initial), len(parameters)
+    initial, names, n = np.array(parameters.initial), parameters.names, len(parameters)
     room = np.array([np.where(np.isfinite(e), e - initial, s * FARTHEST * parameters.std)
                      for e, s in ((parameters.lower, -1), (parameters.upper, 1))])
     if 2**n <= MOST_CORNERS:
@@ -144,7 +144,7 @@ def _where_positive(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tu
 
     def positive(share: float) -> bool:
         each = initial + share * ends
-        return all(np.linalg.eigvalsh(np.array([_at(arrays, kind, parameters.names, theta) for theta in each])).min() > 0
+        return all(np.linalg.eigvalsh(np.array([_at(arrays, kind, names, theta) for theta in each])).min() > 0
                    for kind in "KM")
 
     share = 1.0

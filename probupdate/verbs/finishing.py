@@ -57,9 +57,9 @@ def diagnose(
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
     `model` None: measurement and environmental and operational conditions only; of a function its tangent at the
-    initial parameters is diagnosed, written beside `out` (structural causes are then its parameters). `campaign` says where the sensors
-    are, and its raw records are tested too. `without`: channels that the modes have and that are not to be looked
-    at, as a diagnosis has found that they are wrong. `shapes` "none": frequencies alone. `frequency_std`, `shape_std`:
+    initial parameters, written beside `out`, with these as causes. `campaign` says where the sensors are, and its raw
+    records are tested too. `without`: channels that the modes have and that are not to be looked at, as a diagnosis
+    has found that they are wrong. `shapes` "none": frequencies alone. `frequency_std`, `shape_std`:
     standard deviations of what states none, as shares of each frequency and of a shape's largest component; from eight
     sets on their own scatter says it. `options`: `only` (labels of the modes to take), `sensors`, `groups`, `effects`,
     `discrepancy` of `diagnosis.run.ModelSource` (own effects, groups of parameters, the model's error), and those of
