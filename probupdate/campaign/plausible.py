@@ -20,6 +20,8 @@ STRAIGHT, LOOKED_AT, FEWEST = 1e-4, 257, 20
 MIDDLE_FACTOR = 4.0
 # and it is so over most frequencies, as a point that one mode hardly moves is moved by the others
 MOST_FREQUENCIES, MOST_FACTOR = 0.25, 2.0
+# what acts along one axis moves the other less by up to this
+ACROSS_FACTOR, PARALLEL = 8.0, 0.7
 # of more channels than so many, one median serves all
 FEW = 30
 # frequencies of one comparison; segments of it at least
@@ -101,6 +103,7 @@ def unit_findings(
             break
         k = max(apart, key=lambda i: abs(np.log(apart[i])))
         like = _like(k, sensors, odd)
+        like = _along(k, sensors, like) or like
         odd.append(k)
         sensor, middle, other = sensors[k], apart[k], sensors[like[0]].channel
         if any(sensor.channel in m and ("unit" in m or "scale" in m) for m in mentioned):
@@ -133,8 +136,9 @@ def _middle_spectrum(spectra: Sequence[np.ndarray]) -> np.ndarray | None:
 
 
 def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Sequence[int]) -> dict[int, float]:
-    """Channel -> its amplitude over the middle of its like, of the channels where that is far from 1 throughout, and
-    from that of the places nearest to it: what changes along a structure does so smoothly. spectrum (n_line,
+    """Channel -> its amplitude over the middle of those parallel to it, else of its like, of the channels where that is
+    far from 1 and from that of its like throughout (what drives a structure may do so along one axis), and from that of
+    the places nearest to it (what changes along a structure does so smoothly). spectrum (n_line,
     n_channel) in logarithms, channels of `odd` left out."""
     found = {}
     left_out = {*odd, *np.flatnonzero(np.isnan(spectrum[0]))}
@@ -153,10 +157,18 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
         away = float(np.median(ratio))
         if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
                 1 - MOST_FREQUENCIES):
-            near = spectrum[:, k] - np.median(spectrum[:, _nearest(k, sensors, like)], axis=1)
-            if np.median(near) * np.sign(away) > np.log(MOST_FACTOR):
-                found[k] = float(np.exp(away))
+            along = _along(k, sensors, like)
+            if not along and abs(away) < np.log(ACROSS_FACTOR):
+                continue
+            near, beside = (float(np.median(spectrum[:, k] - np.median(spectrum[:, some], axis=1)))
+                            for some in (_nearest(k, sensors, like), along or like))
+            if min(near * np.sign(away), beside * np.sign(away)) > np.log(MOST_FACTOR):
+                found[k] = float(np.exp(beside))
     return found
+
+
+def _along(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
+    return [i for i in like if abs(sensors[i].direction @ sensors[k].direction) > PARALLEL]
 
 
 def _nearest(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:

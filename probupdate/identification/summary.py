@@ -77,7 +77,8 @@ def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list
 
 def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:
     f = frequency_hz[np.isfinite(frequency_hz)]
-    text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
+    text = (f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1
+            else f"{f[0]:.4f} Hz" if len(f) else "not identified")
     return f"{label}: in {plural(len(f), 'block')}, {text}"
 
 

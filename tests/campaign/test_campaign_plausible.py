@@ -57,6 +57,21 @@ def test_one_of_three_stated_in_g_that_is_not(campaign_folder):
     assert len(found) == 1 and "is f2 in g, as campaign.toml says?" in found[0], found
 
 
+@pytest.mark.parametrize(("one", "names"), [(1.0, []), (9.80665, ["f1x or f2x"])], ids=["all right", "one in g"])
+def test_what_acts_along_one_axis_is_no_wrong_unit(campaign_folder, one, names):
+    """Four floors that the wind shakes six times as much along x; of the last two, y alone has a sensor."""
+    both = np.column_stack([6 * building(4)[:, :2], building(4, 24000)[12000:]])
+    both[:, 1] /= one
+    units = ["m/s2"] * 6
+    text = head(units)
+    for k, name in enumerate(("f1x", "f2x", "f1y", "f2y", "f3y", "f4y")):
+        text = text.replace(f'channel = "f{k + 1}"', f'channel = "{name}"').replace(
+            f'position_m = [0.0, 0.0, {3.0 * (k + 1)}]\ndirection = [1.0, 0.0, 0.0]',
+            f'position_m = [0.0, 0.0, {3.0 * int(name[1])}]\ndirection = {[1.0, 0.0, 0.0] if k < 2 else [0.0, 1.0, 0.0]}')
+    found = suspected(campaign_folder([(0, both)], head=text))
+    assert [f.split("is ")[-1].split(" in")[0] for f in found] == names
+
+
 def test_of_two_channels_either_may_be_the_wrong_one(campaign_folder):
     data = building(2)
     data[:, 1] /= 9.80665
