@@ -2,7 +2,8 @@
 
 Peaks of the first singular value of the cross spectra (Brincker, Zhang & Andersen 2001, Modal identification of
 output-only systems using frequency domain decomposition) that stand out from the spectrum about them: the highest sets
-the rate, the lowest how long the covariances must be, their number the order.
+the rate, the lowest how long the covariances must be, their number the order. Lines of machines and mains have a power
+that does not vary from one part of the record to the next (spectral kurtosis: Antoni 2006), and set nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from probupdate.identification.settings import CONSTANTS
 PARTS, STANDS_OUT, LEAST_LOG = CONSTANTS.proposal_parts, CONSTANTS.stands_out, CONSTANTS.least_log
 # blocks that are looked at, evenly over the campaign
 BLOCKS = 6
-GAP = CONSTANTS.gap
+STEADY = CONSTANTS.steady
 RATE, PERIODS = CONSTANTS.rate, CONSTANTS.periods
 ROWS, ORDERS = (20, 60), (20, 60)
 # a block has so many samples for each block row at least; channels times block rows at most: time goes with the third
@@ -34,13 +35,15 @@ LEAST_BLOCK, LARGEST = 20, 720
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
     """target_rate_hz, order, block_rows for `BlockSettings`; peaks_hz, ascending, that they were estimated from;
-    above_hz: peaks that such a rate does not hold; sentence: the same in words."""
+    above_hz: peaks that such a rate does not hold; lines_hz: steady lines, which set nothing; sentence: the same in
+    words."""
 
     target_rate_hz: float
     order: int
     block_rows: int
     peaks_hz: tuple[float, ...]
     above_hz: tuple[float, ...] = ()
+    lines_hz: tuple[float, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -49,6 +52,9 @@ class Proposal:
                 f"{self.peaks_hz[0]:.3g} to {self.peaks_hz[-1]:.3g} Hz")
         if self.above_hz:
             text += f"; peaks above, from {self.above_hz[0]:.3g} Hz, are left to a run with another --rate"
+        if self.lines_hz:
+            text += (f"; steady lines at {', '.join(f'{f:.3g}' for f in self.lines_hz)} Hz, as of machines or mains, set "
+                     "no rate")
         return text
 
 
@@ -60,7 +66,7 @@ def propose(
     estimated from the peaks that such a rate holds. `up_to_hz`: modes up to there are looked for, so that the rate
     holds them, whatever stands out. Raises InputError where no block can be used, or where nothing stands out of the
     spectra."""
-    peaks: list[float] = []
+    peaks: list[tuple[float, float]] = []
     looked = 0
     reason = ""
     for campaign in campaigns:
@@ -79,12 +85,8 @@ def propose(
     if not peaks:
         raise InputError(f"{where}, settings", "no peak stands out of the spectra, so no rate is proposed",
                          "give --rate, at least twice the highest frequency of interest, and --order")
-    distinct = _distinct(np.sort(peaks), least=1 if looked < 3 else max(2, looked // 4))
-    jump = np.flatnonzero(distinct[1:] > GAP * distinct[:-1])
-    # of two heaps the one with more peaks; what lies below a gap is never left out
-    cut = next((int(k) + 1 for k in jump if k + 1 >= 2), len(distinct))
-    cut = max(cut, int(np.searchsorted(distinct, up_to_hz, side="right")))
-    inside, above = distinct[:cut], distinct[cut:]
+    inside, lines = _distinct(peaks, least=1 if looked < 3 else max(2, looked // 4))
+    above = inside[:0]
     recorded = min(c.sampling_rate_hz for c in campaigns)
     fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
     largest = max(min(LARGEST // most, ROWS[1]), 2)
@@ -95,22 +97,23 @@ def propose(
         if rate > longest and recorded / np.ceil(recorded / longest) > 2.2 * max(inside[0], up_to_hz):
             rate = recorded / np.ceil(recorded / longest)
             held = inside[inside < 0.45 * rate]
-            inside, above = held, np.concatenate([inside[len(held):], above])
+            inside, above = held, inside[len(held):]
     else:
         rate, held = rate_hz, inside[inside < 0.5 * rate_hz]
-        inside, above = (held, ()) if len(held) else (inside, above)
+        inside = held if len(held) else inside
     rows = int(np.clip(np.ceil(0.5 * PERIODS * rate / inside[0]), *ROWS))
     order = int(np.clip(2 * np.ceil(1.5 * len(inside)), *ORDERS))
     samples = int(min(c.block_minutes for c in campaigns) * 60 * rate)
     rows = block_rows or max(min(rows, largest, samples // LEAST_BLOCK), 2)
     order = min(order, 2 * (fewest * (rows - 1) // 2))
     return Proposal(target_rate_hz=float(rate), order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
-                    above_hz=tuple(map(float, above)))
+                    above_hz=tuple(map(float, above)), lines_hz=tuple(map(float, lines)))
 
 
-def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
+def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[tuple[float, float]]:
     """Frequencies in Hz at which the first singular value of the cross spectra of data (n_sample, n_channel), each
-    channel by its own root mean square around that frequency, stands out of its running median."""
+    channel by its own root mean square, stands out of its running median; and of each the mean square of its power over
+    the parts, over the square of the mean (NaN where samples are lost)."""
     from scipy import signal
 
     size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))
@@ -120,17 +123,20 @@ def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
         data = data / data.std(axis=0)
         line, _, transform = signal.stft(data.T, fs=rate_hz, nperseg=size, boundary=None, padded=False)
         # (n_line, n_channel, n_part)
-        largest = np.linalg.svd(transform.transpose(1, 0, 2), compute_uv=False)[:, 0] ** 2
+        vector, size_of, _ = np.linalg.svd(transform.transpose(1, 0, 2), full_matrices=False)
+        largest = size_of[:, 0] ** 2
+        power = np.abs(np.einsum("lc,clp->lp", vector[:, :, 0].conj(), transform)) ** 2
+        varies = np.mean(power**2, axis=1) / np.maximum(np.mean(power, axis=1) ** 2, 1e-300)
     else:
         line, density = pair_spectra(data, rate_hz, size)
-        largest = np.linalg.eigvalsh(density)[:, -1]
+        largest, varies = np.linalg.eigvalsh(density)[:, -1], np.full(len(line), np.nan)
     spectrum = np.log(np.maximum(largest, 1e-300))
     usable = (line > 2 * rate_hz / size) & (line < 0.45 * rate_hz)
     excess = spectrum - _running_median(line, spectrum)
     # neighbours of half-overlapping Hann windows share about a fifth of their variance
     threshold = max(STANDS_OUT / np.sqrt(n_part * 0.8), LEAST_LOG)
     found, _ = signal.find_peaks(np.where(usable, excess, -10.0), height=threshold, prominence=threshold)
-    return [float(f) for f in line[found]]
+    return [(float(line[k]), float(varies[k])) for k in found]
 
 
 def _running_median(line: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -140,8 +146,12 @@ def _running_median(line: np.ndarray, value: np.ndarray) -> np.ndarray:
     return np.array([np.median(value[a:b]) for a, b in zip(low, high, strict=True)])
 
 
-def _distinct(rising: np.ndarray, least: int) -> np.ndarray:
-    """Means of runs whose neighbours are closer than 3 %, those of `least` members or, where there is none, all."""
-    runs = np.split(rising, np.flatnonzero(np.diff(np.log(rising)) > 0.03) + 1)
-    often = [run for run in runs if len(run) >= least]
-    return np.array([np.mean(run) for run in often or runs])
+def _distinct(peaks: Sequence[tuple[float, float]], least: int) -> tuple[np.ndarray, np.ndarray]:
+    """Means of runs whose neighbours are closer than 3 %, those of `least` members or, where there is none, all; and of
+    these the steady lines apart, unless there is nothing else."""
+    frequency, varies = np.array(sorted(peaks)).T
+    parts = np.split(np.arange(len(frequency)), np.flatnonzero(np.diff(np.log(frequency)) > 0.03) + 1)
+    often = [run for run in parts if len(run) >= least] or parts
+    mean = np.array([np.mean(frequency[run]) for run in often])
+    steady = np.array([np.median(varies[run]) < STEADY for run in often])
+    return (mean, mean[:0]) if steady.all() else (mean[~steady], mean[steady])

@@ -99,7 +99,9 @@ class IdentificationConstants:
     stands_out: float = stated(
         6.0, "std", "a peak of that spectrum stands out by so many standard deviations of its logarithm")
     least_log: float = stated(1.1, "ln", "and by this at least", "a factor of three")
-    gap: float = stated(3.0, "-", "a peak so many times above the next lower one is another thing's", "mains, machines")
+    steady: float = stated(
+        1.15, "-", "a peak whose power has a smaller mean square over squared mean, over the parts, is a machine's line",
+        "2 for a random motion, 1 for a steady one")
     rate: float = stated(2.5, "-", "proposed rate over the highest frequency that stands out")
     periods: float = stated(2.0, "-", "periods of the lowest one that the lags cover")
     least_known: float = stated(0.5, "-", "a covariate known in a smaller share of the blocks is left out")

@@ -153,6 +153,22 @@ def test_without_a_model_rate_order_and_rows_are_proposed_from_the_record(tmp_pa
         propose([noise])
 
 
+def test_modes_far_above_the_lowest_set_the_rate_and_a_steady_line_does_not(tmp_path):
+    """Half an hour at 50 Hz: a close pair at 0.33 Hz, weaker modes at 1.25 and 2.2 Hz, mains folded to 20 Hz."""
+    frequency, rng, data = np.array([0.33, 0.36, 1.25, 2.2]), np.random.default_rng(0), 0.0
+    for f, strength in zip(frequency, (1.0, 0.8, 0.3, 0.1), strict=True):
+        pole = np.exp(2 * np.pi * f / 50.0 * (-0.01 + 1j))
+        motion = signal.lfilter([1], [1, -pole], rng.standard_normal(100_000))[10_000:].real
+        data = data + np.outer(strength * motion / motion.std(), rng.standard_normal(4))
+    data += 0.3 * np.outer(np.sin(2 * np.pi * 20 * np.arange(90_000) / 50), rng.standard_normal(4))
+    data += 0.01 * rng.standard_normal(data.shape)
+    found = propose([write(tmp_path, data, [("x", 0.0, 0.0, float(k)) for k in range(4)], 50.0, 30, "acceleration")])
+    assert found.target_rate_hz == pytest.approx(50 / 9)
+    assert np.all(np.abs(np.array(found.peaks_hz) / frequency - 1) < 0.03)
+    assert np.all(np.abs(np.array(found.lines_hz) - 20) < 0.02)
+    assert "steady lines at 20 Hz, as of machines or mains, set no rate" in found.sentence
+
+
 def three_modes(n, seed, rate_hz=50.0, free=False):
     """(n, 3) of modes at 1.3, 2.1 and 5 Hz, 1 % of damping, white-driven or set free, with 2 % of noise."""
     rng = np.random.default_rng(seed)
