@@ -53,8 +53,8 @@ class Proposal:
         if self.above_hz:
             text += f"; peaks above, from {self.above_hz[0]:.3g} Hz, are left to a run with another --rate"
         if self.lines_hz:
-            text += (f"; steady lines at {', '.join(f'{f:.3g}' for f in self.lines_hz)} Hz, as of machines or mains, set "
-                     "no rate")
+            listed = ", ".join(f"{f:.3g}" for f in self.lines_hz)
+            text += f"; steady lines at {listed} Hz, as of machines or mains, set no rate"
         return text
 
 

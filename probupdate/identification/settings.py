@@ -100,7 +100,7 @@ class IdentificationConstants:
         6.0, "std", "a peak of that spectrum stands out by so many standard deviations of its logarithm")
     least_log: float = stated(1.1, "ln", "and by this at least", "a factor of three")
     steady: float = stated(
-        1.15, "-", "a peak whose power has a smaller mean square over squared mean, over the parts, is a machine's line",
+        1.15, "-", "a peak is a machine's line if the mean square of its power, over the squared mean, is smaller",
         "2 for a random motion, 1 for a steady one")
     rate: float = stated(2.5, "-", "proposed rate over the highest frequency that stands out")
     periods: float = stated(2.0, "-", "periods of the lowest one that the lags cover")

@@ -67,7 +67,7 @@ def test_what_acts_along_one_axis_is_no_wrong_unit(campaign_folder, one, names):
     for k, name in enumerate(("f1x", "f2x", "f1y", "f2y", "f3y", "f4y")):
         text = text.replace(f'channel = "f{k + 1}"', f'channel = "{name}"').replace(
             f'position_m = [0.0, 0.0, {3.0 * (k + 1)}]\ndirection = [1.0, 0.0, 0.0]',
-            f'position_m = [0.0, 0.0, {3.0 * int(name[1])}]\ndirection = {[1.0, 0.0, 0.0] if k < 2 else [0.0, 1.0, 0.0]}')
+            f'position_m = [0.0, 0.0, {3.0 * int(name[1])}]\ndirection = {[float(k < 2), float(k > 1), 0.0]}')
     found = suspected(campaign_folder([(0, both)], head=text))
     assert [f.split("is ")[-1].split(" in")[0] for f in found] == names
 
