@@ -31,6 +31,10 @@ class Hidden:
     settings: dict = field(default_factory=dict)
 
 
+def on_parts(what, on, amount_to_value):
+    return lambda amount: (Change(what=what, on=on, value=amount_to_value(amount)),)
+
+
 def common(names) -> str:
     """What channels' names share at their beginning."""
     short = names[0]

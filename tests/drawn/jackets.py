@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from drawn.hiding import Hidden, on_parts
 from drawn.skeleton import Body, Change, Member, Skeleton, Spring, State, Steel
 
 LEG_NAMES = {3: ("ABC", ("1", "2", "3"), ("P1", "P2", "P3"), ("North", "West", "East")),
@@ -149,36 +150,38 @@ def _parameters(rng, raw: dict) -> list[dict]:
 # the truth -----------------------------------------------------------------------------------------------------------
 
 
+def near(rng, std: float, most: float = 2.0) -> float:
+    """Normal, cut at so many standard deviations."""
+    return float(np.clip(rng.standard_normal(), -most, most)) * std
+
+
 def sound_state(raw: dict, rng: np.random.Generator):
     """State with parameters from the prior and everything that a user's drawings leave open -> (state, theta)."""
-    def near(std, most=2.0):
-        return float(np.clip(rng.standard_normal(), -most, most)) * std
-
     theta = {}
     for row in raw["parameter"]:
-        drawn = row["initial"] * (1 + near(row["cov"]))
+        drawn = row["initial"] * (1 + near(rng, row["cov"]))
         theta[row["name"]] = float(np.clip(drawn, 0.4 * row["initial"], 2.5 * row["initial"]))
     changes = []
     names = raw["jacket"]["leg_names"]
     faces = [a + b for a, b in zip(names, [*names[1:], names[0]], strict=True)]
     for group in ("tower", "leg", "brace", "pile"):
-        changes.append(Change(what="stiffness", on={"group": group}, value=1 + near(0.01)))
+        changes.append(Change(what="stiffness", on={"group": group}, value=1 + near(rng, 0.01)))
     for bay in range(1, len(raw["jacket"]["bay"]) + 1):
-        changes += [Change(what="stiffness", on={"group": "brace", "bay": bay, "face": f}, value=1 + near(0.01))
+        changes += [Change(what="stiffness", on={"group": "brace", "bay": bay, "face": f}, value=1 + near(rng, 0.01))
                     for f in faces]
-        changes += [Change(what="stiffness", on={"group": "leg", "bay": bay, "leg": n}, value=1 + near(0.01))
+        changes += [Change(what="stiffness", on={"group": "leg", "bay": bay, "leg": n}, value=1 + near(rng, 0.01))
                     for n in names]
     for curve in ("py", "tz", "qw"):
-        changes.append(Change(what="soil", on={"curve": curve}, value=1 + near(0.15)))
+        changes.append(Change(what="soil", on={"curve": curve}, value=1 + near(rng, 0.15)))
         changes += [Change(what="soil", on={"curve": curve, "leg": n}, value=1 + float(rng.uniform(-0.1, 0.1)))
                     for n in names]
-    changes.append(Change(what="mass", on={"group": "nacelle"}, value=1 + near(0.01)))
-    changes.append(Change(what="offset", on={"group": "rna", "axis": "x"}, value=near(0.05)))
-    changes.append(Change(what="mass", on={"group": "tp mass"}, value=1 + near(0.02)))
+    changes.append(Change(what="mass", on={"group": "nacelle"}, value=1 + near(rng, 0.01)))
+    changes.append(Change(what="offset", on={"group": "rna", "axis": "x"}, value=near(rng, 0.05)))
+    changes.append(Change(what="mass", on={"group": "tp mass"}, value=1 + near(rng, 0.02)))
     return State(changes=tuple(changes)), theta
 
 
-class _Mesh:
+class Mesh:
     """Collects nodes and members of one state."""
 
     def __init__(self, raw: dict, theta: dict, state: State, level: float):
@@ -227,7 +230,7 @@ def _band(tags, z: float) -> str:
 def skeleton(raw: dict, theta: dict, state: State, *, level: float = 0.0, fine: int = 1) -> Skeleton:
     """The turbine in a state, at a water level in m: legs and braces in three pieces or more, piles in pieces of 2 m,
     a tower of twelve pieces between flanges."""
-    m = _Mesh(raw, theta, state, level)
+    m = Mesh(raw, theta, state, level)
     _legs(m, fine)
     _braces(m, fine)
     for k, name in enumerate(raw["jacket"]["leg_names"]):
@@ -235,6 +238,15 @@ def skeleton(raw: dict, theta: dict, state: State, *, level: float = 0.0, fine: 
     _above(m, fine)
     return Skeleton(place=m.place, members=tuple(m.members), bodies=tuple(m.bodies), springs=tuple(m.springs),
                     rigid=tuple(m.rigid))
+
+
+def anchors(raw: dict, rng) -> list[tuple[str, int]]:
+    """Where something unknown may be fastened: (node, axis)."""
+    found = [(f"tower {len(raw['tower']['station']) - 2}", int(rng.integers(2)))]
+    names = raw["jacket"]["leg_names"]
+    for z in leg_levels(raw)[1:]:
+        found.append((node_of_leg(str(rng.choice(names)), z), int(rng.integers(2))))
+    return found
 
 
 def node_of_leg(name: str, z: float) -> str:
@@ -250,7 +262,7 @@ def _bay_of(raw, z: float):
     return len(bays)
 
 
-def _legs(m: _Mesh, fine: int) -> None:
+def _legs(m: Mesh, fine: int) -> None:
     raw, levels = m.raw, leg_levels(m.raw)
     for k, name in enumerate(raw["jacket"]["leg_names"]):
         for z in levels:
@@ -262,7 +274,7 @@ def _legs(m: _Mesh, fine: int) -> None:
                    flooded=raw["jacket"]["flooded"])
 
 
-def _braces(m: _Mesh, fine: int) -> None:
+def _braces(m: Mesh, fine: int) -> None:
     raw, names = m.raw, m.raw["jacket"]["leg_names"]
     for number, bay in enumerate(raw["jacket"]["bay"], 1):
         for k, left in enumerate(names):
@@ -281,7 +293,7 @@ def _braces(m: _Mesh, fine: int) -> None:
                     m.line(end, centre, bay["brace"], m.scaled("k_j"), {**tags, "half": leg}, pieces=2 * fine)
 
 
-def _brace_end(m: _Mesh, leg: str, z: float, centre, brace: dict, tags) -> str:
+def _brace_end(m: Mesh, leg: str, z: float, centre, brace: dict, tags) -> str:
     chord_node = node_of_leg(leg, z)
     if m.raw["jacket"]["joints"]["law"] == "rigid":
         return chord_node
@@ -309,7 +321,7 @@ def _brace_end(m: _Mesh, leg: str, z: float, centre, brace: dict, tags) -> str:
     return end
 
 
-def _pile(m: _Mesh, number: int, name: str) -> None:
+def _pile(m: Mesh, number: int, name: str) -> None:
     raw, pile, soil = m.raw, m.raw["pile"], m.raw["soil"]
     head, mud = raw["jacket"]["bottom"]["z_m"], raw["site"]["mudline_m"]
     scour = m.state.amount("scour", {"leg": name})
@@ -337,19 +349,29 @@ def _pile(m: _Mesh, number: int, name: str) -> None:
     for node, spans in length.items():
         _soil(m, node, name, spans, scour)
     tip = f"pile {name} at {pile['tip_m']:.3f}"
-    strength = _strength(soil, mud - pile["tip_m"])
-    q = 0.25 / 0.002 * 9 * strength * math.pi * pile["diameter_m"] / 4
+    q = 0.25 / 0.002 * 9 * strength(soil, mud - pile["tip_m"]) * math.pi * pile["diameter_m"] / 4
     factor = m.state.factor("soil", {"curve": "qw", "leg": name}) / m.theta.get("qw", 1.0)
     m.springs.append(Spring(node=tip, stiffness=(0, 0, q * factor, 0, 0, 0), tags={"group": "soil", "leg": name}))
 
 
-def _strength(soil: dict, depth: float) -> float:
+def strength(soil: dict, depth: float) -> float:
     s = soil["undrained_shear_strength_pa"]
     return s["at_mudline"] + s["gradient_per_m"] * depth
 
 
-def _soil(m: _Mesh, node: str, leg: str, spans, scour: float) -> None:
-    """API RP 2GEO: initial stiffness of p-y and t-z at the halves of a node's pieces, lumped at it."""
+def soil_stiffness(soil: dict, D: float, depth: float, scour: float) -> tuple[float, float]:
+    """API RP 2GEO: initial stiffness of p-y and t-z, N/m per m of pile of diameter D, at a depth below the mudline."""
+    if depth - scour <= 0:
+        return 0.0, 0.0
+    s, w = strength(soil, depth), soil["submerged_unit_weight_npm3"] * (depth - scour)
+    p = D * min(3 * s + w + soil["matlock_j"] * s * (depth - scour) / D, 9 * s)
+    psi = s / w
+    alpha = min(0.5 * psi**-0.5 if psi <= 1 else 0.5 * psi**-0.25, 1.0)
+    return 2.3 * p / (2.5 * soil["strain_50"] * D), 0.3 / 0.0016 * math.pi * alpha * s
+
+
+def _soil(m: Mesh, node: str, leg: str, spans, scour: float) -> None:
+    """Lumped at a node: the halves of its pieces."""
     soil, D, mud = m.raw["soil"], m.raw["pile"]["diameter_m"], m.raw["site"]["mudline_m"]
     z0 = m.place[node][2]
     lateral = axial = 0.0
@@ -358,22 +380,15 @@ def _soil(m: _Mesh, node: str, leg: str, spans, scour: float) -> None:
         near, far = (high, 0.5 * (high + low)) if abs(high - z0) < 1e-9 else (0.5 * (high + low), low)
         points = near + (far - near) * (np.arange(8) + 0.5) / 8
         for z in points:
-            depth = mud - z
-            if depth - scour <= 0:
-                continue
-            s, w = _strength(soil, depth), soil["submerged_unit_weight_npm3"] * (depth - scour)
-            p = D * min(3 * s + w + soil["matlock_j"] * s * (depth - scour) / D, 9 * s)
-            lateral += abs(near - far) / 8 * 2.3 * p / (2.5 * soil["strain_50"] * D)
-            psi = s / w
-            alpha = min(0.5 * psi**-0.5 if psi <= 1 else 0.5 * psi**-0.25, 1.0)
-            axial += abs(near - far) / 8 * 0.3 / 0.0016 * math.pi * alpha * s
+            p, t = soil_stiffness(soil, D, mud - z, scour)
+            lateral, axial = lateral + abs(near - far) / 8 * p, axial + abs(near - far) / 8 * t
     lateral *= m.state.factor("soil", {"curve": "py", "leg": leg}) / m.theta.get("py", 1.0)
     axial *= m.state.factor("soil", {"curve": "tz", "leg": leg}) / m.theta.get("tz", 1.0)
     m.springs.append(Spring(node=node, stiffness=(lateral, lateral, axial, 0, 0, 0),
                             tags={"group": "soil", "leg": leg}))
 
 
-def _above(m: _Mesh, fine: int) -> None:
+def _above(m: Mesh, fine: int) -> None:
     raw, tp, stations = m.raw, m.raw["transition_piece"], m.raw["tower"]["station"]
     m.place |= {"foot": np.array([0, 0, tp["column_bottom_m"]]), "struts": np.array([0, 0, tp["strut_top_m"]])}
     steel, top = m.scaled("k_TP"), raw["jacket"]["top"]["z_m"]
@@ -390,13 +405,13 @@ def _above(m: _Mesh, fine: int) -> None:
     m.bodies.append(Body(node="struts", mass=tp["lumped_mass_kg"] + m.state.amount("kg", {"group": "column"}),
                          tags={"group": "tp mass"}))
     for k, (low, high) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
-        _section(m, tower[k], tower[k + 1], low, high, k, 6 * fine)
+        section(m, tower[k], tower[k + 1], low, high, k, 6 * fine)
     for node, s in zip(tower, stations, strict=True):
         m.bodies.append(Body(node=node, mass=s["flange_kg"], tags={"group": "flange"}))
-    _rna(m, tower[-1])
+    rna(m, tower[-1])
 
 
-def _section(m: _Mesh, a: str, b: str, low: dict, high: dict, number: int, pieces: int) -> None:
+def section(m: Mesh, a: str, b: str, low: dict, high: dict, number: int, pieces: int) -> None:
     nodes = [a, *(f"{a} {k}" for k in range(1, pieces)), b]
     for k in range(1, pieces):
         m.place[nodes[k]] = m.place[a] + (m.place[b] - m.place[a]) * k / pieces
@@ -409,7 +424,7 @@ def _section(m: _Mesh, a: str, b: str, low: dict, high: dict, number: int, piece
                                 tags={"group": "tower", "station": number, "above": True}))
 
 
-def _rna(m: _Mesh, top: str) -> None:
+def rna(m: Mesh, top: str) -> None:
     more = m.state.amount("offset", {"group": "rna", "axis": "x"})
     for body in m.raw["rna"]:
         node = f"rna {body['name']}"
@@ -419,3 +434,60 @@ def _rna(m: _Mesh, top: str) -> None:
         kg = m.state.amount("kg", {"group": body["name"]})
         inertia = tuple(i + 3.0 * kg * i / body["mass_kg"] * (body["name"] == "hub") for i in body["inertia_kgm2"])
         m.bodies.append(Body(node=node, mass=mass + kg, inertia=inertia, tags={"group": body["name"]}))
+
+
+# what is hidden ------------------------------------------------------------------------------------------------------
+
+
+def fault(rng, raw: dict) -> Hidden:
+    names = raw["jacket"]["leg_names"]
+    k, bay = int(rng.integers(len(names))), int(rng.integers(1, len(raw["jacket"]["bay"]) + 1))
+    leg, face = names[k], names[k] + names[(k + 1) % len(names)]
+    kinds = ["brace", "brace", "one brace", "leg", "scour", "lateral", "axial", "nacelle", "piece", "growth"]
+    if raw["jacket"]["joints"]["law"] != "rigid":
+        kinds += ["joints", "joints"]
+    kind = str(rng.choice(kinds))
+    lost = float(rng.uniform(0.35, 0.95))
+    profile = str(rng.choice(["step", "step", "constant"]))
+
+    def made(cause, location, size, changes, profile=profile) -> Hidden:
+        return Hidden(kind="structural", name=kind, right=frozenset({(cause, location)}), size=size, changes=changes,
+                      profile=profile)
+
+    def left(amount):
+        return 1 - amount * lost
+
+    if kind == "brace":
+        return made("brace stiffness lost", f"face {face}, bay {bay}", -lost,
+                    on_parts("stiffness", {"group": "brace", "face": face, "bay": bay}, left))
+    if kind == "one brace":
+        part = f"brace {face}-{bay}"
+        return made("brace stiffness lost", f"face {face}, bay {bay}", -lost / 2,
+                    on_parts("stiffness", {"part": part}, left))
+    if kind == "leg":
+        lost = 0.6 * lost
+        return made("leg stiffness lost", f"leg {leg}, bay {bay}", -lost,
+                    on_parts("stiffness", {"group": "leg", "leg": leg, "bay": bay}, left))
+    if kind == "joints":
+        return made("joints loosened", f"face {face}, bay {bay}", -lost,
+                    on_parts("joint", {"group": "joint", "face": face, "bay": bay}, left))
+    if kind == "scour":
+        depth = float(rng.uniform(1.0, 5.0))
+        return made("scour", f"leg {leg}", depth, on_parts("scour", {"leg": leg}, lambda a: a * depth))
+    if kind in ("lateral", "axial"):
+        return made(f"{kind} soil stiffness", f"leg {leg}", -lost,
+                    on_parts("soil", {"curve": "py" if kind == "lateral" else "tz", "leg": leg}, left))
+    if kind == "nacelle":
+        kg = float(rng.uniform(0.06, 0.25)) * raw["rna"][0]["mass_kg"]
+        return made("nacelle mass", "nacelle", kg, on_parts("kg", {"group": "nacelle"}, lambda a: a * kg))
+    if kind == "piece":
+        kg = float(rng.uniform(0.3, 1.0)) * raw["transition_piece"]["lumped_mass_kg"]
+        return made("transition-piece mass", "column", kg, on_parts("kg", {"group": "column"}, lambda a: a * kg))
+    thickness = float(rng.uniform(0.06, 0.2))
+    low = [b for b in range(1, len(raw["jacket"]["bay"]) + 1) if raw["jacket"]["bay"][b - 1]["top_m"] < 0] or [1]
+    bay = low[int(rng.integers(len(low)))]
+
+    def grown(amount):
+        return tuple(Change(what="growth", on={"group": g, "bay": bay}, value=amount * thickness)
+                     for g in ("leg", "brace"))
+    return made("marine growth", f"bay {bay}", thickness, grown, "constant")

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from drawn import hiding, jackets, matrices, opensees_frame, plans, subdyn_files, toml_text
-from drawn.hiding import PER_KELVIN, Hidden
+from drawn import hiding, jackets, matrices, monopiles, opensees_frame, plans, subdyn_files, toml_text
+from drawn.hiding import PER_KELVIN, Hidden, on_parts
 from drawn.skeleton import Change, State, in_state
 
 PLANS = ("building", "truss", "bridge", "lattice", "monopile", "jacket")
 # the kinds that are drawn, in turn
 KINDS = ("turbine", *(f"matrices {k}" for k in PLANS), "subdyn lattice", "subdyn jacket", "subdyn monopile",
-         "subdyn building")
+         "subdyn building", "turbine monopile")
 UNITS_OF_LENGTH_M = (1e-3, 1e5)
 # elements of a member in OpenSees, whose mass is lumped
 TRUE_PIECES = 8
@@ -53,8 +53,8 @@ def draw(kind: str, seed: int, *, small: bool = False, designed: bool = False) -
     """The structure of a kind and seed, the same for ever; small: of few members; designed: its truth is what the
     files say, with no parameter drawn."""
     rng = np.random.default_rng([KINDS.index(kind), seed, 7])
-    if kind == "turbine":
-        return _turbine(rng, small, designed)
+    if kind.startswith("turbine"):
+        return _turbine(rng, kind, small, designed)
     form, plan = kind.split()
     return (_matrices if form == "matrices" else _subdyn)(rng, plan, designed)
 
@@ -69,13 +69,14 @@ def _read(motion: np.ndarray, sensors: Sequence[dict], rows: Sequence[int]) -> t
 # turbines ------------------------------------------------------------------------------------------------------------
 
 
-def _turbine(rng, small: bool, designed: bool) -> Drawn:
-    raw = jackets.draw(rng, small=small)
-    sound, theta = jackets.sound_state(raw, rng)
+def _turbine(rng, kind: str, small: bool, designed: bool) -> Drawn:
+    on = monopiles if kind.endswith("monopile") else jackets
+    raw = on.draw(rng, small=small)
+    sound, theta = on.sound_state(raw, rng)
     if designed:
         sound, theta = State(), {row["name"]: row["initial"] for row in raw["parameter"]}
     sensors = tuple({k: s[k] for k in ("channel", "level", "position_m", "direction")} for s in raw["sensor"])
-    base = jackets.skeleton(raw, theta, sound)
+    base = on.skeleton(raw, theta, sound)
     nodes = [min(base.place, key=lambda n, p=s["position_m"]: np.linalg.norm(base.place[n] - p)) for s in sensors]
     known: dict = {}
 
@@ -84,7 +85,7 @@ def _turbine(rng, small: bool, designed: bool) -> Drawn:
         if key not in known:
             warm = Change(what="stiffness", on={"above": True}, value=1 + PER_KELVIN * warmer)
             state = replace(sound.with_changes(*changes, warm), attached=tuple(attached))
-            frame = in_state(jackets.skeleton(raw, theta, state, level=level), state)
+            frame = in_state(on.skeleton(raw, theta, state, level=level), state)
             names = list(dict.fromkeys(nodes)) if at is None else [at]
             f, motion = opensees_frame.modes(frame, count, names)
             if at is not None:
@@ -99,71 +100,10 @@ def _turbine(rng, small: bool, designed: bool) -> Drawn:
         (folder / "model.toml").write_text(toml_text.text(raw), encoding="utf-8")
         return ["--model", str(folder / "model.toml")]
 
-    anchors = [(f"tower {len(raw['tower']['station']) - 2}", int(rng.integers(2)))]
-    names = raw["jacket"]["leg_names"]
-    for z in jackets.leg_levels(raw)[1:]:
-        anchors.append((jackets.node_of_leg(str(rng.choice(names)), z), int(rng.integers(2))))
-    return Drawn(kind="turbine", title=raw["name"], sensors=sensors, n_mode=5, write=write, solve=solve, truth=theta,
-                 structural=lambda r: _turbine_fault(r, raw), environmental=lambda r: _turbine_weather(r),
+    anchors = on.anchors(raw, rng)
+    return Drawn(kind=kind, title=raw["name"], sensors=sensors, n_mode=5, write=write, solve=solve, truth=theta,
+                 structural=lambda r: on.fault(r, raw), environmental=lambda r: _turbine_weather(r),
                  unknown=lambda r: _unknown(r, anchors, solve, 5), is_turbine=True)
-
-
-def _on_parts(what, on, amount_to_value):
-    return lambda amount: (Change(what=what, on=on, value=amount_to_value(amount)),)
-
-
-def _turbine_fault(rng, raw: dict) -> Hidden:
-    names = raw["jacket"]["leg_names"]
-    k, bay = int(rng.integers(len(names))), int(rng.integers(1, len(raw["jacket"]["bay"]) + 1))
-    leg, face = names[k], names[k] + names[(k + 1) % len(names)]
-    kinds = ["brace", "brace", "one brace", "leg", "scour", "lateral", "axial", "nacelle", "piece", "growth"]
-    if raw["jacket"]["joints"]["law"] != "rigid":
-        kinds += ["joints", "joints"]
-    kind = str(rng.choice(kinds))
-    lost = float(rng.uniform(0.35, 0.95))
-    profile = str(rng.choice(["step", "step", "constant"]))
-
-    def made(cause, location, size, changes, profile=profile) -> Hidden:
-        return Hidden(kind="structural", name=kind, right=frozenset({(cause, location)}), size=size, changes=changes,
-                      profile=profile)
-
-    def left(amount):
-        return 1 - amount * lost
-
-    if kind == "brace":
-        return made("brace stiffness lost", f"face {face}, bay {bay}", -lost,
-                    _on_parts("stiffness", {"group": "brace", "face": face, "bay": bay}, left))
-    if kind == "one brace":
-        part = f"brace {face}-{bay}"
-        return made("brace stiffness lost", f"face {face}, bay {bay}", -lost / 2,
-                    _on_parts("stiffness", {"part": part}, left))
-    if kind == "leg":
-        lost = 0.6 * lost
-        return made("leg stiffness lost", f"leg {leg}, bay {bay}", -lost,
-                    _on_parts("stiffness", {"group": "leg", "leg": leg, "bay": bay}, left))
-    if kind == "joints":
-        return made("joints loosened", f"face {face}, bay {bay}", -lost,
-                    _on_parts("joint", {"group": "joint", "face": face, "bay": bay}, left))
-    if kind == "scour":
-        depth = float(rng.uniform(1.0, 5.0))
-        return made("scour", f"leg {leg}", depth, _on_parts("scour", {"leg": leg}, lambda a: a * depth))
-    if kind in ("lateral", "axial"):
-        return made(f"{kind} soil stiffness", f"leg {leg}", -lost,
-                    _on_parts("soil", {"curve": "py" if kind == "lateral" else "tz", "leg": leg}, left))
-    if kind == "nacelle":
-        kg = float(rng.uniform(0.06, 0.25)) * raw["rna"][0]["mass_kg"]
-        return made("nacelle mass", "nacelle", kg, _on_parts("kg", {"group": "nacelle"}, lambda a: a * kg))
-    if kind == "piece":
-        kg = float(rng.uniform(0.3, 1.0)) * raw["transition_piece"]["lumped_mass_kg"]
-        return made("transition-piece mass", "column", kg, _on_parts("kg", {"group": "column"}, lambda a: a * kg))
-    thickness = float(rng.uniform(0.06, 0.2))
-    low = [b for b in range(1, len(raw["jacket"]["bay"]) + 1) if raw["jacket"]["bay"][b - 1]["top_m"] < 0] or [1]
-    bay = low[int(rng.integers(len(low)))]
-
-    def grown(amount):
-        return tuple(Change(what="growth", on={"group": g, "bay": bay}, value=amount * thickness)
-                     for g in ("leg", "brace"))
-    return made("marine growth", f"bay {bay}", thickness, grown, "constant")
 
 
 def _turbine_weather(rng) -> Hidden:
@@ -215,7 +155,7 @@ def _plan_fault(rng, plan: plans.Plan) -> Hidden:
     size = float(rng.uniform(0.15, 0.5)) if more else -float(rng.uniform(0.25, 0.85))
     return Hidden(kind="structural", name=p.what, right=frozenset({("parameter", p.name)}), size=size,
                   profile=str(rng.choice(["step", "step", "constant"])),
-                  changes=_on_parts(p.what, p.on, lambda a: 1 + a * size))
+                  changes=on_parts(p.what, p.on, lambda a: 1 + a * size))
 
 
 def _plan_weather(rng) -> Hidden:
