@@ -212,7 +212,7 @@ def _monopile(d: OnMonopile) -> Iterator[Effect]:
     own = _tube_mass(d, section.diameter_m, section.thickness_m, section.z_m - d.site.mudline_m)
     yield _row("monopile_mass", "mass", "monopile mass", "above the mudline",
                on={"group": "pile", "level_m": (d.site.mudline_m, section.z_m)}, low=-0.3 * own, high=2.0 * own,
-               tolerance=0.02 * own, prior_scale=0.1 * own, time_profiles=("constant", "step"),
+               tolerance=0.02 * own, prior_scale=0.1 * own,
                signature="second bending falls", check="weight report: anodes, attached structures, ballast")
 
 
@@ -292,8 +292,8 @@ def _tubes_of_splash_zone(d: Offshore) -> list[TubeEntry]:
 
 def _water(d: Offshore) -> Iterator[Effect]:
     """What the sea brings: growth, corrosion, water inside."""
-    growth = {"high": 0.3, "tolerance": 0.005, "prior_scale": 0.05, "time_profiles": ("constant", "ramp"),
-              "check": "ROV survey"}
+    growth = {"high": 0.3, "tolerance": 0.005, "prior_scale": 0.05, "check": "ROV survey",
+              "time_profiles": ("constant", "step", "ramp")}
     yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
                signature="second bending falls", **growth)
     # less than assumed on a leg, in a bay and everywhere at once would be less than none
@@ -302,7 +302,7 @@ def _water(d: Offshore) -> Iterator[Effect]:
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
     corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3,
-                "time_profiles": ("constant",), "check": "measure wall thickness"}
+                "time_profiles": ("constant", "step", "ramp"), "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone" if _legs(d) else
                "monopile in the splash zone", on={"level_m": band},
                signature="stiffness and mass at the water line", **corroded)
@@ -341,12 +341,11 @@ def _masses(d: Description) -> Iterator[Effect]:
     heaviest = max(d.rna, key=lambda b: b.mass_kg)
     yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
                low=-0.3 * heaviest.mass_kg, high=0.5 * heaviest.mass_kg, tolerance=0.01 * heaviest.mass_kg,
-               prior_scale=0.1 * heaviest.mass_kg, time_profiles=("constant", "step"), signature="first bending falls",
+               prior_scale=0.1 * heaviest.mass_kg, signature="first bending falls",
                check="weighing protocol of the nacelle")
     for axis in "xyz":
         yield _row(f"rna_{axis}", "centre_of_mass", "RNA centre of mass", f"along the nacelle's {axis}",
                    settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, prior_scale=0.5,
-                   time_profiles=("constant",),
                    signature="torsion couples with bending", check="weighing protocol of the nacelle")
     # what turns with the rotor is stated in many ways, so that one range serves all axes
     most = max(sum(body.inertia_kgm2[k] for body in d.rna) for k in range(3))
@@ -354,7 +353,7 @@ def _masses(d: Description) -> Iterator[Effect]:
         inertia = sum(body.inertia_kgm2[k] for body in d.rna) + 1e6
         yield _row(f"rna_i{axis}", "inertia", "RNA inertia", f"about the nacelle's {axis}", on={"body": heaviest.name},
                    settings={"axis": axis}, low=-0.5 * heaviest.inertia_kgm2[k], high=3.0 * most,
-                   tolerance=0.02 * inertia, prior_scale=0.3 * most, time_profiles=("constant",),
+                   tolerance=0.02 * inertia, prior_scale=0.3 * most,
                    signature="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
     stations = d.tower.station
     for low, high in pairwise(stations):
@@ -364,21 +363,20 @@ def _masses(d: Description) -> Iterator[Effect]:
         where = f"{low.z_m:g} to {high.z_m:g} m"
         yield _row(f"tower_mass_{low.z_m:g}".replace(".", "_"), "mass", "tower mass", where,
                    on={"group": "tower", "level_m": band}, low=-0.3 * own, high=2.0 * own, tolerance=0.02 * own,
-                   prior_scale=0.2 * own, time_profiles=("constant", "step"), signature="first or second bending falls",
+                   prior_scale=0.2 * own, signature="first or second bending falls",
                    check="weight report: platforms, cables, damper")
         yield _row(f"tower_stiffness_{low.z_m:g}".replace(".", "_"), "stiffness", "tower stiffness", where,
                    on={"group": "tower", "level_m": band}, low=-0.8, high=1.0, tolerance=0.01, prior_scale=0.2,
-                   time_profiles=("constant",), signature="curvature of the tower's shapes", check="wall thicknesses")
+                   signature="curvature of the tower's shapes", check="wall thicknesses, cracks")
     own = _transition_piece_mass(d)
     if own:
         yield _row("tp_mass", "mass", "transition-piece mass", "column" if isinstance(d, OnJacket) else
                    "transition piece", on={"group": "column"}, low=-0.5 * own,
-                   high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own, time_profiles=("constant", "step"),
+                   high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own,
                    signature="second bending falls", check="weight report of the transition piece")
     if any(body.name == "hub" for body in d.rna):
         yield _row("blades", "oscillator", "blade coupling", "rotor, fore-aft", on={"body": "hub"}, low=0.0, high=0.6,
                    settings={"axis": "x", "frequency_hz": FLAP_HZ}, tolerance=0.01, prior_scale=0.1,
-                   time_profiles=("constant",),
                    signature="fore-aft alone, shape at the top",
                    check="the blades' flapwise frequency, edge sensors")
 

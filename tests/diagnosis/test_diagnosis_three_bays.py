@@ -156,6 +156,9 @@ BRACE = "face AB, bay 2"
 NOTHING = (100, Hidden(), ("none",))
 NACELLE = (7, Hidden(right=(("RNA centre of mass", "along the nacelle's x"),), size=1.0,
                      after=changed("offset", 1.0, group="rna", axis="x")), ("named",))
+MOVED = (7, Hidden(right=NACELLE[1].right, size=1.0, first=STEP, after=NACELLE[1].after), ("named",))
+SCOUR = (4, Hidden(right=(("scour", "leg A"),), size=4.0, first=STEP, after=changed("scour", 4.0, leg="A")),
+         ("named", "ambiguous"))
 # five modes do not tell a face's braces from their joints, nor always one bay from the next
 LOST = (8, Hidden(right=(("brace stiffness lost", BRACE), ("joints loosened", BRACE)), size=-0.7, first=STEP,
                   after=changed("stiffness", 0.3, group="brace", face="AB", bay=2)), ("named", "ambiguous"))
@@ -172,12 +175,12 @@ def long(case):
 
 
 @pytest.mark.parametrize(("seed", "hidden", "verdicts"), [
-    NOTHING, NACELLE, LOST, long(GAIN), long(SIGN), long(CLOCK), long(CABLE)])
+    NOTHING, NACELLE, LOST, long(MOVED), long(SCOUR), long(GAIN), long(SIGN), long(CLOCK), long(CABLE)])
 def test_what_is_hidden_in_the_jacket_comes_first(truth, model, tmp_path, seed, hidden, verdicts, validation):
     """Two nodes of one face in one bay had the same words, and ended records with something in them."""
     row = validation(what="jacket of three bays in OpenSees, by `diagnose`: nothing, a nacelle that is 1 m off, a "
-                          "brace that loses 70 %; *long*: a gain, a sign, a clock, a cable that no row has: first "
-                          "finding; size in its standard deviations", reference="what was hidden")
+                          "brace that loses 70 %; *long*: a nacelle that moves, scour of a leg, a gain, a sign, a "
+                          "clock, a cable that no row has: first finding; size in its standard deviations", reference="what was hidden")
     found = diagnosed(truth, model, tmp_path, seed, hidden)
     assert found["verdict"] in verdicts, found["findings"]
     first = next(((one["cause"], one["location"]) for one in found["findings"]), None)
