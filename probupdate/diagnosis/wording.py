@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 
 # causes whose size is a share of something, stated in per cent
 SHARES = (
-    "brace stiffness lost", "joints loosened", "leg stiffness lost", "lateral soil stiffness", "axial soil stiffness",
-    "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
+    "brace stiffness lost", "joints loosened", "leg stiffness lost", "soil stiffness", "lateral soil stiffness",
+    "axial soil stiffness", "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
     "soil softens with amplitude", "crosstalk", "stiffness with temperature",
 )
 # causes that are there or not: a limit of their size says nothing but that they would be seen

@@ -249,15 +249,17 @@ def _soil(d: Offshore) -> Iterator[Effect]:
                    prior_scale=1.5, time_profiles=("constant", "step", "ramp"),
                    signature="second bending falls, one side",
                    check="bathymetric survey")
-    for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "pile tip's")):
+    for curve, cause in (("all", "soil stiffness"), ("py", "lateral soil stiffness"), ("tz", "axial soil stiffness"),
+                         ("qw", "pile tip's soil stiffness")):
+        # what is normal is each curve's own
+        own = {"settings": {"curve": curve}, "low": -0.95, "high": 3.0, "tolerance": 0.0 if curve == "all" else 0.06,
+               "prior_scale": 0.5}
         for leg in _legs(d):
-            yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
-                       settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, prior_scale=0.5,
+            yield _row(f"soil_{curve}_{leg}", "soil", cause, f"leg {leg}", on={"leg": leg}, **own,
                        signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
         if not _legs(d):
-            yield _row(f"soil_{curve}", "soil", f"{word} soil stiffness", _all(d), settings={"curve": curve},
-                       low=-0.95, high=3.0, tolerance=0.06, prior_scale=0.5, time_profiles=("constant", "step", "ramp"),
+            yield _row(f"soil_{curve}", "soil", cause, _all(d), **own, time_profiles=("constant", "step", "ramp"),
                        signature="base softer or stiffer", check="pile records, cone test")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import cases, jackets, opensees_frame, toml_text
+from drawn import cases, hiding, jackets, opensees_frame, toml_text
 from drawn.skeleton import Attached, Change, State, in_state
 
 from probupdate import modes
@@ -71,13 +71,15 @@ class Truth:
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
     """From set `first` on: the structure's state, and what sensors make of shapes (n_channel, n) at frequencies (n,);
-    causes and places that are right, size."""
+    causes and places that are right, size. `day`: the air warms and cools by so many degrees a day, which the sets
+    state, and the steel above the water with it."""
 
     right: tuple[tuple[str, str], ...] = ()
     size: float = 0.0
     first: int = 0
     after: State = SOUND
     seen: Callable | None = None
+    day: float = 0.0
 
 
 def changed(what: str, value: float, **on) -> State:
@@ -105,11 +107,14 @@ def late(ms: float) -> Callable:
 
 
 def write_record(truth: Truth, path: Path, seed: int, hidden: Hidden) -> None:
-    """24 half hours; displacement shapes with scatter in both parts."""
+    """24 half hours, two hours apart of a day's cycle; displacement shapes with scatter in both parts."""
     rng, wanted, sets = np.random.default_rng(seed), truth.modes(SOUND)[1], []
     for number in range(N_SET):
-        begun = number >= hidden.first
+        begun, hour = number >= hidden.first, (2.0 if hidden.day else 0.5) * number
+        warmer = hidden.day * np.cos(2 * np.pi * (hour - 15) / 24)
         state = hidden.after if begun else SOUND
+        if hidden.day:
+            state = changed("stiffness", 1 + hiding.PER_KELVIN * warmer, above=True)
         f, shape = cases.in_order(*truth.modes(state), wanted)
         shape = shape.astype(complex)
         if hidden.seen and begun:
@@ -117,10 +122,11 @@ def write_record(truth: Truth, path: Path, seed: int, hidden: Hidden) -> None:
         shape = shape / np.abs(shape).max(axis=0)
         f = f * (1 + FREQUENCY_STD * rng.standard_normal(N_MODE))
         shape = shape + SHAPE_STD * (rng.standard_normal(shape.shape) + 1j * rng.standard_normal(shape.shape))
-        start = np.datetime64("2025-03-01T00:00") + np.timedelta64(30 * number, "m")
+        start = np.datetime64("2025-03-01T00:00") + np.timedelta64(int(60 * hour), "m")
         sets.append({"id": f"{start}Z", "frequency_hz": f.tolist(), "damping_ratio": [0.01] * N_MODE,
                      "frequency_std_hz": (FREQUENCY_STD * f).tolist(), "shape_re": shape.real.T.tolist(),
-                     "shape_im": shape.imag.T.tolist(), "shape_std": np.full(shape.T.shape, SHAPE_STD).tolist()})
+                     "shape_im": shape.imag.T.tolist(), "shape_std": np.full(shape.T.shape, SHAPE_STD).tolist(),
+                     "environment": {"air_temperature_c": 10 + warmer} if hidden.day else {}})
     path.write_text(json.dumps({"channels": truth.channels, "gravity": False, "sets": sets}), encoding="utf-8")
 
 
@@ -159,6 +165,10 @@ NACELLE = (7, Hidden(right=(("RNA centre of mass", "along the nacelle's x"),), s
 MOVED = (7, Hidden(right=NACELLE[1].right, size=1.0, first=STEP, after=NACELLE[1].after), ("named",))
 SCOUR = (4, Hidden(right=(("scour", "leg A"),), size=4.0, first=STEP, after=changed("scour", 4.0, leg="A")),
          ("named", "ambiguous"))
+SOIL = (5, Hidden(right=(("soil stiffness", "leg B"),), size=-0.6, first=STEP, after=State(changes=tuple(
+    Change(what="soil", on={"curve": curve, "leg": "B"}, value=0.4) for curve in ("py", "tz")))), ("named",))
+# 0.5 % of E either way; without the column it is none, as the weather's
+DAY = (31, Hidden(right=(("temperature of the steel", "above the water"),), size=1.0, day=14.0), ("named",))
 # five modes do not tell a face's braces from their joints, nor always one bay from the next
 LOST = (8, Hidden(right=(("brace stiffness lost", BRACE), ("joints loosened", BRACE)), size=-0.7, first=STEP,
                   after=changed("stiffness", 0.3, group="brace", face="AB", bay=2)), ("named", "ambiguous"))
@@ -175,12 +185,14 @@ def long(case):
 
 
 @pytest.mark.parametrize(("seed", "hidden", "verdicts"), [
-    NOTHING, NACELLE, LOST, long(MOVED), long(SCOUR), long(GAIN), long(SIGN), long(CLOCK), long(CABLE)])
+    NOTHING, NACELLE, LOST, long(MOVED), long(SCOUR), long(SOIL), long(DAY),
+    long(GAIN), long(SIGN), long(CLOCK), long(CABLE)])
 def test_what_is_hidden_in_the_jacket_comes_first(truth, model, tmp_path, seed, hidden, verdicts, validation):
     """Two nodes of one face in one bay had the same words, and ended records with something in them."""
     row = validation(what="jacket of three bays in OpenSees, by `diagnose`: nothing, a nacelle that is 1 m off, a "
-                          "brace that loses 70 %; *long*: a nacelle that moves, scour of a leg, a gain, a sign, a "
-                          "clock, a cable that no row has: first finding; size in its standard deviations", reference="what was hidden")
+                          "brace that loses 70 %; *long*: a nacelle that moves, scour and softer soil of a "
+                          "leg, the steel's temperature, a gain, a sign, a clock, a cable that no row has: first "
+                          "finding; size in its standard deviations", reference="what was hidden")
     found = diagnosed(truth, model, tmp_path, seed, hidden)
     assert found["verdict"] in verdicts, found["findings"]
     first = next(((one["cause"], one["location"]) for one in found["findings"]), None)

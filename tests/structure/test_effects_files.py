@@ -221,10 +221,10 @@ def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
     # the factor on added mass is a row of Table 2 and no effect of its own
     assert {effect.kind for effect in catalogue} == set(KINDS) - {"added_mass"}
     for leg in "ABCD":
-        for cause in ("scour", "lateral soil stiffness", "axial soil stiffness", "pile tip's soil stiffness",
-                      "marine growth", "corrosion", "leg stiffness lost", "grout flexibility in bending",
-                      "grout flexibility along the pile", "transition-piece flexibility",
-                      "leg not flooded"):
+        for cause in ("scour", "soil stiffness", "lateral soil stiffness", "axial soil stiffness",
+                      "pile tip's soil stiffness", "marine growth", "corrosion", "leg stiffness lost",
+                      "grout flexibility in bending", "grout flexibility along the pile",
+                      "transition-piece flexibility", "leg not flooded"):
             assert any(e.cause == cause and e.on.get("leg") == leg for e in catalogue), (cause, leg)
     for face in ("AB", "BC", "CD", "DA"):
         for cause in ("brace stiffness lost", "joints loosened", "flooded braces"):
