@@ -251,14 +251,14 @@ def _soil(d: Offshore) -> Iterator[Effect]:
                    check="bathymetric survey")
     for curve, cause in (("all", "soil stiffness"), ("py", "lateral soil stiffness"), ("tz", "axial soil stiffness"),
                          ("qw", "pile tip's soil stiffness")):
-        # what is normal is each curve's own
+        # what is normal is each curve's own; along a single pile all of them are the lateral one
         own = {"settings": {"curve": curve}, "low": -0.95, "high": 3.0, "tolerance": 0.0 if curve == "all" else 0.06,
                "prior_scale": 0.5}
         for leg in _legs(d):
             yield _row(f"soil_{curve}_{leg}", "soil", cause, f"leg {leg}", on={"leg": leg}, **own,
                        signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
-        if not _legs(d):
+        if not _legs(d) and curve != "all":
             yield _row(f"soil_{curve}", "soil", cause, _all(d), **own, time_profiles=("constant", "step", "ramp"),
                        signature="base softer or stiffer", check="pile records, cone test")
 
