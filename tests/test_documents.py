@@ -31,6 +31,7 @@ from probupdate.structure.parameter_table import KEYS, parameter_from_table
 from probupdate.structure.subdyn_model import ACTS, SubDynDescription
 from probupdate.updating.comparison import Comparison, ComparisonRow
 from probupdate.updating.information import Information
+from probupdate.updating.joint_file import FarmJoint
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_views_file import SetViews
 from probupdate.updating.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
@@ -391,7 +392,7 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
     ("update.json", UpdateRecord), ("update.json", SchemeRecord), ("update.json", ScatterRecord),
     ("update.json", AlphaRecord), ("update.json", ComponentsRecord),
     ("compare.json", Comparison), ("compare.json", ComparisonRow), ("information.json", Information),
-    ("sets.json", SetViews), ("check.json", SensorFinding),
+    ("sets.json", SetViews), ("check.json", SensorFinding), ("farm_joint.json", FarmJoint),
 ])
 def test_the_formats_of_results_name_every_key(title, table):
     (section,) = re.findall(rf"^## `{re.escape(title)}`$(.*?)^## ", text("docs/formats/results.md"),
