@@ -41,9 +41,14 @@ class Joint:
 
 def equal_draws(draws: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     """n of the posterior's draws (n_draw, n_param), each as likely as any other, none twice; in the order drawn."""
+    refuse_draws(draws, n)
+    return draws[rng.choice(len(draws), size=n, replace=False)]
+
+
+def refuse_draws(draws: np.ndarray, n: int) -> None:
+    """Raises InputError where n cannot be taken of them."""
     if n < 1 or n > len(draws):
         raise InputError("draws", f"{n} are asked for, the posterior has {len(draws)}", "ask for as many or fewer")
-    return draws[rng.choice(len(draws), size=n, replace=False)]
 
 
 def joint_of(names: tuple[str, ...], draws: np.ndarray) -> Joint:

@@ -27,7 +27,7 @@ from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, drawn_ratios, measured_ratios
-from probupdate.lifetime.draws import Joint, equal_draws, joint_of
+from probupdate.lifetime.draws import Joint, equal_draws, joint_of, refuse_draws
 from probupdate.lifetime.substructure_file import NAME, differences, write_substructure
 from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 
     from probupdate.lifetime.fatigue_files import FatigueInput
 
+# fewer draws have no standard deviation
+FEWEST_DRAWS = 2
 # draws of the joint distribution that is written, for its check against the posterior's
 RESAMPLED = 200_000
 # of frequencies: what the weight's softening by a draw's own masses may differ from that by the initial ones
@@ -155,6 +157,23 @@ class ExportSettings:
     seed: int = 1
 
 
+def refuse_unfit(run: RunResults, out: Path, settings: ExportSettings, *, reliability: bool) -> None:
+    """Raises InputError, before any work, for what would be refused after it."""
+    posterior, model, status, n = run.posterior, run.model, run.status, settings.n_draw
+    if status.refused and not settings.accept:
+        raise InputError(str(out), f"this run is not fit to be exported: {status.refused}",
+                         "sample longer, or find the cause; --accept exports it with that said in every file")
+    if tuple(posterior.names) != tuple(model.parameters.names):
+        raise InputError(str(run.path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
+                         f"{', '.join(posterior.names)}", "sample again with this model")
+    refuse_draws(posterior.draws, n)
+    if reliability and n < FEWEST_DRAWS:
+        raise InputError("draws", f"{n} shows no scatter of the posterior, which reliability is computed from",
+                         f"ask for {FEWEST_DRAWS} at least, 100 as a rule, or leave the fatigue file out")
+    if out.exists() and any(out.iterdir()):
+        raise InputError(str(out), "holds something already", "name a new folder")
+
+
 def export_lifetime(
     run: RunResults, out: Path, settings: ExportSettings | None = None, *, fatigue: FatigueInput | None = None,
     progress: Progress = silent,
@@ -166,17 +185,9 @@ def export_lifetime(
     Raises InputError where the run is not fit to be exported and `accept` is not set, where posterior and model differ,
     or where what is read back is not what was written.
     """
-    settings = settings or ExportSettings()
+    settings, out = settings or ExportSettings(), Path(out)
+    refuse_unfit(run, out, settings, reliability=fatigue is not None)
     posterior, model, path, status = run.posterior, run.model, run.path, run.status
-    if status.refused and not settings.accept:
-        raise InputError(str(out), f"this run is not fit to be exported: {status.refused}",
-                         "sample longer, or find the cause; --accept exports it with that said in every file")
-    if tuple(posterior.names) != tuple(model.parameters.names):
-        raise InputError(str(path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
-                         f"{', '.join(posterior.names)}", "sample again with this model")
-    out = Path(out)
-    if out.exists() and any(out.iterdir()):
-        raise InputError(str(out), "holds something already", "name a new folder")
     out.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(settings.seed)
     draws = equal_draws(posterior.draws, settings.n_draw, rng)

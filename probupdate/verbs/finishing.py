@@ -118,7 +118,7 @@ def export(
     fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
-    from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime
+    from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, refuse_unfit
 
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
@@ -137,6 +137,7 @@ def export(
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
         source=places)
     settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
+    refuse_unfit(results, Path(out), settings, reliability=fatigue is not None)
     return export_lifetime(
         results, Path(out), settings, progress=progress,
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress))

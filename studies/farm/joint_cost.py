@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/joint_cost.py OUT [--turbines 20]
 
-Modal sets of the virtual turbine, a seed a turbine; the joint inference begins where the farm's own step does, with each
-turbine's estimate known from its update.
+Modal sets of the virtual turbine, a seed a turbine; the joint inference begins where the farm's own step does, with
+each turbine's estimate known from its update.
 """
 
 from __future__ import annotations

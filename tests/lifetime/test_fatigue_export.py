@@ -299,4 +299,7 @@ def test_the_command_names_the_mistake_before_it_works(run, capsys):
     assert main([*words, str(folder / "bad.toml")]) == 2
     assert "tp_s: is missing" in capsys.readouterr().err
     assert main([*words, str(folder / "absent.toml")]) == 2
+    capsys.readouterr()
+    assert main([*words, str(folder / "fatigue.toml"), "--draws", "1"]) == 2
+    assert "shows no scatter" in capsys.readouterr().err
     assert not (folder / "never").exists()
