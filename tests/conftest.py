@@ -5,14 +5,15 @@ from peer_packages import opensees
 from validation import Collector, Row, properties
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
-NUMBERS = {"calibration", "campaign", "diagnosis", "drawn", "farms", "identification", "lifetime", "reporting",
-           "structure", "updating", "virtual"}
+NUMBERS = {"calibration", "campaign", "diagnosis", "drawn", "farms", "identification", "lifetime", "peers", "readers",
+           "reporting", "structure", "updating", "virtual"}
 # of these what is about files, processes and other packages
 ASKED_OF_ALL = {"test_campaign_convert", "test_campaign_parquet", "test_campaign_reading", "test_campaign_zarr",
                 "test_effects_files", "test_identification_executors", "test_identification_resume",
                 "test_report_run", "test_uff_file", "test_updating_files", "test_virtual_blind"}
-# and what reads the code's text
-OF_THE_TEXT = {"test_layering"}
+# and what reads the text of code and documents, runs whole jobs, or kills many processes
+NOT_OF_THE_VERSION = {"test_layering", "test_documents", "test_types", "test_settings_page", "test_tutorials",
+                      "test_commands_chain", "test_commands_faults", "test_commands_own_case", "test_oc4_job"}
 
 
 # before the markers choose
@@ -20,7 +21,7 @@ OF_THE_TEXT = {"test_layering"}
 def pytest_collection_modifyitems(items):
     for item in items:
         of_numbers = item.path.parent.name in NUMBERS and item.path.stem not in ASKED_OF_ALL
-        if of_numbers or item.path.stem in OF_THE_TEXT:
+        if of_numbers or item.path.stem in NOT_OF_THE_VERSION:
             item.add_marker(pytest.mark.numbers)
 
 

@@ -32,14 +32,14 @@ HIDDEN = (
      2e4, 0.0),
     (425, {"kind": "icing", "mass_kg": 1.2e4, **STEP}, "icing", "rotor", 1.2e4, 0.0),
 )
-# one of each class, without those that take longest
-QUICK = (411, 416, 418)
+# one of the structure and one of a sensor, without those that take longest
+QUICK = (411, 418)
 
 
-# each is wanted in 95 of 100: fewer than two of three come up once in 138 times, fewer than ten of twelve once in 51
+# each is wanted in 95 of 100: neither of two comes up once in 400 times, fewer than eleven of thirteen once in 41
 @pytest.mark.parametrize(("seeds", "least"), [
-    pytest.param(QUICK, 2, id="quick"),
-    pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 10, marks=pytest.mark.long, id="others"),
+    pytest.param(QUICK, 1, id="quick"),
+    pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 11, marks=pytest.mark.long, id="others"),
 ])
 def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
     right, found_here = 0, []

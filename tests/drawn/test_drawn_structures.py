@@ -7,11 +7,11 @@ from drawn import commands, structures
 from drawn.cases import Case
 from probupdate import modes
 
-# kind, what is hidden, seed, what the diagnosis should come to: small ones of every form
-QUICK = [("matrices truss", "null", 0, "silent"), ("matrices bridge", "null", 0, "silent"),
-         ("matrices building", "null", 0, "silent"), ("matrices monopile", "null", 101, "silent"),
-         ("subdyn monopile", "null", 0, "silent"), ("matrices bridge", "measurement", 1, "right"),
-         ("matrices truss", "environmental", 1, "right")]
+# kind, what is hidden, seed, what the diagnosis should come to: small ones of every form, each class once
+QUICK = [("matrices truss", "null", 0, "silent"), ("subdyn monopile", "null", 0, "silent"),
+         ("matrices bridge", "measurement", 1, "right"), ("matrices truss", "environmental", 1, "right"),
+         *(pytest.param(f"matrices {kind}", "null", seed, "silent", marks=pytest.mark.long)
+           for kind, seed in (("bridge", 0), ("building", 0), ("monopile", 101)))]
 SHORT = ("modes", "update", "diagnose")
 
 

@@ -20,7 +20,7 @@ from probupdate.errors import InputError
 SEED = 1
 MUTATIONS, LONG = 200, 5000
 # of one case where all are run in continuous integration; slow readers get fewer mutations, never fewer than FEWEST
-SHARE_S, FEWEST = 1.1, 12
+SHARE_S, FEWEST = 0.6, 12
 HANGS_S = 20
 CORPUS = Path(__file__).with_name("corpus")
 
