@@ -30,6 +30,7 @@ from probupdate.structure.load import REFERENCE_STATES, reference_model
 from probupdate.structure.parameter_table import KEYS, parameter_from_table
 from probupdate.structure.subdyn_model import ACTS, SubDynDescription
 from probupdate.updating.comparison import Comparison, ComparisonRow
+from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.information import Information
 from probupdate.updating.joint_file import FarmJoint
 from probupdate.updating.problem import build_problem
@@ -156,7 +157,8 @@ def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_pat
     centre, std = names["updated"].map_theta, np.sqrt(np.diag(names["updated"].map_covariance))
     steps = np.linspace(-8, 8, 61)
     theta = centre + std * np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    weight = build_problem(names["model"], names["data"]).log_posterior(theta)[0]
+    weights = default_likelihood(names["model"], names["data"])
+    weight = build_problem(names["model"], names["data"], weights=weights).log_posterior(theta)[0]
     weight = np.exp(weight - weight.max())
     weight /= weight.sum()
     mean = weight @ theta

@@ -95,16 +95,18 @@ def worth(
     sources = problem.error_sources
     through = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
     n = slope.shape[1]
-    own = np.zeros((len(slope), len(sources))) if direct is None else direct * np.array([s.std for s in sources])
+    own = np.zeros((len(slope), now.factor.shape[1]))
+    if direct is not None:
+        own[:, : len(sources)] = direct * np.array([s.std for s in sources])
     both, A = np.hstack([slope, own]), np.hstack([now.slope, now.factor])
     precision = A.T @ A
     precision[:n, :n] += now.prior
-    precision[n:, n:] += np.eye(len(sources))
+    precision[n:, n:] += np.eye(own.shape[1])
     whole = np.einsum("ij,ji->i", both, np.linalg.solve(precision, both.T))
     found = []
     for one in candidates(problem, laplace, now):
         if one.known:
-            kept = np.setdiff1d(np.arange(n + len(sources)), n + np.array(one.known))
+            kept = np.setdiff1d(np.arange(len(precision)), n + np.array(one.known))
             part = both[:, kept]
             gone = whole - np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
         else:

@@ -60,11 +60,11 @@ def variance_components(problem: Problem, laplace: Laplace, seen_hz: Sequence[fl
     # P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate
     gain = P @ (X.T - (X.T @ B) @ np.linalg.solve(inner, B.T))
     of_sources = gain @ B
-    noise = problem.noise_root * problem.discrepancy_std
-    discrepancy = np.sum((gain @ noise) ** 2, axis=1)
-    identification = np.maximum(np.sum(gain**2, axis=1) - discrepancy, 0.0)
-    groups: dict[str, np.ndarray] = {}
     sources = problem.error_sources
+    noise = problem.unmixed_root * problem.discrepancy_std
+    discrepancy = np.sum((gain @ noise) ** 2, axis=1) + np.sum(of_sources[:, len(sources) :] ** 2, axis=1)
+    identification = np.maximum(np.sum(gain**2, axis=1) - np.sum((gain @ noise) ** 2, axis=1), 0.0)
+    groups: dict[str, np.ndarray] = {}
     for k, source in enumerate(sources):
         groups[source.group] = groups.get(source.group, 0.0) + of_sources[:, k] ** 2
     parts = {IDENTIFICATION: identification, DISCREPANCY: discrepancy, **groups,
@@ -72,7 +72,8 @@ def variance_components(problem: Problem, laplace: Laplace, seen_hz: Sequence[fl
     return VarianceComponents(
         parameters=problem.parameters.names, names=tuple(parts),
         std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
-        source_names=tuple(s.description for s in sources), source_std=frozen_array(np.abs(of_sources.T)),
+        source_names=tuple(s.description for s in sources),
+        source_std=frozen_array(np.abs(of_sources[:, : len(sources)].T)),
         measures=_ranked(problem, laplace, whitened, seen_hz),
     )
 
@@ -106,8 +107,8 @@ def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, .
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Responses linear about a maximum, over their noise: slope X (n, n_param), factor B (n, n_source) per standard
-    deviation of each source, and the prior's precision (n_param, n_param)."""
+    """Responses linear about a maximum, over their noise: slope X (n, n_param), factor B (n, n_source + n_pair) per
+    standard deviation of each source, then of what mixes modes, and the prior's precision (n_param, n_param)."""
 
     slope: np.ndarray
     factor: np.ndarray
@@ -139,7 +140,8 @@ def whitened_at(problem: Problem, laplace: Laplace) -> Whitened:
     """Of one problem at the maximum of its posterior."""
     _, sensitivity = problem.sensitivity(laplace.theta)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    return Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor, prior_slope.T @ prior_slope)
+    common = np.column_stack([problem.factor, problem.mixing_factor])
+    return Whitened(problem.unmixed_root @ sensitivity, problem.unmixed_root @ common, prior_slope.T @ prior_slope)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -219,7 +221,9 @@ def _further_modes(
         f = solution.frequency_hz[i]
         if i in taken or np.any(np.abs(np.log(seen / f)) < NEAR):
             continue
-        factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
+        factor = np.zeros((1, now.factor.shape[1]))
+        if change is not None:
+            factor[:, : change.shape[1]] = change[i : i + 1] / (share * f)
         slope = solution.both_derivatives[0][i : i + 1] / (share * f)
         yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",
                         covariance=now.with_rows(slope, factor).covariance())

@@ -3,10 +3,10 @@ the model misses at its best parameters.
 
 Standard deviations of a measurement do not hold what the model itself gets wrong. Where they alone are stated, and are
 small, the misfit at the maximum is far beyond what they expect, and the posterior is sharp about a wrong place (Kennedy
-& O'Hagan 2001, Bayesian calibration of computer models). A relative standard deviation of frequencies and one of shapes
-(`Weights.discrepancies`) are learnt here, with a hyper-prior that keeps them realistic (Brynjarsdottir & O'Hagan 2014),
-and the likelihood is averaged over what is left unknown of them, as in nested Laplace approximations (Rue, Martino &
-Chopin 2009). One set cannot show how much of it is the same in the next one: see `shared_error`.
+& O'Hagan 2001, Bayesian calibration of computer models). A relative standard deviation of frequencies, one of shapes
+(`Weights.discrepancies`) and the local error of stiffness that mixes modes are learnt here (`scales`), and the
+likelihood is averaged over what is left unknown of them. One set cannot show how much of it is the same in the next
+one: see `shared_error`.
 """
 
 from __future__ import annotations
@@ -15,25 +15,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import Model
 from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import stated
-from probupdate.updating.laplace import Laplace, gaussian_at, maximum_a_posteriori, prior_residual
+from probupdate.updating.laplace import Laplace, maximum_a_posteriori, prior_residual
 from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
 from probupdate.updating.responses import FORM_FREQUENCY_COV, FORM_SHAPE_STD, SHAPE_FACTOR
+from probupdate.updating.scales import MOST, LearntScales, hyper_scales, learn_scales
+from probupdate.updating.set_likelihoods import Coordinates
 from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.shared_error import GaussianPrior, shared_error
 from probupdate.updating.tikhonov import update
 
 PLACE = CONSTANTS.place
-MOST = CONSTANTS.most_discrepancy
-# scales that are looked at first, from this share of the hyper-prior's on; then those where the posterior has its mass
-SPAN, N_COARSE, N_FINE, ROUNDS = 0.02, 10, 7, 2
-# of the largest: nodes with less are left out
-LEAST_SHARE = 2e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,10 +99,7 @@ def state_model_error(
             progress("model error", step, 2)
             problem = build_problem(model, data, set_id=set_id, weights=chosen)
             start = update(problem, penalty="prior").theta[-1] if chosen.at is None else np.array(chosen.at)
-            found = maximum_a_posteriori(problem, [start]).theta
-            grid = PLACE * model.parameters.std
-            place = np.clip(np.round(found / grid) * grid, model.parameters.lower, model.parameters.upper)
-            chosen = replace(chosen, at=tuple(float(x) for x in place))
+            chosen = replace(chosen, at=_place(model, maximum_a_posteriori(problem, [start]).theta))
     if discrepancy == "auto":
         chosen = estimate_discrepancy(model, data, weights=chosen, set_id=set_id, progress=progress)
     return chosen
@@ -144,18 +138,11 @@ def default_likelihood(
     return LikelihoodSettings().stated_for(model, data, set_id=set_id, progress=progress)
 
 
-def hyper_scales(weights: Weights) -> tuple[float, float]:
-    """Of the half-Student hyper-priors of frequencies and of shapes: beside stated tolerances what the form misses is
-    all that is left."""
-    if weights.tolerances:
-        return FORM_FREQUENCY_COV, FORM_SHAPE_STD
-    return CONSTANTS.frequency_discrepancy, CONSTANTS.shape_discrepancy
-
-
-def log_half_student(scale: np.ndarray, hyper: float) -> np.ndarray:
-    """ln of the density of ln(scale), the scale half-Student with three degrees of freedom (Gelman 2006): flat towards
-    zero, and a tail that lets the data say three times as much, not thirty times."""
-    return np.log(4 / (np.pi * np.sqrt(3))) + np.log(scale / hyper) - 2 * np.log1p((scale / hyper) ** 2 / 3)
+def _place(model: Model, theta: np.ndarray) -> tuple[float, ...]:
+    """Rounded, as plain numbers within the bounds."""
+    grid = PLACE * model.parameters.std
+    place = np.clip(np.round(theta / grid) * grid, model.parameters.lower, model.parameters.upper)
+    return tuple(float(x) for x in place)
 
 
 def estimate_discrepancy(
@@ -167,11 +154,12 @@ def estimate_discrepancy(
     clusters: list[tuple[int, ...]] | None = None,
     progress: Progress = silent,
 ) -> Weights:
-    """The weights with `scales`: what the model misses of frequencies and of shapes, each with its own half-Student
-    hyper-prior, at nodes where the posterior of the two has its mass, the parameters integrated out with responses
-    linear about the maximum. Raises InputError where no share below MOST explains the misfit."""
-    hyper = hyper_scales(weights)
-    plain = replace(weights, discrepancy=hyper[0], shape_discrepancy=hyper[1], scales=())
+    """The weights with `scales`: what the model misses of frequencies, of shapes and by mixing of modes, at nodes where
+    the posterior of these has its mass, the parameters integrated out with responses linear about the maximum. Raises
+    InputError where no share below MOST explains the misfit."""
+    first = build_problem(model, data, set_id=set_id, weights=weights, clusters=clusters)
+    hyper = hyper_scales(first)
+    plain = replace(weights, discrepancy=hyper[0], shape_discrepancy=hyper[1], mixing=hyper[2], scales=())
     progress("model discrepancy", 0, 3)
     problem = build_problem(model, data, set_id=set_id, weights=plain, clusters=clusters)
     start = update(problem, penalty="prior").theta[-1]
@@ -179,9 +167,12 @@ def estimate_discrepancy(
     chosen = plain
     for step in range(2):
         progress("model discrepancy", step + 1, 3)
-        laplace = maximum_a_posteriori(problem, [start])
-        start = laplace.theta
-        chosen = _learnt(problem, start, hyper, plain)
+        start = maximum_a_posteriori(problem, [start]).theta
+        if weights.at is None and problem.mixing is not None:
+            # modes mix where they are, not where the initial model has them
+            plain = replace(plain, at=_place(model, start))
+            problem = problem.with_mixing(np.array(plain.at))
+        chosen = _learnt(problem, start, plain)
         problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, scales=()), clusters=clusters)
     progress("model discrepancy", 3, 3)
     return chosen
@@ -189,7 +180,7 @@ def estimate_discrepancy(
 
 def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: np.ndarray, set_id) -> None:
     """Raises InputError where even the largest discrepancy leaves a misfit that is none of chance."""
-    widest = replace(problem, scales=(MOST, SHAPE_FACTOR * MOST))
+    widest = replace(problem, scales=(MOST, SHAPE_FACTOR * MOST, 0.0))
     laplace = maximum_a_posteriori(widest, [start])
     if laplace.misfit <= expected_misfit(widest, laplace):
         return
@@ -200,89 +191,43 @@ def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: 
     raise error if likely is None else with_mistake(error, likely)
 
 
-def _learnt(problem: Problem, theta: np.ndarray, hyper: tuple[float, float], plain: Weights) -> Weights:
-    """Nodes over the scales about the maximum theta (n_param,), and the two numbers that stand for them."""
-    evidence = ScaleEvidence.of(problem, theta)
-    has_shapes = problem.measured.size > problem.n_frequency
-    tops = (MOST, SHAPE_FACTOR * MOST)
-    axes = [np.geomspace(h * SPAN, top, N_COARSE) for h, top in zip(hyper, tops, strict=True)]
-    if not has_shapes:
-        axes[1] = np.array([hyper[1]])
-    for _ in range(ROUNDS):
-        value = _log_posterior(evidence, axes, hyper)
-        axes = [_narrowed(axis, special.logsumexp(value, axis=1 - k)) for k, axis in enumerate(axes)]
-    value = _log_posterior(evidence, axes, hyper)
-    share = np.exp(value - special.logsumexp(value))
-    frequency, shape = np.meshgrid(*axes, indexing="ij")
-    prior = _log_prior(axes, hyper)
-    kept = share > LEAST_SHARE * share.max()
-    scales = tuple(sorted((float(a), float(b), float(w)) for a, b, w in
-                          zip(frequency[kept], shape[kept], prior[kept], strict=True)))
-    central = tuple(_standing_for(problem, k, axis, share.sum(axis=1 - k)) for k, axis in enumerate(axes))
-    low, high = _ends(axes[0], share.sum(axis=1))
-    words = f"learnt from the misfit and averaged over: {100 * low:.2g} to {100 * high:.2g} % of frequencies"
-    if has_shapes:
-        low, high = _ends(axes[1], share.sum(axis=0))
-        words += f", {100 * low:.2g} to {100 * high:.2g} % of shapes"
-    return replace(plain, discrepancy=central[0], shape_discrepancy=central[1], scales=scales, discrepancy_by=words)
+def _learnt(problem: Problem, theta: np.ndarray, plain: Weights) -> Weights:
+    """Nodes over the scales about the maximum theta (n_param,), and the numbers that stand for them."""
+    as_they_are = Coordinates(logarithmic=np.zeros(len(theta), bool), scale=problem.parameters.std)
+    error = shared_error([problem], theta[None], as_they_are, alone=True)
+    found = learn_scales(error, _prior_about(problem, theta))
+    scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
+                          for node in found.nodes))
+    frequency, shape, *_, mixing = found.ends
+    words = "learnt from the misfit and averaged over: " + _of_ends(frequency, "frequencies")
+    if problem.measured.size > problem.n_frequency:
+        words += f", {_of_ends(shape, 'shapes')}"
+    if problem.mixing is not None:
+        words += f", {_of_ends(mixing, 'stiffness')}"
+    central = [_standing_for(problem, k, found) for k in range(2)]
+    mixes = float(np.exp(found.marginal[4] @ np.log(found.axes[4]))) if problem.mixing is not None else 0.0
+    return replace(plain, discrepancy=central[0], shape_discrepancy=central[1], mixing=mixes, scales=scales,
+                   discrepancy_by=words)
 
 
-def _log_prior(axes: list[np.ndarray], hyper: tuple[float, float]) -> np.ndarray:
-    """ln of hyper-prior times step of ln(scale), (n_frequency, n_shape); an axis of one number has weight one."""
-    parts = [np.zeros(1) if len(axis) == 1 else log_half_student(axis, h) + np.log(np.log(axis[1] / axis[0]))
-             for axis, h in zip(axes, hyper, strict=True)]
-    return parts[0][:, None] + parts[1][None, :]
+def _of_ends(ends: tuple[float, float], what: str) -> str:
+    return f"{100 * ends[0]:.2g} to {100 * ends[1]:.2g} % of {what}"
 
 
-def _log_posterior(evidence: ScaleEvidence, axes: list[np.ndarray], hyper: tuple[float, float]) -> np.ndarray:
-    found = np.array([[evidence.at((float(a), float(b))) for b in axes[1]] for a in axes[0]])
-    return found + _log_prior(axes, hyper)
+def _prior_about(problem: Problem, theta: np.ndarray) -> GaussianPrior:
+    """Mean and precision of the Gaussian that has the prior's slope and curvature at theta (n_param,)."""
+    residual, slope = prior_residual(problem.parameters, theta)
+    return theta - np.linalg.solve(slope, residual), slope.T @ slope
 
 
-def _narrowed(axis: np.ndarray, log_share: np.ndarray) -> np.ndarray:
-    """N_FINE scales over where the marginal has its mass, one step beyond to either side."""
-    if len(axis) == 1:
-        return axis
-    inside = np.flatnonzero(log_share > log_share.max() + np.log(LEAST_SHARE))
-    return np.geomspace(axis[max(inside[0] - 1, 0)], axis[min(inside[-1] + 1, len(axis) - 1)], N_FINE)
-
-
-def _ends(axis: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """5 and 95 % of the marginal."""
-    below = np.cumsum(share) - 0.5 * share
-    return np.exp(np.interp([0.05, 0.95], below, np.log(axis)))
-
-
-def _standing_for(problem: Problem, kind: int, axis: np.ndarray, share: np.ndarray) -> float:
+def _standing_for(problem: Problem, kind: int, found: LearntScales) -> float:
     """The scale at which the responses of one kind have the summed mean inverse variance that they have on average."""
     rows = slice(0, problem.n_frequency) if kind == 0 else slice(problem.n_frequency, None)
     unit = problem.unit_discrepancy[rows] ** 2
-    own = replace(problem, scales=(0.0, 0.0)).std[rows] ** 2
+    own = replace(problem, scales=(0.0, 0.0, 0.0)).std[rows] ** 2
+    axis = found.axes[kind]
     weight = np.array([np.sum(unit / (own + t**2 * unit)) for t in axis])
-    wanted = float(share @ weight)
+    wanted = float(found.marginal[kind] @ weight)
     if not len(unit) or np.ptp(weight) == 0:
         return float(axis[0])
     return float(np.exp(np.interp(-np.log(wanted), -np.log(weight), np.log(axis))))
-
-
-@dataclass(frozen=True, eq=False)
-class ScaleEvidence:
-    """ln p(data | scales) of one problem linear about theta, its parameters integrated out over their Gaussian prior:
-    residual (n_response,), slope (n_response, n_param); prior_precision, prior_pull (n_param,) the slope of ln p."""
-
-    problem: Problem
-    residual: np.ndarray
-    slope: np.ndarray
-    prior_precision: np.ndarray
-    prior_pull: np.ndarray
-
-    @classmethod
-    def of(cls, problem: Problem, theta: np.ndarray) -> ScaleEvidence:
-        response, slope = problem.sensitivity(theta)
-        residual, prior_slope = prior_residual(problem.parameters, theta)
-        return cls(problem, problem.measured - response, slope, prior_slope.T @ prior_slope, -prior_slope.T @ residual)
-
-    def at(self, scales: tuple[float, float]) -> float:
-        ((taken, node),) = replace(self.problem, weights=replace(
-            self.problem.weights, scales=((*scales, 0.0),))).nodes
-        return taken + gaussian_at(node, self.residual, self.slope, self.prior_precision, self.prior_pull)[0]

@@ -17,11 +17,11 @@ from probupdate.runtime.executors import Executor, completed
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
-from probupdate.updating.hierarchical import Coordinates
 from probupdate.updating.joint_scales import ScaleChain, Scales
 from probupdate.updating.joint_system import FarmSystem, Roles
 from probupdate.updating.predictive import smoothed_weights
 from probupdate.updating.problem import Problem
+from probupdate.updating.set_likelihoods import Coordinates
 from probupdate.updating.settings import CONSTANTS
 
 # draws; candidates of each turbine's own part in every one, of which one is taken by the true prior

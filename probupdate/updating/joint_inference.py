@@ -17,14 +17,15 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
-from probupdate.updating.discrepancy import hyper_scales
-from probupdate.updating.hierarchical import SPREAD, Coordinates, coordinates_of
+from probupdate.updating.hierarchical import SPREAD
 from probupdate.updating.joint_draws import JointDraws, LinearSet, PriorRatio, draw_joint, weigh_by_model
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
 from probupdate.updating.joint_scales import ScaleChain, Scales, sample_scales
 from probupdate.updating.joint_system import FarmSystem, Layout, Roles, prior_in_u
 from probupdate.updating.problem import Problem
-from probupdate.updating.shared_error import Inner, SharedError, learn_scales, shared_error, total
+from probupdate.updating.scales import hyper_scales, learn_scales
+from probupdate.updating.set_likelihoods import Coordinates, coordinates_of
+from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error, total
 
 # linearisations at most, and the move in prior standard deviations at which the estimate stays where it is
 ROUNDS, STAYS = 8, 1e-3
@@ -96,9 +97,11 @@ class JointEstimate:
         problems = [*self.error.problems, *(p for month in months for p in month.problems)]
         own = np.concatenate([self.coordinates.back(self.error.centre),
                               *(np.tile(m.theta, (len(m.problems), 1)) for m in months)])
-        error, n_e = shared_error(problems, own, self.coordinates), len(self.error.kind)
-        # modes and channels that the joint inference does not know follow its own
-        error = replace(error, effect=tuple(B[:, :n_e] for B in error.effect), kind=self.error.kind,
+        error = shared_error(problems, own, self.coordinates)
+        # modes and channels that the joint inference does not know follow its own, and pairs that mix follow its pairs
+        n_pair, first_pair = np.sum(self.error.kind == MIXING), np.sum(error.kind != MIXING)
+        known = np.r_[: len(self.error.kind) - n_pair, first_pair : first_pair + n_pair]
+        error = replace(error, effect=tuple(B[:, known] for B in error.effect), kind=self.error.kind,
                         form=self.error.form)
         group = np.concatenate([np.full(len(self.error.problems), len(months)),
                                 np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
@@ -220,8 +223,8 @@ def _hyper(problem: Problem) -> np.ndarray:
     """Of the common part: hyper-priors' scales where it is learnt, else what is stated of it."""
     weights = problem.weights
     if weights.scales:
-        return np.array(hyper_scales(weights)) / np.sqrt(2)
-    return np.sqrt(weights.shared) * np.array(weights.discrepancies)
+        return np.array(hyper_scales(problem))
+    return np.array([*(np.sqrt(weights.shared) * x for x in weights.discrepancies), weights.mixing])
 
 
 def _off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:

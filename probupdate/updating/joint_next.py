@@ -6,13 +6,12 @@ of variances before and after (Lindley 1956), in bits: about what all turbines s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from probupdate.updating.joint_inference import JointEstimate
 from probupdate.updating.joint_system import OWN, FarmSystem
-from probupdate.updating.shared_error import Inner
 
 # a direct survey of a parameter states it to this share of its prior standard deviation
 SURVEY = 0.1
@@ -75,7 +74,7 @@ def _without_sensors(system: FarmSystem, tau: np.ndarray, z_cov: np.ndarray) -> 
 def _with(estimate: JointEstimate, i: int, *, again: bool) -> FarmSystem:
     """With the sets of turbine i twice, or once more at another turbine."""
     inner, system = estimate.inners[i], estimate.system
-    twice = Inner(middle=inner.middle, products=2 * inner.products, constant=2 * inner.constant) if again else inner
+    twice = replace(inner, products=2 * inner.products, constant=2 * inner.constant) if again else inner
     one = FarmSystem.of([twice], system.layout, estimate.error.kind, estimate.error.form)
     one = one.turned(estimate.turn, system.kind, system.form)
     names = ("products", "constant", "own_rows", "own_root", "wide")

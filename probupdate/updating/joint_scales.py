@@ -14,11 +14,11 @@ from scipy import optimize
 
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
-from probupdate.updating.discrepancy import log_half_student
 from probupdate.updating.hierarchical import half_normal
 from probupdate.updating.importance import StudentT
 from probupdate.updating.joint_system import FarmSystem
 from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.scales import log_half_cauchy
 from probupdate.updating.settings import CONSTANTS
 
 # of w, standard normal a priori, and of ln of a scale over its hyper-prior's
@@ -33,15 +33,15 @@ STEP = 0.05
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scales:
     """x = (w of tau, ln of the learnt scales of the common error over their hyper-prior's): spread (n_varying,) of the
-    half-normal hyper-prior of tau; hyper (2,), of frequencies and of shapes; learnt: whether these are unknown."""
+    half-normal hyper-prior of tau; hyper (3,), of frequencies, components of shapes and mixing; learnt: whether these are unknown."""
 
     spread: np.ndarray
     hyper: np.ndarray
     learnt: bool
 
     def present(self, system: FarmSystem) -> np.ndarray:
-        """Which of the two scales are unknown and count."""
-        return np.flatnonzero([self.learnt and np.any(system.kind == k) for k in (1, 2)])
+        """Which of the three scales are unknown and count."""
+        return np.flatnonzero([self.learnt and np.any(system.kind == k) for k in (1, 2, 3)])
 
     def n_x(self, system: FarmSystem) -> int:
         return len(self.spread) + len(self.present(system))
@@ -50,8 +50,8 @@ class Scales:
         return half_normal(x[..., : len(self.spread)], self.spread)
 
     def shared(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
-        """(..., 2) of x (..., n_x)."""
-        found = np.tile(np.array(self.hyper, float), (*x.shape[:-1], 1)).reshape(*x.shape[:-1], 2)
+        """(..., 3) of x (..., n_x)."""
+        found = np.tile(np.array(self.hyper, float), (*x.shape[:-1], 1)).reshape(*x.shape[:-1], 3)
         found[..., self.present(system)] *= np.exp(x[..., len(self.spread) :])
         return found
 
@@ -63,7 +63,7 @@ class Scales:
     def log_prior(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:
         """Of x (..., n_x)."""
         present = self.present(system)
-        scales = log_half_student(self.shared(x, system)[..., present], self.hyper[present])
+        scales = log_half_cauchy(self.shared(x, system)[..., present], self.hyper[present])
         return np.sum(scales, axis=-1) - 0.5 * np.sum(x[..., : len(self.spread)] ** 2, axis=-1)
 
     def log_posterior(self, x: np.ndarray, system: FarmSystem) -> np.ndarray:

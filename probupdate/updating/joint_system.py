@@ -20,7 +20,7 @@ from scipy import linalg
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.hierarchical import Coordinates
+from probupdate.updating.set_likelihoods import Coordinates
 from probupdate.updating.shared_error import GaussianPrior, Inner
 
 # points of a marginal prior from which its moments are taken
@@ -220,7 +220,7 @@ class FarmSystem:
     def inner(self, tau: np.ndarray) -> Inner:
         """Of all turbines together, about z = 0."""
         products, constant = self.whole(tau)
-        return Inner(middle=np.zeros(self.n_z), products=products, constant=float(constant))
+        return Inner(middle=np.zeros(self.n_z), products=products, constant=float(constant), kind=self.kind)
 
     def each(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products (n_turbine, n_a, n_a) and constant (n_turbine,) of every turbine, a_i integrated out."""
@@ -282,7 +282,7 @@ class FarmSystem:
         return z, e, d
 
     def common_std(self, shared: np.ndarray) -> np.ndarray:
-        """Of each common unknown (..., n_e) a priori, of shared scales (..., 2)."""
+        """Of each common unknown (..., n_e) a priori, of shared scales (..., 3)."""
         scale = np.concatenate([np.ones((*shared.shape[:-1], 1)), shared], axis=-1)[..., self.kind]
         return np.where(self.kind == 0, 1.0, np.hypot(scale, self.form))
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, stats
 
-from probupdate.updating.hierarchical import Population, SetLikelihoods
+from probupdate.updating.hierarchical import Population
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
+from probupdate.updating.set_likelihoods import SetLikelihoods
 from probupdate.updating.settings import CONSTANTS
 
 # draws of a weighted sum of chi-square variables: a p-value to 0.0025 at most

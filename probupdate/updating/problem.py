@@ -32,6 +32,11 @@ SEARCH = CONSTANTS.search
 EQUAL = 1e-7
 # of a response's stated standard deviation: the least that is left where its discrepancy counts elsewhere
 LEAST_NOISE = 1e-3
+# relative gap of two eigenvalues below which their modes mix no more: an error of some percent turns them into any two
+LEAST_GAP = 0.05
+# what a local error does to a frequency over what it does to neighbours' mixing: of waves along a member the mean of
+# sin^4 is 3/8, of sin^2 sin^2 1/4; of stiffness and of mass
+OWN_CHANGE = 0.5 * np.sqrt(3)
 # step of central differences, in standard deviations of the prior
 STEP = 1e-4
 
@@ -64,9 +69,13 @@ class Problem:
     groups: tuple[ResponseGroup, ...]
     weights: Weights
     error: ResponseError | None = None
-    # what the model misses of frequencies and shapes instead of the weights' numbers, and whether what it misses by its
-    # form (`Weights.least_frequency_cov`, `least_shape_std`) counts
-    scales: tuple[float, float] | None = None
+    # what local errors of stiffness of one do to shapes by mixing two of the model's modes (n_response, n_pair), None
+    # where that is not asked
+    mixing: np.ndarray | None = None
+    mixed_pairs: tuple[tuple[int, int], ...] = ()
+    # what the model misses of frequencies, shapes and by mixing instead of the weights' numbers, and whether what it
+    # misses by its form (`Weights.least_frequency_cov`, `least_shape_std`) counts
+    scales: tuple[float, float, float] | None = None
     form: bool = True
 
     @property
@@ -122,10 +131,19 @@ class Problem:
         parts = [g.unit_discrepancy for g in self.groups]
         return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
 
-    def by_kind(self, scales: tuple[float, float]) -> np.ndarray:
+    def by_kind(self, scales: Sequence[float]) -> np.ndarray:
         """Of frequencies and of shapes -> (n_response,)."""
         n = self.n_frequency
-        return np.repeat(np.asarray(scales, float), [n, self.measured.size - n])
+        return np.repeat(np.asarray(scales[:2], float), [n, self.measured.size - n])
+
+    @cached_property
+    def mixing_factor(self) -> np.ndarray:
+        """M (n_response, n_pair) with M M^T the covariance of what mixing of modes does to shapes; no columns where the
+        weights hold none of it."""
+        size = self.weights.mixing if self.scales is None else self.scales[2]
+        if self.mixing is None or not size:
+            return np.zeros((self.measured.size, 0))
+        return frozen_array(size * self.mixing)
 
     @cached_property
     def form_std(self) -> np.ndarray:
@@ -143,18 +161,40 @@ class Problem:
         return frozen_array(np.hypot(self.by_kind(scales) * self.unit_discrepancy, form))
 
     @cached_property
+    def whole_std(self) -> np.ndarray:
+        """sigma of each response (n_response,) with what mixing of modes does to it."""
+        return frozen_array(np.sqrt(self.std**2 + np.sum(self.mixing_factor**2, axis=1)))
+
+    @property
+    def frequency_std_hz(self) -> np.ndarray:
+        """`whole_std` of the frequencies used (n_used,), in Hz."""
+        std = self.whole_std[: self.n_frequency]
+        return std * np.exp(self.measured[: self.n_frequency]) if self.weights.frequencies == "log" else std
+
+    @cached_property
     def noise_root(self) -> np.ndarray:
         """R (n_effective or n_response, n_response) with R^T R the inverse covariance of identification and model
         discrepancy alone."""
+        return frozen_array(self._noise[0])
+
+    @cached_property
+    def _noise(self) -> tuple[np.ndarray, float]:
+        """`noise_root`, and what mixing adds to ln det of the covariance."""
+        root, mixing = self.unmixed_root, self.mixing_factor
+        return (root, 0.0) if not mixing.shape[1] else marginal_root(root, mixing)
+
+    @property
+    def unmixed_root(self) -> np.ndarray:
+        """`noise_root` without what mixing does to shapes."""
         if not self.weights.covariance:
-            return frozen_array(np.diag(1 / self.std))
+            return np.diag(1 / self.std)
         least, weights = self.weights.least_std, self.weights
         if self.scales is not None or not self.form:
             form = (weights.least_frequency_cov, weights.least_shape_std) if self.form else (0.0, 0.0)
             scales = weights.discrepancies if self.scales is None else self.scales
-            wanted = np.hypot(form, scales)
+            wanted = np.hypot(form, scales[:2])
             least = tuple(float(x) for x in np.maximum(wanted, LEAST_NOISE * np.array(least)))
-        return frozen_array(joint_root(self.groups, least))
+        return joint_root(self.groups, least)
 
     @cached_property
     def factor(self) -> np.ndarray:
@@ -180,7 +220,7 @@ class Problem:
     def root(self) -> np.ndarray | None:
         """R (n_effective, n_response) with W_Lambda = R^T R; None where responses are independent."""
         if self.error is None:
-            return self.noise_root if self.weights.covariance else None
+            return self.noise_root if self.weights.covariance or self.mixing_factor.shape[1] else None
         return self._marginal[0]
 
     @cached_property
@@ -347,18 +387,34 @@ class Problem:
         _, slope = self._response_slope(solution, clusters)
         return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
 
-    def noise_alone(self, new: tuple[float, float] | None = None) -> Problem:
+    def with_mixing(self, theta: np.ndarray) -> Problem:
+        """The same problem with what local errors of the model's stiffness do to its shapes about theta (n_param,); of
+        shapes that count as one MAC, or not, there is nothing to correlate."""
+        if self.weights.shapes in ("none", "mac"):
+            return self
+        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode))
+        solution = self.model.solve(theta, min(self.matching.n_mode + SEARCH, self.model.n_available))
+        pairs, turned = mixed(solution, clusters)
+        _, slope = self._response_slope(turned, clusters)
+        return replace(self, mixing=frozen_array(slope) if pairs else None, mixed_pairs=pairs)
+
+    def noise_alone(self, new: tuple[float, float] | None = None, *, alone: bool = False) -> Problem:
         """The same problem with the covariance of what is new in each set, its mean kept: identification, and `new` of
         the discrepancies of frequencies and of shapes (None: what the weights state as new). What sets have in common
-        is marginalised over all of them together."""
+        is marginalised over all of them together; of a set `alone` no discrepancy but mixing is."""
         if new is None:
             own = np.sqrt(1 - self.weights.shared)
             new = tuple(float(own * x) for x in self.weights.discrepancies)
-        if self.weights.shapes == "mac":
+        if self.weights.shapes == "mac" and not alone:
             # one datum, no Gaussian residual that sets could share
             new = (new[0], self.weights.discrepancies[1])
-        error = None if self.error is None else replace(self.error, factor=np.zeros_like(self.error.factor))
-        return replace(self, error=error, scales=new, form=not self.form_is_shared)
+        error = self.error
+        if error is not None:
+            factor = np.zeros_like(error.factor)
+            for rows in self._mac_rows:
+                factor[rows] = error.factor[rows]
+            error = replace(error, factor=factor)
+        return replace(self, error=error, scales=(*new, 0.0), form=alone or not self.form_is_shared)
 
     @property
     def form_is_shared(self) -> bool:
@@ -374,8 +430,9 @@ class Problem:
     def log_constant(self) -> float:
         """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
         added = 0.0 if self.error is None else -0.5 * self._marginal[1]
+        added -= 0.5 * self._noise[1]
         if self.weights.covariance:
-            root = self.noise_root
+            root = self.unmixed_root
             return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
         each = self.counted if self.weights.shapes == "mac" else np.ones(self.std.size)
         return added - float(each @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
@@ -401,8 +458,8 @@ class Problem:
         if self.scales is not None or not self.weights.scales:
             return ((0.0, self),)
         found = []
-        for frequency, shape, log_weight in self.weights.scales:
-            node = replace(self, scales=(frequency, shape))
+        for *scales, log_weight in self.weights.scales:
+            node = replace(self, scales=tuple(scales))
             found.append((log_weight + node.taken_by_alignment - self.taken_by_alignment, node))
         return tuple(found)
 
@@ -470,6 +527,35 @@ class Problem:
     def fingerprint(self) -> str:
         """A hash of model, prior, data and weights: two chains with the same one sample the same posterior."""
         return _hash(*(text for pair in self.parts().items() for text in pair))
+
+
+def mixed(
+    solution: ModalSolution, clusters: Sequence[tuple[int, ...]]
+) -> tuple[tuple[tuple[int, int], ...], ModalSolution]:
+    """Pairs of modes, the lower first, and the modes with their derivatives with respect to how a local error of
+    stiffness couples two of them, or one with itself, which changes its frequency: one number a pair (n_pair) of which
+    one at least is in `clusters`, scaled so that a relative error of one has a standard deviation of one. First-order
+    perturbation: d phi_i = sum_j k_ij phi_j / (lambda_i - lambda_j) (Fox & Kapoor 1968).
+
+    k_ij of an error that is independent from place to place scatters about zero by its size times f_i f_j, with mass in
+    error too times f_i hypot(f_i, f_j): neighbours mix most. Modes nearer than their own error turn by no more than it.
+    """
+    own = {i: number for number, cluster in enumerate(clusters) for i in cluster}
+    f, shape = solution.frequency_hz, solution.shape
+    # of either sign as solved
+    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)[0]
+    one_way = shape * np.where(largest < 0, -1.0, 1.0)
+    pairs = tuple((i, j) for i in range(len(f)) for j in range(i, len(f))
+                  if (i in own or j in own) and (i == j or own.get(i, -1) != own.get(j, -2)))
+    change, own_change = np.zeros((*shape.shape, len(pairs))), np.zeros((len(f), len(pairs)))
+    for k, (i, j) in enumerate(pairs):
+        if i == j:
+            own_change[i, k] = OWN_CHANGE * f[i]
+            continue
+        gap = f[i] ** 2 - f[j] ** 2
+        rate = np.hypot(f[i], f[j]) / np.copysign(np.hypot(gap, LEAST_GAP * f[i] * f[j]), gap)
+        change[:, i, k], change[:, j, k] = f[i] * rate * one_way[:, j], -f[j] * rate * one_way[:, i]
+    return pairs, replace(solution, shape=one_way, frequency_derivative=own_change, shape_derivative=change)
 
 
 def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
@@ -554,6 +640,7 @@ def build_problem(
     problem = Problem(
         model=model, set_id=modal_set.id, mode_labels=labels, matching=matching, groups=groups, weights=weights
     )
-    if not weights.tolerances:
-        return problem
-    return problem.with_error(model.parameters.initial if weights.at is None else np.array(weights.at))
+    at = model.parameters.initial if weights.at is None else np.array(weights.at)
+    if weights.mixing:
+        problem = problem.with_mixing(at)
+    return problem.with_error(at) if weights.tolerances else problem

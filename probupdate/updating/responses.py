@@ -50,10 +50,12 @@ class Weights:
 
     discrepancy: what the model itself may miss at its best parameters, a share of every frequency; shape_discrepancy:
     of the largest component of shapes (None: shape_factor times `discrepancy`); independent, added in squares to
-    whatever the above give. `discrepancy_by` says where they come from (`updating.discrepancy`). `scales`: where they
-    are learnt, rows of both and ln of the hyper-prior's weight, over which likelihoods are averaged; the two numbers
-    then stand for them where one covariance is wanted (Eq. 6-7). `shared`: the share of a stated discrepancy's variance
-    that is the same in all sets of a structure; of a learnt one the sets decide.
+    whatever the above give. mixing: relative local error of stiffness, which mixes the model's modes, so that what
+    it does to shapes goes together over the structure (`problem.mixed`). `discrepancy_by` says where they come from
+    (`updating.discrepancy`). `scales`: where they are learnt, rows of the three and ln of the hyper-prior's weight,
+    over which likelihoods are averaged; the numbers then stand for them where one covariance is wanted (Eq. 6-7).
+    `shared`: the share of a stated discrepancy's variance that is the same in all sets of a structure; of a learnt one
+    the sets decide.
 
     tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
     at the parameters `at`, or at the initial ones.
@@ -69,8 +71,9 @@ class Weights:
     shapes: str = "plane"
     discrepancy: float = 0.0
     shape_discrepancy: float | None = None
+    mixing: float = 0.0
     discrepancy_by: str = "as stated"
-    scales: tuple[tuple[float, float, float], ...] = ()
+    scales: tuple[tuple[float, float, float, float], ...] = ()
     shared: float = SHARED
     tolerances: bool = False
     at: tuple[float, ...] | None = None
@@ -83,7 +86,7 @@ class Weights:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
-        for value in self.discrepancies:
+        for value in (*self.discrepancies, self.mixing):
             if not (np.isfinite(value) and value >= 0):
                 raise InputError("discrepancy", f"{value} is no share from 0 on",
                                  "give what the model may miss of a frequency, such as 0.005")
@@ -110,9 +113,11 @@ class Weights:
             text = f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
         of_frequencies, of_shapes = self.discrepancies
         if of_frequencies or of_shapes:
+            local = 100 * self.mixing
+            mixed = f", and modes mixed by local errors of {local:.3g} % of stiffness" if local else ""
             text += (
                 f"; model discrepancy of {100 * of_frequencies:.3g} % of each frequency and "
-                f"{100 * of_shapes:.3g} % of the largest component added in squares ({self.discrepancy_by})"
+                f"{100 * of_shapes:.3g} % of the largest component added in squares{mixed} ({self.discrepancy_by})"
             )
         if self.tolerances:
             text += "; stated tolerances of the model and of its sensors marginalised"

@@ -16,15 +16,7 @@ from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
-from probupdate.updating.hierarchical import (
-    SPREAD,
-    Coordinates,
-    Population,
-    SetLikelihoods,
-    coordinates_of,
-    linearise,
-    sample_population,
-)
+from probupdate.updating.hierarchical import SPREAD, Population, sample_population, scatter_interval
 from probupdate.updating.identifiability import cov_of
 from probupdate.updating.importance import GOOD_K, Mixture
 from probupdate.updating.laplace import Laplace, prior_residual
@@ -37,6 +29,8 @@ from probupdate.updating.predictive import (
     smoothed_weights,
 )
 from probupdate.updating.problem import Problem, Weights, build_problem
+from probupdate.updating.scales import LearntScales, learn_scales
+from probupdate.updating.set_likelihoods import Coordinates, SetLikelihoods, coordinates_of, linearise
 from probupdate.updating.set_views_file import (
     MANY,
     ONE,
@@ -53,10 +47,8 @@ from probupdate.updating.shared_error import (
     Averaged,
     GaussianPrior,
     Inner,
-    LearntScales,
     SharedError,
     joined,
-    learn_scales,
     shared_error,
     total,
 )
@@ -341,7 +333,7 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         hyper = spread * coordinates.scale[k]
         # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
         bits = bits_gained(2 * special.ndtr(tau / hyper) - 1, population.ess)
-        low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
+        (low, high), mid = scatter_interval(tau), np.median(tau)
         scatter = float(theta_map[:, k].mean())
 
         def cov(mean: float, variance: float, p=p) -> float:
@@ -473,6 +465,6 @@ def _counted(data: ModalData, problems: list[Problem]) -> float:
         if modal_set.covariance_factors is None:
             continue
         own = np.sqrt(np.sum(modal_set.covariance_factors.ln_frequency**2, axis=1))[list(problem.used)]
-        used = np.concatenate([g.frequency_std_hz / g.frequency_hz for g in problem.groups])
+        used = problem.frequency_std_hz / np.concatenate([g.frequency_hz for g in problem.groups])
         ratios += (used / own).tolist()
     return float(np.nanmedian(ratios)) if ratios else float("nan")

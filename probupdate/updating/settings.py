@@ -64,8 +64,9 @@ class UpdatingConstants:
     place: float = stated(0.01, "prior std", "grid of the place at which the sources of error are linearised")
     most_discrepancy: float = stated(0.2, "-", "a misfit that this share does not explain is refused")
     frequency_discrepancy: float = stated(
-        7e-3, "-", "scale of the half-Student hyper-prior of what the model misses of frequencies, a share of each; "
-        "beside stated tolerances form_frequency_cov", "Gelman 2006; models of measured frames miss 0.3 to 1 %")
+        1e-2, "-", "scale of the half-Cauchy hyper-prior of what the model misses of frequencies, a share of each, "
+        "with what mixing of modes does to them; beside stated tolerances of the structure form_frequency_cov",
+        "Gelman 2006; models of measured frames miss 0.3 to 1 %")
     shape_discrepancy: float = stated(
         1e-2, "-", "the same of shapes, a share of the largest component (form_shape_std)",
         "two independent programs: 0.1 to 0.6 %")

@@ -7,9 +7,8 @@ out once over all of them (Woodbury): forty-eight sets then narrow what is new i
 not at all. Inner products of r, J and B, summed over the sets, hold all of it, so that a further scale of the common
 part costs one small factorisation whatever the number of sets.
 
-How much is common and how much new are two half-Student scales for frequencies and two for shapes: scatter of residuals
-over sets shows what is new, what is left of their mean shows what is common (Kennedy & O'Hagan 2001; Kaipio & Somersalo
-2005). Nodes over all of them are averaged over, not chosen from.
+What is common of frequencies and of components of shapes each has its scale, and so has what mixes modes
+(`problem.mixed`), which goes together over the structure; how large they are is learnt in `scales`.
 """
 
 from __future__ import annotations
@@ -17,43 +16,45 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import linalg, special
+from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.model.uncertainty import ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.discrepancy import LEAST_SHARE, MOST, SPAN, hyper_scales, log_half_student
-from probupdate.updating.hierarchical import Coordinates, Population, SetLikelihoods
 from probupdate.updating.problem import Problem
-from probupdate.updating.responses import SHAPE_FACTOR
+from probupdate.updating.set_likelihoods import Coordinates, SetLikelihoods
+
+if TYPE_CHECKING:
+    from probupdate.updating.hierarchical import Population
 
 # what stands for the prior of u: mean (n_param,) and precision (n_param, n_param)
 GaussianPrior = tuple[np.ndarray, np.ndarray]
-# scales looked at along each axis, one after another, then of a grid about where the posterior is: of what is new, each
-# of which sums over the sets again, and of what is shared
-N_SCAN, SWEEPS, N_GRID, ROUNDS = 9, 2, (5, 5, 9, 9), 2
+# of a common unknown: a source, the discrepancy of a frequency or of a component of a shape, a mixing of two modes
+SOURCE, FREQUENCY, COMPONENT, MIXING = range(4)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
     """Shares of each frequency and of each shape's largest component that the model misses: `new` in each set, `shared`
-    by all; log_weight is the hyper-prior's."""
+    by all, which holds the local error of stiffness that mixes modes too; log_weight is the hyper-prior's."""
 
     new: tuple[float, float]
-    shared: tuple[float, float]
+    shared: tuple[float, float, float]
     log_weight: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Inner:
     """Inner products of whitened (r, J, B) summed over some sets, (1 + n_param + n_common) squared, about one `middle`
-    (n_param,) in u; constant: ln of the density at no misfit."""
+    (n_param,) in u; constant: ln of the density at no misfit; kind (n_common,) as of `SharedError`."""
 
     middle: np.ndarray
     products: np.ndarray
     constant: float
+    kind: np.ndarray
 
     def known(self, e: np.ndarray) -> Inner:
         """With what is common taken as known, e (n_common,) in its own units."""
@@ -61,34 +62,77 @@ class Inner:
         turn = np.zeros((len(self.products), n))
         turn[:n] = np.eye(n)
         turn[n:, 0] = -e
-        return Inner(middle=self.middle, products=turn.T @ self.products @ turn, constant=self.constant)
-
-    def without_sources(self, n_source: int) -> Inner:
-        """With the first of e, each standard normal, integrated out."""
-        if not n_source:
-            return self
-        n = len(self.middle) + 1
-        known, rest = np.arange(n, n + n_source), np.r_[:n, n + n_source : len(self.products)]
-        inner = np.eye(n_source) + self.products[np.ix_(known, known)]
-        root = linalg.cholesky(inner, lower=True)
-        across = linalg.solve_triangular(root, self.products[np.ix_(known, rest)], lower=True)
-        return Inner(middle=self.middle, products=self.products[np.ix_(rest, rest)] - across.T @ across,
-                     constant=self.constant - float(np.sum(np.log(np.diag(root)))))
+        return replace(self, products=turn.T @ self.products @ turn, kind=self.kind[:0])
 
     def reduced(self, common_std: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """ln p = value + gradient d - d^T precision d / 2 of one d for all, with e ~ N(0, common_std^2) integrated out:
-        (n,), (n, n_param), (n, n_param, n_param) of n common_std (n, n_common)."""
-        n = len(self.middle) + 1
-        inner = np.eye(common_std.shape[1]) + common_std[:, :, None] * self.products[n:, n:] * common_std[:, None, :]
-        across = common_std[:, :, None] * self.products[n:, :n]
-        left = self.products[:n, :n] - np.swapaxes(across, 1, 2) @ np.linalg.solve(inner, across)
-        value = self.constant - 0.5 * left[:, 0, 0] - 0.5 * np.linalg.slogdet(inner)[1]
+        (n,), (n, n_param), (n, n_param, n_param) of n common_std (n, n_common).
+
+        What no other response shares, the discrepancies of independent ones, goes first, one by one; then sources, once
+        for all nodes that differ in mixing alone.
+        """
+        n, kind = len(self.middle) + 1, self.kind
+        own, source, mixing = (np.flatnonzero(k) for k in (
+            (kind == FREQUENCY) | (kind == COMPONENT), kind == SOURCE, kind == MIXING))
+        before = np.r_[source, own]
+        unique, which = _unique_rows(common_std[:, before])
+        rest, log_det = self._without_own(own, np.r_[:n, n + source, n + mixing], unique[:, len(source) :])
+        still = np.r_[:n, n + len(source) : rest.shape[1]]
+        rest, more = _eliminated(rest, still, np.arange(n, n + len(source)), unique[:, : len(source)])
+        left, most = _without_mixing(rest, n, which, common_std[:, mixing[:1]])
+        value = self.constant - 0.5 * left[:, 0, 0] - 0.5 * ((log_det + more)[which] + most)
         return value, left[:, 1:, 0], left[:, 1:, 1:]
+
+    def _without_own(self, own: np.ndarray, keep: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Products of `keep` with the discrepancies `own` integrated out, of std (n, n_own), and ln det."""
+        rows = len(self.middle) + 1 + own
+        inner = self.products[np.ix_(rows, rows)]
+        if np.any(inner != np.diag(np.diag(inner))):
+            order = np.r_[keep, rows]
+            whole = np.broadcast_to(self.products[np.ix_(order, order)], (len(std), len(order), len(order)))
+            return _eliminated(whole, np.arange(len(keep)), np.arange(len(keep), len(order)), std)
+        grown = 1 + std**2 * np.diag(inner)
+        across = self.products[np.ix_(rows, keep)]
+        taken = np.array([(across.T * weight) @ across for weight in std**2 / grown])
+        return self.products[np.ix_(keep, keep)] - taken, np.sum(np.log(grown), axis=1)
 
     def evidence(self, common_std: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """ln of the integral over d too (n,), with a Gaussian for its prior, + const."""
         value, gradient, precision = self.reduced(common_std)
         return value + integrated(gradient, precision, self.middle, prior)
+
+
+def _without_mixing(products: np.ndarray, n: int, which: np.ndarray, size: np.ndarray):
+    """As `_eliminated`, of all but the first n unknowns of products (n_unique, k, k), all of one size (n, 1), each with
+    the products that `which` (n,) names: one decomposition for any number of sizes."""
+    left = products[:, :n, :n][which]
+    if not size.shape[1]:
+        return left, np.zeros(len(which))
+    value, vector = np.linalg.eigh(products[:, n:, n:])
+    across = (np.swapaxes(vector, 1, 2) @ products[:, n:, :n])[which]
+    grown = 1 + size**2 * np.maximum(value, 0.0)[which]
+    taken = np.swapaxes(across, 1, 2) @ (across * (size**2 / grown)[:, :, None])
+    return left - taken, np.sum(np.log(grown), axis=1)
+
+
+def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Different rows, and which of them each is."""
+    if not rows.shape[1]:
+        return rows[:1], np.zeros(len(rows), int)
+    found, which = np.unique(rows, axis=0, return_inverse=True)
+    return found, which.ravel()
+
+
+def _eliminated(
+    products: np.ndarray, keep: np.ndarray, gone: np.ndarray, std: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """products (n, k, k) of `keep` with unknowns `gone`, of std (n, n_gone), integrated out, and ln det (n,)."""
+    if not len(gone):
+        return products[:, keep][:, :, keep], np.zeros(len(products))
+    across = std[:, :, None] * products[:, gone][:, :, keep]
+    inner = np.eye(len(gone)) + std[:, :, None] * products[:, gone][:, :, gone] * std[:, None, :]
+    left = products[:, keep][:, :, keep] - np.swapaxes(across, 1, 2) @ np.linalg.solve(inner, across)
+    return left, np.linalg.slogdet(inner)[1]
 
 
 def integrated(gradient, precision, middle: np.ndarray, prior: GaussianPrior) -> np.ndarray:
@@ -104,7 +148,8 @@ def integrated(gradient, precision, middle: np.ndarray, prior: GaussianPrior) ->
 class SharedError:
     """Of each set about its centre (n_set, n_param) in u: residual r (n,), slope J (n, n_param), effect B (n, n_common)
     of the sources and of the common discrepancy; `kind` (n_common,): 0 a source, 1 and 2 discrepancy of frequencies and
-    of shapes; form (n_common,): what the model misses by its form, in the same units as the scales."""
+    of shapes, 3 mixing of modes; form (n_common,): what the model misses by its form, in the same units as the scales.
+    alone: of one set, whose discrepancy of frequencies and components is all `new`."""
 
     problems: tuple[Problem, ...]
     centre: np.ndarray
@@ -113,33 +158,31 @@ class SharedError:
     effect: tuple[np.ndarray, ...]
     kind: np.ndarray
     form: np.ndarray
+    alone: bool = False
 
     @cached_property
     def middle(self) -> np.ndarray:
         return self.centre.mean(axis=0)
 
-    @property
-    def n_source(self) -> int:
-        return int(np.sum(self.kind == 0))
-
     def common_std(self, shared: np.ndarray) -> np.ndarray:
-        """Of each common unknown (n, n_common), of shared scales (n, 2)."""
+        """Of each common unknown (n, n_common), of shared scales (n, 3)."""
         scale = np.column_stack([np.ones(len(shared)), shared])[:, self.kind]
-        return np.where(self.kind == 0, 1.0, np.hypot(scale, self.form))
+        return np.where(self.kind == SOURCE, 1.0, np.hypot(scale, self.form))
 
     def each(self, new: tuple[float, float], tau: np.ndarray | None = None) -> list[Inner]:
         """Of every set; with `tau` (n_param,) its own parameters, scattered by that, are integrated out too."""
         found = []
         for problem, centre, r, J, B in zip(self.problems, self.centre, self.residual, self.slope, self.effect,
                                             strict=True):
-            noise = problem.noise_alone(new)
+            noise = problem.noise_alone(new, alone=self.alone)
             columns = np.column_stack([r - J @ (self.middle - centre), J, B])
             root, lost = noise.noise_root, 0.0
             if tau is not None:
                 root, lost = marginal_root(root, J * tau)
-            white = root @ columns if noise.root is not None or tau is not None else columns / noise.std[:, None]
+            diagonal = tau is None and not noise.weights.covariance
+            white = columns / noise.std[:, None] if diagonal else root @ columns
             left = noise.taken_by_alignment - problem.taken_by_alignment
-            found.append(Inner(middle=self.middle, products=white.T @ white,
+            found.append(Inner(middle=self.middle, products=white.T @ white, kind=self.kind,
                                constant=noise.log_constant + left - 0.5 * lost))
         return found
 
@@ -150,7 +193,7 @@ class SharedError:
         rows, own = [], []
         for problem, centre, r, J, B in zip(self.problems, self.centre, self.residual, self.slope, self.effect,
                                             strict=True):
-            noise = problem.noise_alone((0.0, 0.0))
+            noise = problem.noise_alone((0.0, 0.0), alone=self.alone)
             form = noise.form_std if noise.form else np.zeros(len(r))
             variance, least = noise.own_variance
             rows.append(np.column_stack([r - J @ (self.middle - centre), J, B]))
@@ -166,15 +209,14 @@ class SharedError:
         rows, own, least, unit, kind, counted = self._stacked
         std = np.sqrt(np.maximum(own + (np.where(kind > 0, new[1], new[0]) * unit) ** 2, least))
         white = rows / std[:, None]
-        return Inner(middle=self.middle, products=white.T @ white,
+        return Inner(middle=self.middle, products=white.T @ white, kind=self.kind,
                      constant=-float(counted @ (np.log(std) + 0.5 * np.log(2 * np.pi)))
                      - sum(p.taken_by_alignment for p in self.problems))
 
     def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> Averaged:
         """Of the sets summed in `inner` at one common u, averaged over the scales."""
-        std = self.common_std(np.array([s.shared for s in scales]))[:, self.n_source :]
-        return averaged(inner.middle, [s.log_weight for s in scales],
-                        *inner.without_sources(self.n_source).reduced(std))
+        std = self.common_std(np.array([s.shared for s in scales]))
+        return averaged(inner.middle, [s.log_weight for s in scales], *inner.reduced(std))
 
     def expected(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """Posterior mean of what is common (n_common,), each set's own parameters scattered by tau."""
@@ -215,8 +257,8 @@ class SharedError:
             held = inner.known(expected).evidence(nothing, prior)[0]
             return float(held - special.logsumexp(weight + inner.evidence(std, prior)))
 
-        rest = [Inner(middle=self.middle, products=whole.products - one.products,
-                      constant=whole.constant - one.constant) for one in each]
+        rest = [replace(whole, products=whole.products - one.products, constant=whole.constant - one.constant)
+                for one in each]
         return gap(whole) - np.array([gap(one) for one in rest])
 
     def without(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
@@ -293,12 +335,14 @@ def joined(parts: Sequence[Averaged]) -> Averaged:
 
 
 def total(parts: Sequence[Inner]) -> Inner:
-    return Inner(middle=parts[0].middle, products=np.sum([p.products for p in parts], axis=0),
-                 constant=sum(p.constant for p in parts))
+    return replace(parts[0], products=np.sum([p.products for p in parts], axis=0),
+                   constant=sum(p.constant for p in parts))
 
 
-def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates) -> SharedError:
-    """Of the problems of several sets, about theta (n_set, n_param)."""
+def shared_error(
+    problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates, *, alone: bool = False
+) -> SharedError:
+    """Of the problems of several sets, or of one alone, about theta (n_set, n_param)."""
     names = {tuple(s.name for s in p.error_sources) for p in problems}
     if len(names) > 1:
         raise InputError("sets", "state different sources of the model's error", "give all sets one model")
@@ -307,12 +351,18 @@ def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Co
         response, sensitivity = problem.sensitivity(point)
         residual.append(problem.measured - response)
         slope.append(sensitivity * coordinates.rate(point))
-    effect, kind, form = _common_discrepancy(problems)
-    n_source = problems[0].factor.shape[1]
+    if alone:
+        effect, kind, form = [np.zeros((p.measured.size, 0)) for p in problems], np.zeros(0, int), np.zeros(0)
+    else:
+        effect, kind, form = _common_discrepancy(problems)
+    mixing = _common_mixing(problems)
+    n_source, n_pair = problems[0].factor.shape[1], mixing[0].shape[1]
     return SharedError(
         problems=tuple(problems), centre=frozen_array(coordinates.to(np.asarray(theta))), residual=tuple(residual),
-        slope=tuple(slope), effect=tuple(np.column_stack([p.factor, e]) for p, e in zip(problems, effect, strict=True)),
-        kind=np.concatenate([np.zeros(n_source, int), kind]), form=np.concatenate([np.zeros(n_source), form]))
+        slope=tuple(slope), effect=tuple(np.column_stack([p.factor, e, m]) for p, e, m in
+                                         zip(problems, effect, mixing, strict=True)),
+        kind=np.concatenate([np.full(n_source, SOURCE), kind, np.full(n_pair, MIXING)]),
+        form=np.concatenate([np.zeros(n_source), form, np.zeros(n_pair)]), alone=alone)
 
 
 def _common_discrepancy(problems: Sequence[Problem]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
@@ -339,6 +389,19 @@ def _common_discrepancy(problems: Sequence[Problem]) -> tuple[list[np.ndarray], 
     return effect, kinds, np.array([keys[key][1] for key in order])
 
 
+def _common_mixing(problems: Sequence[Problem]) -> list[np.ndarray]:
+    """How each set's responses (n, n_pair) follow from the mixing of two of the model's modes, one number for all."""
+    keys = {pair: None for p in problems for pair in p.mixed_pairs}
+    order = {pair: k for k, pair in enumerate(keys)}
+    found = []
+    for problem in problems:
+        M = np.zeros((problem.measured.size, len(order)))
+        if problem.mixing is not None:
+            M[:, [order[pair] for pair in problem.mixed_pairs]] = problem.mixing
+        found.append(M)
+    return found
+
+
 def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, float, float, int, float]]:
     """Row of a response, name of the unknown, how the row follows it, what a discrepancy of one does there, its kind
     and what is missed by form: `bases` are those of the sets before, by a group's labels, a row a channel."""
@@ -363,104 +426,3 @@ def _responses(problem: Problem, bases: dict) -> Iterator[tuple[int, tuple, floa
                         row = start + to * n + number
                         yield row, ("s", modes, of, channel), float(turn[of, to]), float(unit[row]), 2, float(form[row])
         start += group.shape_response.size
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LearntScales:
-    """Nodes over what is new in each set and what is shared, where the posterior has its mass; `new` stands for the
-    first where one number is wanted, `shared` are nodes over the second alone, at that. `ends`: 5 and 95 % of each
-    axis, new and shared, of frequencies and of shapes."""
-
-    nodes: tuple[Scales, ...]
-    new: tuple[float, float]
-    shared: tuple[Scales, ...]
-    ends: tuple[tuple[float, float], ...]
-    learnt: bool
-
-
-def learn_scales(error: SharedError, prior: GaussianPrior, tau: np.ndarray | None = None) -> LearntScales:
-    """Scales of the discrepancy of several sets at one common u, or each at its own, scattered by `tau` (n_param,)."""
-    weights = error.problems[0].weights
-    if not weights.scales:
-        new, shared = (tuple(float(np.sqrt(part) * x) for x in weights.discrepancies)
-                       for part in (1 - weights.shared, weights.shared))
-        one = Scales(new=new, shared=shared)
-        return LearntScales(nodes=(one,), new=new, shared=(one,), learnt=False,
-                            ends=tuple((x, x) for x in (*new, *shared)))
-    grid = _Grid(error, prior, tau)
-    axes = grid.scanned()
-    for _ in range(ROUNDS):
-        value = grid.values(axes)
-        axes = [_about(axis, special.logsumexp(value, axis=_others(k)), N_GRID[k]) for k, axis in enumerate(axes)]
-    value = grid.values(axes)
-    share = np.exp(value - special.logsumexp(value))
-    marginal = [share.sum(axis=_others(k)) for k in range(4)]
-    new = tuple(float(np.exp(m @ np.log(axis))) for m, axis in zip(marginal[:2], axes[:2], strict=True))
-    nodes = [Scales(new=(axes[0][a], axes[1][b]), shared=(axes[2][c], axes[3][d]),
-                    log_weight=float(grid.log_prior(axes)[a, b, c, d]))
-             for a, b, c, d in np.argwhere(share > LEAST_SHARE * share.max())]
-    along = share.sum(axis=(0, 1))
-    shared = [Scales(new=new, shared=(axes[2][c], axes[3][d]), log_weight=float(grid.log_prior(axes)[0, 0, c, d]))
-              for c, d in np.argwhere(along > LEAST_SHARE * along.max())]
-    ends = tuple(tuple(float(np.exp(np.interp(q, np.cumsum(m) - 0.5 * m, np.log(axis)))) for q in (0.05, 0.95))
-                 for m, axis in zip(marginal, axes, strict=True))
-    return LearntScales(nodes=tuple(nodes), new=new, shared=tuple(shared), ends=ends, learnt=True)
-
-
-def _others(axis: int) -> tuple[int, ...]:
-    return tuple(k for k in range(4) if k != axis)
-
-
-def _about(axis: np.ndarray, log_share: np.ndarray, number: int) -> np.ndarray:
-    """`number` scales over where the marginal has its mass, a step beyond to either side."""
-    if len(axis) == 1:
-        return axis
-    inside = np.flatnonzero(log_share > log_share.max() + np.log(10 * LEAST_SHARE))
-    return np.geomspace(axis[max(inside[0] - 1, 0)], axis[min(inside[-1] + 1, len(axis) - 1)], number)
-
-
-class _Grid:
-    """ln posterior of scales over four axes: new of frequencies and shapes, shared of frequencies and shapes."""
-
-    def __init__(self, error: SharedError, prior: GaussianPrior, tau: np.ndarray | None):
-        self.error, self.prior, self.tau = error, prior, tau
-        hyper = hyper_scales(error.problems[0].weights)
-        # both parts together are as large a priori as what one set misses
-        self.hyper = tuple(h / np.sqrt(2) for h in (*hyper, *hyper))
-        self.present = [bool(np.any(error.kind == k)) for k in (1, 2)] * 2
-        self.kept: dict[tuple[float, float], Inner] = {}
-
-    def evidence(self, new: tuple[float, float], shared: np.ndarray) -> np.ndarray:
-        """(n,) of shared scales (n, 2)."""
-        if new not in self.kept:
-            every = self.error.summed(new) if self.tau is None else total(self.error.each(new, self.tau))
-            self.kept[new] = every.without_sources(self.error.n_source)
-        return self.kept[new].evidence(self.error.common_std(shared)[:, self.error.n_source :], self.prior)
-
-    def values(self, axes: Sequence[np.ndarray]) -> np.ndarray:
-        """ln of evidence, hyper-prior and steps over the grid of the axes."""
-        shared = np.stack(np.meshgrid(*axes[2:], indexing="ij"), axis=-1)
-        found = [[self.evidence((float(a), float(b)), shared.reshape(-1, 2)) for b in axes[1]] for a in axes[0]]
-        return np.array(found).reshape([len(axis) for axis in axes]) + self.log_prior(axes)
-
-    def scanned(self) -> list[np.ndarray]:
-        """Where each scale's conditional has its mass, the others at their best so far."""
-        tops = (MOST, SHAPE_FACTOR * MOST) * 2
-        full = [np.geomspace(SPAN * h, top, N_SCAN) if there else np.array([h])
-                for h, top, there in zip(self.hyper, tops, self.present, strict=True)]
-        at, axes = [np.array([h]) for h in self.hyper], list(full)
-        for _ in range(SWEEPS):
-            for k, axis in enumerate(full):
-                if len(axis) > 1:
-                    found = self.values([*at[:k], axis, *at[k + 1 :]]).ravel()
-                    at[k], axes[k] = axis[[np.argmax(found)]], _about(axis, found, N_GRID[k])
-        return axes
-
-    def log_prior(self, axes: Sequence[np.ndarray]) -> np.ndarray:
-        """ln of hyper-prior times steps over the grid; the step of an axis of one number counts nothing."""
-        value = np.zeros([len(axis) for axis in axes])
-        for k, (axis, h) in enumerate(zip(axes, self.hyper, strict=True)):
-            step = 0.0 if len(axis) == 1 else np.log(np.log(axis[1] / axis[0]))
-            own = step + log_half_student(axis, h)
-            value = value + own.reshape([-1 if j == k else 1 for j in range(4)])
-        return value

@@ -16,19 +16,21 @@ import itertools
 import json
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
-from probupdate.updating.discrepancy import estimate_discrepancy
-from probupdate.updating.hierarchical import coordinates_of
 from probupdate.updating.laplace import maximum_a_posteriori
-from probupdate.updating.problem import Weights, build_problem
-from probupdate.updating.shared_error import Scales, joined, learn_scales, shared_error, total
+from probupdate.updating.problem import OWN_CHANGE, Weights, build_problem
+from probupdate.updating.responses import response_group
+from probupdate.updating.scales import learn_scales
+from probupdate.updating.set_likelihoods import coordinates_of
+from probupdate.updating.shared_error import MIXING, Scales, joined, shared_error, total
 
 N_MODE, N_HELD, N_CHANNEL = 5, 2, 12
 FREQUENCY_HZ = np.array([1.0, 1.7, 3.1, 4.6, 7.3, 9.9, 13.0])
@@ -41,6 +43,8 @@ PARAMETERS = Parameters(tuple(Parameter(name=f"p{k}", unit="-", initial=1.0, std
 COORDINATES = coordinates_of(PARAMETERS)
 PRIOR = PARAMETERS.initial, np.diag(PRIOR_STD**-2.0)
 SINGLE = [(j,) for j in range(N_MODE)]
+# of frequencies, components and stiffness: that they are learnt, not how large they are
+LEARN = (0.01, 0.01, 0.02)
 METHODS = ("ours", "knows", "ignores", "scales up", "plugged in")
 
 
@@ -98,7 +102,7 @@ class Mixed:
         mean = centre + (self.mean - 1.0) @ row
         std = np.sqrt(np.einsum("i,kij,j->k", row, self.cov, row) + extra)
         low, high = np.min(mean - 8 * std), np.max(mean + 8 * std)
-        return [optimize.brentq(lambda x, q=q: self.weight @ stats.norm.cdf((x - mean) / std) - q, low, high)
+        return [optimize.brentq(lambda x, q=q: self.weight @ special.ndtr((x - mean) / std) - q, low, high)
                 for q in (0.05, 0.95)]
 
     def judged(self, structure: Structure, held):
@@ -124,9 +128,25 @@ def of_quadratics(found, missed) -> Mixed:
     return Mixed(found.shares(PRIOR), mean, cov, np.asarray(missed))
 
 
+def off_by(scales: Scales, error) -> float:
+    """Relative standard deviation of what a frequency of a set that was not measured is off by."""
+    new, shared = scales.new[0], 0.0 if error.alone else scales.shared[0]
+    return float(np.sqrt(new**2 + shared**2 + (OWN_CHANGE * scales.shared[2] * np.any(error.kind == MIXING)) ** 2))
+
+
 def at(error, scales: Scales) -> Mixed:
     found = error.likelihoods(total(error.each(scales.new)), [scales])
-    return of_quadratics(found, [np.hypot(scales.new[0], scales.shared[0])])
+    return of_quadratics(found, [off_by(scales, error)])
+
+
+def problems_of(model, data: ModalData, weights: Weights) -> list:
+    """As `build_problem` of every set: all have the same modes at the same channels, so one is matched."""
+    first = build_problem(model, data, weights=weights, clusters=SINGLE)
+    rows = np.arange(N_CHANNEL)
+    others = [replace(first, set_id=s.id, groups=tuple(
+        response_group(s, list(g.measured), rows, weights, first.mode_labels) for g in first.matching.groups))
+        for s in data.sets[1:]]
+    return [first, *(p.with_mixing(PARAMETERS.initial) for p in others)]
 
 
 def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> dict:
@@ -135,29 +155,31 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     data, held = structure.measured(rng, n_set, size, KINDS[kind])
     model = structure.model()
     begin = time.process_time()
-    weights = estimate_discrepancy(model, data, clusters=SINGLE, weights=Weights(
-        shapes="plane" if shapes else "none", least_shape_std=1e-4))
-    problems = [build_problem(model, data, set_id=s.id, weights=weights, clusters=SINGLE) for s in data.sets]
+    # of a single set as `estimate_discrepancy` has it
+    weights = Weights(shapes="plane" if shapes else "none", least_shape_std=1e-4, mixing=LEARN[2],
+                      scales=((*LEARN, 0.0),))
+    problems = problems_of(model, data, weights)
     # shapes of unit largest component are linear about where the parameters are
     top = maximum_a_posteriori(problems[0], [PARAMETERS.initial]).theta
     error = shared_error(problems, np.tile(top, (n_set, 1)), COORDINATES)
-    learnt = learn_scales(error, PRIOR)
+    own = shared_error(problems, top[None], COORDINATES, alone=True) if n_set == 1 else error
+    learnt = learn_scales(own, PRIOR)
     by_new = defaultdict(list)
     for one in learnt.nodes:
         by_new[one.new].append(one)
-    parts = [error.likelihoods(error.summed(new), rows) for new, rows in by_new.items()]
-    missed = [np.hypot(s.new[0], s.shared[0]) for rows in by_new.values() for s in rows]
+    parts = [own.likelihoods(own.summed(new), rows) for new, rows in by_new.items()]
+    missed = [off_by(s, own) for rows in by_new.values() for s in rows]
     found = {"ours": of_quadratics(joined(parts), missed)}
     seconds = time.process_time() - begin
     # the error is of the largest component, as the scales are
     share = KINDS[kind]
     known = tuple(np.sqrt(x) * size for x in (1 - share, share))
-    found["knows"] = at(error, Scales(new=(known[0],) * 2, shared=(known[1],) * 2))
-    none = Scales(new=(0.0, 0.0), shared=(0.0, 0.0))
+    found["knows"] = at(error, Scales(new=(known[0],) * 2, shared=(known[1], known[1], 0.0)))
+    none = Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     found["ignores"] = at(error, none)
     quiet = found["ignores"]
     inner = total(error.each(none.new))
-    _, gradient, precision = inner.reduced(error.common_std(np.zeros((1, 2)))[:, error.n_source :])
+    _, gradient, precision = inner.reduced(error.common_std(np.zeros((1, 3))))
     d = quiet.mean[0] - inner.middle
     misfit = inner.products[0, 0] - 2 * gradient[0] @ d + d @ precision[0] @ d
     free = sum(p.n_effective for p in problems) - np.trace(quiet.cov[0] @ precision[0])
@@ -166,9 +188,9 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     mean = inner.middle + loose @ (gradient[0] / factor + PRIOR[1] @ (PRIOR[0] - inner.middle))
     found["scales up"] = Mixed(np.ones(1), mean[None], loose[None], np.array([np.sqrt(factor - 1) * IDENTIFIED]))
     grid = np.geomspace(1e-5, 0.2, 60)
-    pairs = np.array([(s, s) for s in grid])
-    best = grid[np.argmax(inner.evidence(error.common_std(pairs)[:, error.n_source :], PRIOR))]
-    found["plugged in"] = at(error, Scales(new=(0.0, 0.0), shared=(float(best),) * 2))
+    pairs = np.array([(s, s, 0.0) for s in grid])
+    best = grid[np.argmax(inner.evidence(error.common_std(pairs), PRIOR))]
+    found["plugged in"] = at(error, Scales(new=(0.0, 0.0), shared=(float(best), float(best), 0.0)))
     return {"seconds": seconds, **{name: one.judged(structure, held) for name, one in found.items()}}
 
 

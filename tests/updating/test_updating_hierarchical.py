@@ -13,13 +13,15 @@ from probupdate.modal.modes import CovarianceFactors, ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.sets_section import information_section, sets_section
 from probupdate.reporting.values import Run
-from probupdate.updating.hierarchical import SPREAD, coordinates_of, linearise, lkj_factor, sample_population
+from probupdate.updating.hierarchical import SPREAD, lkj_factor, sample_population, scatter_interval
 from probupdate.updating.information import information
 from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
 from probupdate.updating.problem import build_problem
+from probupdate.updating.set_likelihoods import coordinates_of, linearise
 from probupdate.updating.set_views import Common, gaussian_prior, joint_posterior, mode_scatter, view_sets
 from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, parameter_sentence, read_views
 from probupdate.updating.shared_error import shared_error
+from studies.calibration.scatter import coverage
 
 NOISE = 0.002
 SINGLE = [(j,) for j in range(5)]
@@ -247,6 +249,16 @@ def test_a_sentence_says_what_tau_is(low, bits, relative, words):
     row = {"name": "k", "unit": "m", "tau": 0.06, "tau_low": low, "tau_high": 0.09, "tau_prior": 0.1, "tau_bits": bits,
            "tau_relative": relative, "resolution": 0.5}
     assert words in parameter_sentence(row)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1.0])
+def test_intervals_of_a_scatter_hold_it_and_none_at_all(validation, ratio):
+    row = validation(what="scatter of nine sets, none and as large as their noise: share of 60 campaigns whose 90 % "
+                          "interval holds it", reference="0.9", why="binomial, p 0.01")
+    row.least(coverage(range(60), 9, ratio), above=0.8)
+    draws = np.abs(np.random.default_rng(1).standard_normal(1000))
+    assert scatter_interval(draws)[0] == 0.0 and scatter_interval(3 + draws)[0] > 3
+    assert scatter_interval(np.sqrt(4 + draws))[0] > 2
 
 
 def test_the_same_seed_gives_the_same_numbers():

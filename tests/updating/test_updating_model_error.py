@@ -20,9 +20,10 @@ from probupdate.model.uncertainty import ErrorSource, marginal_root
 from probupdate.structure.load import load_model, reference_model
 from probupdate.updating.components import variance_components
 from probupdate.updating.discrepancy import LikelihoodSettings, estimate_discrepancy, state_model_error
-from probupdate.updating.hierarchical import Population, coordinates_of, linearise
+from probupdate.updating.hierarchical import Population
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.set_likelihoods import coordinates_of, linearise
 from probupdate.updating.set_views import Common, gaussian_prior, joint_posterior
 from probupdate.updating.shared_error import Scales, shared_error, total
 from probupdate.updating.tikhonov import update
@@ -242,7 +243,7 @@ def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear, valid
     coordinates = replace(coordinates_of(parameters), logarithmic=np.zeros(3, bool), scale=parameters.std)
     centres = np.tile(parameters.initial, (4, 1))
     error = shared_error(problems, centres, coordinates)
-    found = error.likelihoods(total(error.each((0.0, 0.0))), [Scales(new=(0.0, 0.0), shared=(0.0, 0.0))])
+    found = error.likelihoods(total(error.each((0.0, 0.0))), [Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))])
 
     S, B = problem.sensitivity(parameters.initial)[1], problem.factor
     stacked, shared = np.tile(S, (4, 1)), np.tile(B, (4, 1))
@@ -272,7 +273,7 @@ def test_a_discrepancy_that_sets_share_is_a_block_of_ones(linear, validation, ne
     parameters, theta = problems[0].parameters, problems[0].parameters.initial + [0.1, -0.05, 0.02]
     coordinates = coordinates_of(parameters)
     error = shared_error(problems, np.tile(parameters.initial, (5, 1)), coordinates)
-    scales = Scales(new=(new, 0.0), shared=(shared, 0.0))
+    scales = Scales(new=(new, 0.0), shared=(shared, 0.0, 0.0))
     found = error.likelihoods(total(error.each(scales.new)), [scales]).at(coordinates.to(theta)[None])[0]
     kept = np.isfinite(frequencies)
     f, mode = frequencies[kept], np.nonzero(kept)[1]
@@ -319,7 +320,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, vali
     parameters = problem.parameters
     coordinates = replace(coordinates_of(parameters), logarithmic=np.zeros(3, bool), scale=parameters.std)
     centres = np.tile(parameters.initial, (3, 1))
-    shared, none = shared_error(problems, centres, coordinates), Scales(new=(0.0, 0.0), shared=(0.0, 0.0))
+    shared, none = shared_error(problems, centres, coordinates), Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     normal = parameters.initial, np.diag(parameters.std**-2.0)
     expected = shared.expected(none.new, [none], np.full(3, 1e-9), normal)
     noise = linearise(shared.without(expected, none.new), centres, coordinates)
