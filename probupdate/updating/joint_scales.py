@@ -33,7 +33,8 @@ STEP = 0.05
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scales:
     """x = (w of tau, ln of the learnt scales of the common error over their hyper-prior's): spread (n_varying,) of the
-    half-normal hyper-prior of tau; hyper (3,), of frequencies, components of shapes and mixing; learnt: whether these are unknown."""
+    half-normal hyper-prior of tau; hyper (3,), of frequencies, components of shapes and mixing; learnt: whether these
+    are unknown."""
 
     spread: np.ndarray
     hyper: np.ndarray
