@@ -32,8 +32,7 @@ from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
-from probupdate.structure.subdyn_model import is_subdyn
-from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model, refuse_other_value
+from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
 
@@ -131,23 +130,18 @@ def identify_setups(
     return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said]))
 
 
-def _is_turbine(model: GivenModel | None) -> bool:
-    """Whether the paper's rate and order suit it: a model of members, not matrices or a callable."""
-    return has_geometry(model) or (isinstance(model, str | Path) and is_subdyn(model_path(model)))
-
-
 def ssi_settings(
     campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings,
     reference: ReferenceModes | None = None,
 ) -> tuple[SSISettings, list[str]]:
-    """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to
-    be said of that. Raises InputError where the rate holds not all modes of `reference`, which are looked for."""
+    """What is given; the rest as the paper, where the model has members and the paper's rate holds the modes that are
+    looked for, or as the record proposes; and what is to be said of that. Raises InputError where the rate holds not all modes of `reference`, which are looked for."""
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
-    if _is_turbine(model) or len(given) == 3:
+    if len(given) == 3 or has_geometry(model) and PAPER_HZ > 2 * highest:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)

@@ -4,10 +4,17 @@ import argparse
 import dataclasses
 import inspect
 
+import numpy as np
 import pytest
+from command_cases import write_campaign
+from scipy import signal
 
 import probupdate
+from probupdate.campaign.reading import read_campaign
 from probupdate.cli import build_parser
+from probupdate.errors import InputError
+from probupdate.identification.reference import ReferenceModes
+from probupdate.verbs.identifying import ssi_settings
 
 (VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
 # option -> keyword or field, where the names differ
@@ -34,3 +41,27 @@ def test_an_option_has_its_keywords_default(verb):
         compared += 1
         assert action.default == defaults[keyword], action.dest
     assert compared >= 3
+
+
+def test_the_papers_rate_gives_way_to_one_that_holds_the_modes(tmp_path):
+    """Small lattice towers have members too: their second bending may lie above 2.5 Hz."""
+    model = tmp_path / "model.toml"
+    model.write_text("[subdyn]\nfile = \"tower.dat\"\n")
+    noise, data = np.random.default_rng(1).standard_normal((2, 6000)), np.zeros((6000, 3))
+    for mode, hz in enumerate((0.3, 3.6)):
+        pole = np.exp(2j * np.pi * hz / 10 * (1 + 0.01j))
+        data[:, mode] = signal.lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise[mode])
+    data[:, 2] = data[:, :2].sum(axis=1)
+    campaign = read_campaign(write_campaign(tmp_path / "campaign", data=data))
+
+    def rate_for(highest_hz, **given):
+        shape = np.eye(3)[:, :2]
+        reference = ReferenceModes(labels=("FA1", "SS1"), frequency_hz=np.array([0.3, highest_hz]), shape=shape)
+        return ssi_settings([campaign], model, probupdate.IdentificationSettings(**given), reference)[0].target_rate_hz
+
+    assert rate_for(1.9) == 5.0
+    assert 7.2 < rate_for(3.6) <= 10.0
+    # what is given is not changed, and what was recorded not exceeded
+    for highest_hz, given in ((3.6, {"rate_hz": 5.0}), (6.0, {})):
+        with pytest.raises(InputError, match="holds nothing above"):
+            rate_for(highest_hz, **given)
