@@ -135,7 +135,8 @@ def ssi_settings(
     reference: ReferenceModes | None = None,
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model has members and the paper's rate holds the modes that are
-    looked for, or as the record proposes; and what is to be said of that. Raises InputError where the rate holds not all modes of `reference`, which are looked for."""
+    looked for, or as the record proposes; and what is to be said of that. Raises InputError where the rate holds not
+    all modes of `reference`, which are looked for."""
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
