@@ -142,7 +142,7 @@ def ssi_settings(
     given = {name: value for name, value in given.items() if value is not None}
     said = []
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
-    if len(given) == 3 or has_geometry(model) and PAPER_HZ > 2 * highest:
+    if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
