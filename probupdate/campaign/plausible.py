@@ -58,7 +58,8 @@ def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
     line = columns[0] + (columns[-1] - columns[0]) * number[:, None] / number[-1]
     extent = np.abs(columns[-1] - columns[0])
     # NaN compares as False; single precision has its own steps
-    step = 2.0 * np.spacing(np.maximum(np.abs(columns[0]), np.abs(columns[-1])).astype(np.float32))
+    largest = np.maximum(np.abs(columns[0]), np.abs(columns[-1]))
+    step = 2.0 * np.spacing(np.minimum(largest, 0.5 * np.finfo(np.float32).max).astype(np.float32))
     away = np.max(np.abs(columns - line), axis=0)
     return (extent > 0) & ((away < STRAIGHT * extent) | ((away < step) & (extent > 10 * step)))
 

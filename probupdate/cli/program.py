@@ -78,11 +78,11 @@ OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCE
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
-def _os_words(error: OSError) -> str:
+def _os_words(error: OSError, program: str) -> str:
     where = str(error.filename) if error.filename is not None else "a file or the output"
     reason = error.strerror or str(error) or type(error).__name__
     if error.errno in FULL:
-        return f"{where}: {reason}; make room or name another place; what was finished is kept"
+        return f"{where}: {reason}; make room or name another place; {_kept(program)}"
     return f"{where}: {reason}; check the path"
 
 
@@ -162,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(f"{program}: interrupted; {_kept(program)}")
         return 130
     except OSError as error:
-        complain(f"{program}: {_os_words(error)}")
+        complain(f"{program}: {_os_words(error, program)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:

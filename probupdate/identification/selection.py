@@ -224,6 +224,8 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
         if len(columns) < least or not n_channel:
             continue
         rows = np.all([np.isfinite(c).all(axis=1) for c in columns], axis=0)
+        if not rows.any():
+            continue
         middle = columns[0][rows]
         for _ in range(5):  # each is brought onto the mean, the mean is taken anew
             onto = [c[rows] @ np.linalg.lstsq(c[rows], middle, rcond=None)[0] for c in columns]

@@ -16,6 +16,7 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
+from probupdate.io.schema import LARGEST
 from probupdate.modal.conditions import KNOWN, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
@@ -42,6 +43,9 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
         array = np.full(shape, np.nan)
     if np.any(np.isinf(array)):
         raise InputError(f"{where}, {key}", "holds an infinite number", "use null where not measured")
+    if np.any(np.abs(array) > LARGEST):
+        raise InputError(f"{where}, {key}", f"holds {np.nanmax(np.abs(array)):.3g}, which is no measurement",
+                         "use null where not measured")
     if array.shape != shape:
         raise InputError(f"{where}, {key}", f"has shape {array.shape}",
                          f"give {shape}{', a row for each mode' if len(shape) == 2 else ''}")
