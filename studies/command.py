@@ -67,7 +67,8 @@ STUDIES = {
         seeds="1 to 4", takes="ten minutes"),
     "faults": Study(
         question="What is lost where the machine fails while a command writes?",
-        runs=(("faults.py", OUT, "48213"), ("fuzz_inputs.py", OUT, "48213", "600")), quick=(("faults.py", OUT, "48213", "select"),), seeds="48213",
+        runs=(("faults.py", OUT, "48213"), ("fuzz_inputs.py", OUT, "48213", "600")),
+        quick=(("faults.py", OUT, "48213", "select"),), seeds="48213",
         takes="an hour"),
     "footbridge": Study(
         question="Does a measured bridge, given as matrices, come out as published?",
