@@ -19,6 +19,7 @@ from probupdate.identification.order_average import ModePoles, averages, twins
 from probupdate.identification.preprocessing import filter_reach, resampled
 from probupdate.identification.record import IdentifiedRecord, references_within
 from probupdate.identification.ssi import Poles
+from probupdate.identification.steadiness import amplitude_kurtosis
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
@@ -96,10 +97,12 @@ def common_quantity(sensors: tuple[Sensor, ...]) -> str:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockFactors:
     """Some poles of a block averaged over model orders (`order_average`), with covariance factors: `key` names them by
-    the chosen pole's model order and index within the order's poles."""
+    the chosen pole's model order and index within the order's poles; kurtosis (n_pole,) of their amplitudes
+    (`steadiness`), NaN where samples are lost."""
 
     key: tuple[tuple[int, int], ...]
     poles: ModePoles
+    kurtosis: np.ndarray
 
 
 def identify_block(
@@ -144,7 +147,11 @@ def identify_factors(
     found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
     before, now = ({p.order: p for p in some} for some in (known.every_order, found.by_order))
     again = [[(n, _same(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
-    return BlockFactors(key=keys, poles=averages(found, again))
+    poles = averages(found, again)
+    whole = isinstance(record, WholeRecord)
+    return BlockFactors(key=keys, poles=poles, kurtosis=frozen_array(amplitude_kurtosis(
+        record.data, record.target_hz, poles.frequency_hz, poles.damping_ratio, poles.shape)
+        if whole else np.full(len(keys), np.nan)))
 
 
 def _same(before: Poles, index: int, now: Poles, where: str) -> int:

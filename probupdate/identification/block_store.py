@@ -37,7 +37,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, completed
 from probupdate.runtime.progress import Progress, silent
 
-FORMAT = 3
+FORMAT = 4
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the covariance factors of some of them
 POLES, FACTORS = ".poles.npz", ".deviations.npz"
@@ -312,7 +312,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
     poles, factors = found.poles, found.poles.factors
     content = {
         "key": np.array(found.key, np.int32).reshape(-1, 2), "frequency_hz": poles.frequency_hz,
-        "damping_ratio": poles.damping_ratio, "shape": poles.shape.astype(np.complex64),
+        "damping_ratio": poles.damping_ratio, "shape": poles.shape.astype(np.complex64), "kurtosis": found.kurtosis,
         "ln_frequency_factor": factors.ln_frequency.astype(np.float32),
         "damping_factor": factors.damping_ratio.astype(np.float32), "shape_factor": factors.shape.astype(np.complex64),
     }
@@ -322,7 +322,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
 def read_block_factors(path: Path) -> BlockFactors:
     with _opened(path) as content:
         return BlockFactors(
-            key=tuple((int(a), int(b)) for a, b in content["key"]),
+            key=tuple((int(a), int(b)) for a, b in content["key"]), kurtosis=frozen_array(content["kurtosis"]),
             poles=ModePoles(
                 frequency_hz=content["frequency_hz"], damping_ratio=content["damping_ratio"],
                 shape=frozen_array(content["shape"], complex), factors=CovarianceFactors(

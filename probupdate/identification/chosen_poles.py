@@ -69,14 +69,15 @@ class JudgedBlock:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChosenPoles:
     """What is kept of a block's poles: the choice; of the poles that stand for modes, or of their averages over model
-    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order,
-    index within its poles) -> place in the block's stack; key_of: mode -> key; rows of the table of poles, the mode as
-    its number."""
+    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; kurtosis (n_mode,) of
+    their amplitudes, where it was asked (`steadiness`); keys: (model order, index within its poles) -> place in the
+    block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
 
     choice: Choice
     frequency_hz: np.ndarray
     damping_ratio: np.ndarray
     shape: np.ndarray
+    kurtosis: np.ndarray
     keys: dict[tuple[int, int], int]
     rows: dict[str, np.ndarray]
 
@@ -174,6 +175,7 @@ def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int) -> ChosenPol
         "order": poles.order,
     }
     return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
+                       kurtosis=np.full(n_mode, np.nan),
                    rows={name: value[shown] for name, value in rows.items()})
 
 
@@ -248,10 +250,11 @@ def averaged_over_orders(blocks: BlockStore, start: pd.Timestamp, stands: Chosen
     kept = blocks.read_factors(start)
     there = list(stands.key_of)
     row = [kept.key.index(key) for key in stands.key_of.values()]
-    frequency, damping, shape = (np.array(a) for a in (stands.frequency_hz, stands.damping_ratio, stands.shape))
+    frequency, damping, shape, kurtosis = (
+        np.array(a) for a in (stands.frequency_hz, stands.damping_ratio, stands.shape, stands.kurtosis))
     frequency[there], damping[there] = kept.poles.frequency_hz[row], kept.poles.damping_ratio[row]
-    shape[:, there] = kept.poles.shape[:, row]
-    return replace(stands, frequency_hz=frequency, damping_ratio=damping, shape=shape)
+    shape[:, there], kurtosis[there] = kept.poles.shape[:, row], kept.kurtosis[row]
+    return replace(stands, frequency_hz=frequency, damping_ratio=damping, shape=shape, kurtosis=kurtosis)
 
 
 def modal_set(one: StoredBlock, stands: ChosenPoles | None, reference: ReferenceModes) -> ModalSet:

@@ -41,6 +41,7 @@ from probupdate.identification.physical import (
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.steadiness import of_steady_modes
 from probupdate.identification.summary import summarise
 from probupdate.identification.tracking import Tracked
 from probupdate.io.files import write_table
@@ -270,7 +271,9 @@ def classified(
                      model_only=named.model_only)
     poles = pole_table(usable, [picked[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
-    said = (*physical.notes, *named.notes)
+    said = (*physical.notes, *named.notes, *of_steady_modes(
+        named.names, *(np.array([getattr(p, of) for p in picked.values()])
+                       for of in ("kurtosis", "frequency_hz", "damping_ratio")), 60 * campaign.block_minutes))
     centre = np.median(followed.centre_hz, axis=0)
     return Identification(
         data=data, poles=poles, settings=settings,
