@@ -1,4 +1,4 @@
-"""Modes that a machine or a limit cycle keeps going: said, and not of those that random forces move. Motion by scipy."""
+"""Modes that a machine or a limit cycle keeps going are said, and those that random forces move are not."""
 
 import h5py
 import numpy as np
