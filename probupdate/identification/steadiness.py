@@ -65,7 +65,7 @@ def of_steady_modes(
         mean = float(np.mean(value))
         if mean < STEADY and mean + SURE * std / np.sqrt(len(value)) < 2 * count / (count + 1):
             said.append(
-                f"{name} at {f:.4g} Hz keeps its amplitude (mean square of its power over the squared mean {mean:.2f}; 2 "
+                f"{name} at {f:.4g} Hz keeps its amplitude (mean square of its power over squared mean {mean:.2f}; 2 "
                 "under random forces, 1 of a steady line): a machine's line or a limit cycle is in it, and its damping "
                 "is not the structure's")
     return said
