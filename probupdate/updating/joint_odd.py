@@ -15,7 +15,7 @@ from scipy import special, stats
 
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.joint_scales import Scales
-from probupdate.updating.joint_system import FarmSystem
+from probupdate.updating.joint_system import FarmSystem, lower_solve
 from probupdate.updating.outlier_sets import near_the_median
 from probupdate.updating.settings import CONSTANTS
 
@@ -128,13 +128,13 @@ def _mixtures(system: FarmSystem, counts: np.ndarray, scales: Scales, nodes, wid
         rest = own[counts].sum(axis=0) - counts[:, None, None] * own
         less = constant[counts].sum() - counts * constant
         before, _, _ = system.evidences(rest, less, std)
-        after, mean, root = system.evidences(rest + own, less + constant, std)
+        after, known, root = system.evidences(rest + own, less + constant, std)
         log_weight[:, t] = scales.log_prior(x, system) + before - log_q
         log_likelihood[:, t] = after - before
         columns = own[:, 1:, 1 : 1 + n_z]
-        half = np.linalg.solve(root, columns)
+        half = lower_solve(root, columns)
         f[:, t] = np.diagonal(own, axis1=1, axis2=2)[:, 1 : 1 + n_z] - np.sum(half**2, axis=1)
-        g[:, t] = own[:, 0, 1 : 1 + n_z] - np.einsum("ijk,ij->ik", columns, mean)
+        g[:, t] = own[:, 0, 1 : 1 + n_z] - np.einsum("ijk,ij->ik", half, known)
     return [_Mixture(log_weight=log_weight[i], log_likelihood=log_likelihood[i], f=np.maximum(f[i], 1e-300), g=g[i],
                      wide=wide) for i in range(n)]
 

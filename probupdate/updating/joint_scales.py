@@ -95,11 +95,12 @@ class Scales:
         """Covariance (n_x, n_x) of the Gaussian at x, by differences; no wider than twice the hyper-prior."""
         n = len(x)
         i, j = (index.ravel() for index in np.indices((n, n)))
-        steps = STEP * np.eye(n)
+        steps, (low, high) = STEP * np.eye(n), self.bounds(n).T
+        x = np.clip(x, low + 2 * STEP, high - 2 * STEP)
         corners = [self.log_posterior(x + a * steps[i] + b * steps[j], system) for a, b in
                    ((1, 1), (1, -1), (-1, 1), (-1, -1))]
         H = -(corners[0] - corners[1] - corners[2] + corners[3]).reshape(n, n) / (4 * STEP**2)
-        value, vectors = np.linalg.eigh(np.where(np.isfinite(H), H, np.eye(n)))
+        value, vectors = np.linalg.eigh(H)
         return (vectors / np.maximum(value, 0.5)) @ vectors.T
 
 

@@ -28,7 +28,16 @@ N_POINT = 4000
 # directions of the common error that move all data together by less than this, squared standard deviations, are left
 # out
 SILENT = 1e-7
+# from this size on substitution saves more than one call for many matrices
+LARGE = 60
 COMMON, VARYING, OWN = "common", "varying", "own"
+
+
+def lower_solve(root: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """L^-1 right of many lower factors (n, m, m), right (n, m, k); of large ones one after another, by substitution."""
+    if root.shape[-1] < LARGE:
+        return np.linalg.solve(root, right)
+    return np.array([linalg.solve_triangular(a, b, lower=True) for a, b in zip(root, right, strict=True)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,8 +239,8 @@ class FarmSystem:
     def evidences(
         self, products: np.ndarray, constant: np.ndarray, common_std: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """ln p (n,) of several such products (n, n_a, n_a), z and e integrated out, up to a constant; mean of (z, e)
-        and lower factor of its precision. common_std (n_e,) or (n, n_e)."""
+        """ln p (n,) of several such products (n, n_a, n_a), z and e integrated out, up to a constant; lower factor L of
+        the precision of (z, e) and L^T times their mean, before it. common_std (n_e,) or (n, n_e)."""
         mean, prior = self.layout.prior
         precision, right = np.array(products[:, 1:, 1:]), np.array(products[:, 1:, 0])
         precision[:, : self.n_z, : self.n_z] += prior
@@ -239,10 +248,10 @@ class FarmSystem:
         precision[:, own, own] += 1 / common_std**2
         right[:, : self.n_z] += prior @ mean
         root = np.linalg.cholesky(precision)
-        half = np.linalg.solve(root, right[..., None])
-        value = constant - 0.5 * products[:, 0, 0] + 0.5 * np.sum(half[..., 0] ** 2, axis=1)
+        half = lower_solve(root, right[..., None])[..., 0]
+        value = constant - 0.5 * products[:, 0, 0] + 0.5 * np.sum(half**2, axis=1)
         value = value - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) - np.log(common_std).sum(axis=-1)
-        return value, np.linalg.solve(np.swapaxes(root, 1, 2), half)[..., 0], root
+        return value, half, root
 
     def log_density(self, tau: np.ndarray, common_std: np.ndarray) -> np.ndarray:
         """ln p(all data | tau, scales) (n,), up to a constant: z, e, every a_i and xi_i integrated out; tau (n,
@@ -252,17 +261,18 @@ class FarmSystem:
     def conditional(self, tau: np.ndarray, common_std: np.ndarray) -> Conditional:
         """z and e, given all data."""
         products, constant = self.whole(tau)
-        _, mean, root = self.evidences(products[None], constant[None], common_std)
-        return Conditional(mean=mean[0], root=root[0], n_z=self.n_z)
+        _, half, root = self.evidences(products[None], constant[None], common_std)
+        mean = linalg.solve_triangular(root[0], half[0], lower=True, trans=1)
+        return Conditional(mean=mean, root=root[0], n_z=self.n_z)
 
     def draw(
         self, tau: np.ndarray, common_std: np.ndarray, rng: np.random.Generator, candidates: int = 1
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """z (n, n_z), e (n, n_e), and for each so many d (n_candidate, n, n_turbine, n_param), of tau (n, n_varying),
         common_std (n, n_e): exactly of the posterior given these."""
-        _, mean, root = self.evidences(*self.whole(tau), common_std)
-        normal = rng.standard_normal(mean.shape)
-        joint = mean + np.linalg.solve(np.swapaxes(root, 1, 2), normal[..., None])[..., 0]
+        _, half, root = self.evidences(*self.whole(tau), common_std)
+        normal = half + rng.standard_normal(half.shape)
+        joint = np.linalg.solve(np.swapaxes(root, 1, 2), normal[..., None])[..., 0]
         n_c, n_own = len(self.columns), self.layout.own.shape[1]
         a_normal = rng.standard_normal((candidates, len(tau), len(self.products), n_c, 1))
         own_normal = rng.standard_normal((candidates, len(tau), len(self.products), n_own, 1))
