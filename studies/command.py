@@ -63,8 +63,10 @@ STUDIES = {
         seeds="the number of the case", takes="hours"),
     "farm": Study(
         question="How many turbine-months an hour, and what does a year of 70 turbines take?",
-        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),),
-        seeds="1 to 4", takes="ten minutes"),
+        runs=(("run.py", OUT), ("joint.py", OUT), ("joint_cost.py", OUT)),
+        quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),
+               ("joint.py", OUT, "--farms", "4")),
+        seeds="1 to 4, of drawn farms 0 to 199", takes="half an hour"),
     "faults": Study(
         question="What is lost where the machine fails while a command writes?",
         runs=(("faults.py", OUT, "48213"), ("fuzz_inputs.py", OUT, "48213", "600")),
