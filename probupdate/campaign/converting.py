@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description, read_description
+from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import opened
@@ -74,14 +76,15 @@ def convert(
     notes: list[str] = []
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
-    for number, path in enumerate(found):
+    for number, paths in enumerate(found):
         progress("converting files", number, len(found))
-        name = path.relative_to(sources if sources.is_dir() else sources.parent).as_posix()
-        key = _key(path, words)
+        above = sources if sources.is_dir() else sources.parent
+        name = " + ".join(p.relative_to(above).as_posix() for p in paths)
+        key = _key(paths, words)
         entry = record.get(name)
         if entry is not None:
             if entry["key"] != key:
-                raise InputError(str(path), "or its description changed after it was converted",
+                raise InputError(str(paths[0]), "or its description changed after it was converted",
                                  f"delete what came of it ({', '.join(entry['files'][:3])} ...) and its entry in "
                                  f"{folder / RECORD}, or convert into a new folder")
             lost = [f for f in entry["files"] if not (folder / f).is_file()]
@@ -92,23 +95,25 @@ def convert(
             samples += entry["samples"]
             spans += [(pd.Timestamp(a), pd.Timestamp(b), name) for a, b in entry["spans"]]
             continue
-        outputs, count, said, own = _one_source(path, name, described, head, folder, key)
+        outputs, count, said, own = _one_source(paths, name, described, head, folder, key)
+        joined = _agreeing(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
+                           str(paths[0]))
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
                         "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}
         _write_record(folder / RECORD, record)
         written += outputs
         samples += count
-        notes += said
+        notes += [*said, *joined]
         spans += [(a, b, name) for a, b in own]
     progress("converting files", len(found), len(found))
-    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples,
-                      notes=(*notes, *_overlaps(spans)))
+    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples, notes=tuple(notes))
 
 
-def _found(sources: Path, described: Description) -> list[Path]:
-    """The described files, in order of their names; none may lie outside through a link."""
+def _found(sources: Path, described: Description) -> list[tuple[Path, ...]]:
+    """The described files, in order of their names, those that join_pattern joins together; none may lie outside
+    through a link."""
     if sources.is_file():
-        return [sources]
+        return [(sources,)]
     if not sources.is_dir():
         raise InputError(str(sources), "is neither a folder nor a file", "give where the files to convert lie")
     inside = sources.resolve()
@@ -121,14 +126,25 @@ def _found(sources: Path, described: Description) -> list[Path]:
         input_file(path, f"remove it, or mend files in {described.path}")
         if not path.resolve().is_relative_to(inside):
             raise InputError(str(path), "leads out of the folder of the sources", "copy the file there")
-    return found
+    if described.join_pattern is None:
+        return [(path,) for path in found]
+    joined: dict[str, list[Path]] = {}
+    for path in found:
+        alike = re.search(described.join_pattern, path.name)
+        if alike is None:
+            raise InputError(str(path), f"its name does not hold '{described.join_pattern}'",
+                             "mend join_pattern or files")
+        joined.setdefault(alike[1] or "", []).append(path)
+    return [tuple(paths) for paths in joined.values()]
 
 
-def _key(path: Path, words: bytes) -> str:
+def _key(paths: Sequence[Path], words: bytes) -> str:
     # what it holds, not its time: a copy of a folder is the same source
-    with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
-        content = hashlib.file_digest(file, "sha256").hexdigest()
-    return hashlib.sha256(f"{content}\n".encode() + words).hexdigest()
+    content = ""
+    for path in paths:
+        with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
+            content += f"{hashlib.file_digest(file, 'sha256').hexdigest()}\n"
+    return hashlib.sha256(content.encode() + words).hexdigest()
 
 
 def _read_record(path: Path) -> dict:
@@ -148,23 +164,59 @@ def _write_record(path: Path, record: dict) -> None:
     write_json(path, dict(sorted(record.items())))
 
 
-def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:
-    spans = sorted(spans)
-    double = [(a[2], b[2]) for a, b in pairwise(spans) if b[0] < a[1]]
-    if not double:
-        return []
-    return [f"{len(double)} records overlap, first those of {double[0][0]} and {double[0][1]}: where they do, the one "
-            "that starts first is used"]
+def _agreeing(
+    own: Sequence[tuple[pd.Timestamp, pd.Timestamp]], outputs: Sequence[Path],
+    spans: Sequence[tuple[pd.Timestamp, pd.Timestamp, str]], folder: Path, record: Mapping, overruled: Sequence[str],
+    rate_hz: float, source: str,
+) -> list[str]:
+    """A sentence where records of this source and of earlier ones overlap and agree; where they do not, its files are
+    removed and InputError names both."""
+    said: dict[str, int] = {}
+    earlier = {name: list(zip(e["files"], e["spans"], strict=True)) for name, e in record.items()}
+    for (start, end), path in zip(own, outputs, strict=True):
+        for other in dict.fromkeys(name for a, b, name in spans if a < end and start < b):
+            for file, (a, b) in earlier[other]:
+                begin, last = max(start, pd.Timestamp(a)), min(end, pd.Timestamp(b))
+                count = round((last - begin).total_seconds() * rate_hz)
+                if count < 1:
+                    continue
+                since = (begin - start, begin - pd.Timestamp(a))
+                if "overlap" not in overruled and not _same_samples(path, folder / file, since, count, rate_hz):
+                    for written in outputs:
+                        written.unlink()
+                    raise InputError(source, f"overlaps {other} by {count} samples from {begin:%Y-%m-%dT%H:%M:%S.%fZ} "
+                                     "and differs from it there", "keep the right one of the two in `files`, or write "
+                                     'overrule = ["overlap"] in convert.toml, which uses the one that starts first')
+                said[other] = said.get(other, 0) + count
+    words = "where the one that starts first is used" if "overlap" in overruled else "which agree"
+    return [f"{source} and {other} overlap by {count} samples, {words}" for other, count in said.items()]
+
+
+def _same_samples(one: Path, other: Path, since, count: int, rate_hz: float) -> bool:
+    """Whether two records hold the same, a lost sample being like any; since: from the start of each."""
+    first = [round(s.total_seconds() * rate_hz) for s in since]
+    if abs((since[0] - since[1]).total_seconds() * rate_hz - (first[0] - first[1])) > OFFSET:
+        return False
+    found = []
+    for path, row in zip((one, other), first, strict=True):
+        with open_hdf5(path, "cannot be read", "convert again") as file:
+            found.append(file["data"][row: row + count].astype(float))
+    size = min(len(f) for f in found)
+    a, b = found[0][:size], found[1][:size]
+    scale = np.nanmax(np.abs([a, b]), initial=0.0)
+    # where either is lost the comparison is False
+    return not np.any(np.abs(a - b) > SAME_VALUE * scale)
 
 
 # One source ---------------------------------------------------------------------------------------------------------
 
 
-def _one_source(path: Path, name: str, described: Description, head: CampaignHead, folder: Path, key: str):
+def _one_source(paths: Sequence[Path], name: str, described: Description, head: CampaignHead, folder: Path, key: str):
     """(files, samples, notes, (start, end) of each): the source's samples on the campaign's clock."""
+    path = paths[0]
     clock = file_clock(path, described, head.sampling_rate_hz)
     writer = _Writer(folder, name, key, head)
-    own, pieces = opened(path, described)
+    own, pieces = opened(path, described, rate_hz=head.sampling_rate_hz, joined=paths[1:])
     refuse_other_rate(str(path), own, head.sampling_rate_hz, described.overrule)
     factor, words = _factors(path, own, head, described)
     lost, markers = 0, [v for v in described.lost if not isinstance(v, str)]
@@ -184,7 +236,7 @@ def _one_source(path: Path, name: str, described: Description, head: CampaignHea
     outputs, spans, count = writer.close()
     if not count:
         raise InputError(str(path), "holds no sample", "leave it out of `files`")
-    notes = [f"{name}: {text}" for text in (*words, *clock.notes())]
+    notes = [f"{name}: {text}" for text in (*own.notes, *words, *clock.notes())]
     if lost:
         notes.append(f"{name}: {lost} values are lost (NaN)")
     return outputs, count, notes, spans

@@ -47,7 +47,9 @@ class _Written:
     skip_rows: Annotated[int, Range(0, 1e9)] = 0
     units_row: Annotated[int, Range(1, 1e9)] | None = None
     lost: tuple[float | str, ...] = ()
-    overrule: tuple[Literal["unit", "quantity", "direction", "rate"], ...] = ()
+    overrule: tuple[Literal["unit", "quantity", "direction", "rate", "start", "offset", "overlap"], ...] = ()
+    join_pattern: Text | None = None
+    decimate: bool = False
     fill_seconds: Annotated[float, Range(0, 1e9)] = 60.0
 
 
@@ -64,7 +66,10 @@ class Description:
     name. factor: channel -> what its numbers are multiplied with to be in the unit of campaign.toml, where it is given.
     encoding: of a table's text; units_row: its line, from 1, that states the columns' units. lost: numbers and words
     that stand for a lost sample. overrule: what the sources say of themselves and is wrong ("unit", "quantity",
-    "direction", "rate"). fill_seconds: gaps up to so long are filled with NaN within a file.
+    "direction", "rate", "start"), "offset" of channels from each other's samples, "overlap" that differs. join_pattern:
+    files in whose names its group is the same hold a channel each, and are read together. decimate: channels sampled at
+    a multiple of the campaign's rate are low-pass filtered and thinned. fill_seconds: gaps up to so long are filled
+    with NaN within a file.
     """
 
     path: Path
@@ -88,6 +93,8 @@ class Description:
     units_row: int | None
     lost: tuple[float | str, ...]
     overrule: tuple[str, ...]
+    join_pattern: str | None
+    decimate: bool
     fill_seconds: float
 
 
@@ -102,8 +109,9 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
         raise InputError(str(path), "says nothing of time", "add time (a column), start, or start_pattern")
     if described.start is not None and described.start_pattern is not None:
         raise InputError(str(path), "has both start and start_pattern", "keep one")
-    if described.start_pattern is not None:
-        name_pattern(described.start_pattern, f"{path}, start_pattern")
+    for key in ("start_pattern", "join_pattern"):
+        if getattr(described, key) is not None:
+            name_pattern(getattr(described, key), f"{path}, {key}")
     for key in ("columns", "factor"):
         for channel in getattr(described, key):
             if channel not in channels:

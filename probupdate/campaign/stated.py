@@ -20,7 +20,7 @@ UNITS = {
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
 # in files of other programs also these
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254,
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "inch": 0.0254,
            "ft": 0.3048}
 GRAVITIES = {"g": 9.80665, "gn": 9.80665, "mg": 9.80665e-3, "ug": 9.80665e-6, "gal": 1e-2, "mgal": 1e-5}
 OTHERS = {
@@ -30,7 +30,8 @@ OTHERS = {
     "power": ("w", "kw", "mw"), "strain": ("strain", "ustrain", "um/m", "ue"), "a moment": ("knm", "nm/rad"),
 }
 # what a sensor puts out, which `factor` turns into what it measures
-ELECTRICAL = ("v", "mv", "uv", "volt", "volts", "ma", "counts", "count", "digits", "digit", "bit", "bits", "lsb", "pc")
+ELECTRICAL = ("v", "mv", "uv", "volt", "volts", "ma", "counts", "count", "digits", "digit", "bit", "bits", "lsb", "pc",
+              "fullscale")
 # words of programs and loggers for a number that is none
 NOT_A_NUMBER = frozenset({"nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "1.#qnan", "-1.#qnan", "1.#ind",
                           "-1.#ind", "#nan"})
@@ -57,10 +58,11 @@ class Stated:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnWords:
-    """What a file says of itself: of each channel, and its sampling rate."""
+    """What a file says of itself: of each channel, and its sampling rate. notes: what was done to its samples."""
 
     channels: Mapping[str, Stated] = field(default_factory=dict)
     rate_hz: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 def known_unit(text: str) -> tuple[str, float] | None:
@@ -68,6 +70,8 @@ def known_unit(text: str) -> tuple[str, float] | None:
     plain = unicodedata.normalize("NFKC", text).strip().lower().replace("μ", "u")
     plain = re.sub(r"[\s·*^]|\*\*", "", plain).replace("sec", "s").replace("⁄", "/").replace("−", "-")
     plain = plain.strip("'\"").replace("g's", "g").replace("°", "deg")
+    if text.strip()[:2] in ("Nm", "NM"):
+        return "a moment", np.nan
     if plain in GRAVITIES:
         return "acceleration", GRAVITIES[plain]
     if plain in ELECTRICAL:

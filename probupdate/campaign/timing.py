@@ -90,7 +90,9 @@ class Clock:
         self.uneven = 0.0
         self.points: list[tuple[int, int]] = []  # row and nanoseconds, about one a second
 
-    def placed(self, time: np.ndarray | None, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
+    def placed(
+        self, time: np.ndarray | pd.DatetimeIndex | None, data: np.ndarray
+    ) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         if time is None:
             new = self.start if self.first_row == 0 else None
             self.first_row += len(data)
@@ -119,9 +121,11 @@ class Clock:
             said.append(f"times are rounded to {self.grain / self.rate:.3g} s; rows were counted between them")
         return said
 
-    def _nanoseconds(self, time: np.ndarray) -> np.ndarray:
+    def _nanoseconds(self, time: np.ndarray | pd.DatetimeIndex) -> np.ndarray:
         """(n,) int64 since 1970 UTC."""
         where, described = f"{self.path}, time", self.described
+        if isinstance(time, pd.DatetimeIndex):
+            return self._to_utc(time, where)
         if np.asarray(time).dtype.kind in "iuf" and described.time_format is None:
             value = np.asarray(time, float)
             if not np.isfinite(value).all():

@@ -474,11 +474,17 @@ def test_long_sources_are_cut_into_hours_that_follow_on(job):
     assert np.array_equal(np.concatenate([d for _, d in found]), data.astype(np.float32))
 
 
-def test_overlapping_sources_are_told(job):
-    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
+@pytest.mark.parametrize("overrule", ["", 'overrule = ["overlap"]\n'])
+def test_sources_that_overlap_and_differ_are_refused(job, overrule):
+    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n'
+                        + overrule)
     np.save(raw / "20190603100000.npy", noise())
     np.save(raw / "20190603100900.npy", noise())
-    assert "1 records overlap" in convert(raw, campaign).summary
+    if overrule:
+        assert "overlap by 600 samples, where the one that starts first is used" in convert(raw, campaign).summary
+        return
+    with pytest.raises(InputError, match=r"100900\.npy: overlaps 20190603100000\.npy by 600 samples"):
+        convert(raw, campaign)
 
 
 def test_a_missing_pyarrow_is_named(job, monkeypatch):

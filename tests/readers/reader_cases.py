@@ -256,6 +256,17 @@ def source(suffix: str):
                    for k, c in enumerate("ab")]
             write_uff_records(table[:, 1:], 5.0, two, path, start="2020-01-01T00:00Z")
             described = described.replace('time = "t"', 'time = "abscissa"')
+        elif suffix == ".sac":
+            head = np.full(158, -12345, "<i4")
+            head[[0, 5]] = np.array([0.2, 0.0], "<f4").view("<i4")
+            head[[70, 71, 72, 73, 74, 75, 76, 79, 85, 105]] = 2020, 1, 0, 0, 0, 0, 6, 500, 1, 1
+            path.write_bytes(head.tobytes() + table[:, 1].astype("<f4").tobytes())
+            described = 'files = "*"\ntime = "file"\n[columns]\na = 1\n'
+        elif suffix == ".wav":
+            from scipy.io import wavfile
+
+            wavfile.write(path, 5, table[:, 1:].astype("<f4"))
+            described = described.replace('time = "t"\ntime_unit = "s"\n', "") + "[columns]\na = 1\nb = 2\n"
         elif suffix == "struct.mat":
             from scipy.io import savemat
 
@@ -270,8 +281,8 @@ def source(suffix: str):
                 for k, name in enumerate("tab"):
                     file[name] = table[:, k][None]
         (folder / "convert.toml").write_text(described)
-        description = read_description(folder / "convert.toml", ("a", "b"))
-        return [path], lambda: sum(len(data) for _, data in opened(path, description)[1])
+        description = read_description(folder / "convert.toml", ("a",) if suffix == ".sac" else ("a", "b"))
+        return [path], lambda: sum(len(data) for _, data in opened(path, description, rate_hz=5.0)[1])
 
     return make
 
@@ -555,6 +566,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "parquet_table": (source(".parquet"), ("campaign.table_sources.read_parquet",)),
     "mat_struct": (source("struct.mat"), ("campaign.array_sources.read_mat",)),
     "uff_source": (source(".uff"), ("campaign.sources.read_uff",)),
+    "sac": (source(".sac"), ("campaign.sources.opened",)),
+    "wav": (source(".wav"), ("campaign.sources.opened",)),
     "mat5": (source("5.mat"), ("campaign.array_sources.read_mat",)),
     "mat73": (source("73.mat"), ("campaign.array_sources.read_mat",)),
     "model": (model_description, ("structure.description_file.read_description",)),
