@@ -1,7 +1,7 @@
 """Finite-element model updating of wind turbines and other structures: update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, template, modes, export, farm; beside them stand the settings that they take. All are loaded
+compare, report, demo, template, modes, export, stresses, farm; beside them stand the settings that they take. All are loaded
 when first used, so that importing the package stays light.
 """
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         select,
         sets,
         simulate,
+        stresses,
         template,
         update,
     )
@@ -45,7 +46,7 @@ __all__ = [
     "IdentificationSettings", "LikelihoodSettings", "SamplerSettings", "UpdateSettings", "__version__", "check",
     "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
     "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress", "report", "sample",
-    "select", "sets", "simulate", "template", "update",
+    "select", "sets", "simulate", "stresses", "template", "update",
 ]
 # where those are that do not go by their name in `verbs`: module, name there
 _ELSEWHERE = {

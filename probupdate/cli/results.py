@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from probupdate.cli.options import MODEL_HELP, AddCommand, modes_option, on_workers, positive, seeded
 from probupdate.cli.terminal import answer
@@ -30,6 +31,17 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
         a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
         fatigue=a.fatigue, progress=progress)
     answer(a, result, **result.content())
+
+
+def run_stresses(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+    from probupdate.lifetime.stress_files import refuse_filled
+
+    refuse_filled(Path(a.out))
+    result = probupdate.stresses(
+        a.campaign, a.run, a.fatigue, without=a.without, draws=a.draws, worst=a.worst, accept=a.accept, seed=a.seed,
+        progress=progress)
+    answer(a, result, result.write(a.out))
 
 
 def run_farm(a: argparse.Namespace, progress: Progress) -> None:
@@ -95,6 +107,21 @@ def add_commands(verb: AddCommand) -> None:
                    "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
+    seeded(p)
+
+    p = verb("stresses", run_stresses, "stress histories, damage-equivalent ranges and damage at hot spots from a measured "
+             "campaign, through a run's model and posterior")
+    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and the records")
+    p.add_argument("--run", required=True, help="directory with model.toml, posterior.nc and modes.json")
+    p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the loads "
+                   "from which the estimate begins")
+    p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
+    p.add_argument("--draws", type=positive(int, "draws"), default=8, help="draws that carry the posterior's uncertainty (8)")
+    p.add_argument("--worst", type=positive(int, "hot spots"), default=6,
+                   help="hot spots whose history is written and counted by rainflow (6)")
+    p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "
+                   "unexplained; stresses.json says so")
+    p.add_argument("--out", required=True, help="folder to write, new or empty")
     seeded(p)
 
     p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")

@@ -96,3 +96,9 @@ def drawn_ratios(ratios: np.ndarray, n: int, rng: np.random.Generator) -> np.nda
     """(n,) lognormal about the geometric mean of the ratios, with its standard error."""
     log = np.log(ratios)
     return np.exp(log.mean() + log.std(ddof=1) / np.sqrt(len(log)) * rng.standard_normal(n))
+
+
+def geometric_means(data: ModalData, states: Sequence[str] | None = None) -> dict[str, float]:
+    """Label of a mode -> geometric mean of its damping ratios in at least two sets, all or those of these states."""
+    found = {label: measured_ratios(data, label, states) for label in data.labels or ()}
+    return {label: float(np.exp(np.mean(np.log(own)))) for label, own in found.items() if len(own) > 1}

@@ -129,8 +129,8 @@ class Response:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StressModel:
     """One heading: the turbine's model, its member forces R_K(theta) - omega^2 R_M(theta) as sums of constant matrices
-    (3 n_detail, n_free), the hub's row (n_free,) along the wind. `basis` (n_free, n_basis), None: all degrees of
-    freedom."""
+    (3 n_detail, n_free), the hub's rows (n_free,) along the wind and across it, to its left. `basis` (n_free, n_basis),
+    None: all degrees of freedom."""
 
     model: AffineModel
     sensors: tuple[Sensor, ...]
@@ -144,6 +144,7 @@ class StressModel:
     coefficients: Coefficients | SubDynCoefficients
     waves: Waves
     hub: np.ndarray
+    across: np.ndarray
     frequency_hz: np.ndarray
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]]
     basis: np.ndarray | None = None
@@ -154,8 +155,8 @@ class StressModel:
 
     # the basis -------------------------------------------------------------------------------------------------------
 
-    def reduced(self, thetas: Sequence[np.ndarray]) -> StressModel:
-        """On the modes and static shapes under thrust and waves at these parameter vectors."""
+    def _slow_loads(self) -> np.ndarray:
+        """(n_free, n) thrust and waves of all states on this heading."""
         every = np.geomspace(WAVES_FROM_HZ, WAVES_TO_HZ, N_WAVE)
         inertia, drag = self._point_loads(every)
         slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
@@ -165,7 +166,18 @@ class StressModel:
         norm = np.linalg.norm(wave, axis=0)
         wave = wave[:, norm > 1e-12 * norm.max(initial=0.0)]
         left, size, _ = np.linalg.svd(wave / np.linalg.norm(wave, axis=0), full_matrices=False)
-        wave = left[:, size > LOAD_TOLERANCE * size.max(initial=0.0)]
+        return np.column_stack([self.hub, left[:, size > LOAD_TOLERANCE * size.max(initial=0.0)]])
+
+    def turned(self) -> StressModel:
+        """Under wind and waves from the right of these, by 90 degrees; rotor and nacelle as they stand."""
+        return replace(self, heading_deg=self.heading_deg + 90.0, hub=self.across, across=-self.hub)
+
+    def reduced(self, thetas: Sequence[np.ndarray], *, both_ways: bool = False) -> StressModel:
+        """On the modes and static shapes under thrust and waves at these parameter vectors; `both_ways`: also of those
+        across."""
+        slow = self._slow_loads()
+        if both_ways:
+            slow = np.hstack([slow, self.turned()._slow_loads()])
         snapshots = []
         for theta in thetas:
             K, _ = self.model.matrices(theta)
@@ -173,7 +185,7 @@ class StressModel:
             factor = sparse_linalg.splu(
                 sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
             )
-            snapshots += [phi, factor.solve(np.column_stack([self.hub, wave]))]
+            snapshots += [phi, factor.solve(slow)]
         X = np.hstack(snapshots)
         K0 = self.model.matrices(self.parameters.initial)[0]
         X = X / np.sqrt(np.einsum("ij,ij->j", X, K0 @ X))
@@ -294,7 +306,7 @@ class StressModel:
                 known[tube] = [1e-6 / tube.area(values), bending, bending]
         return np.array([x for detail in self.details for x in known[detail.section]])
 
-    def _modes(self, theta: np.ndarray, damping: Mapping[str, float]) -> _Modes:
+    def modes_at(self, theta: np.ndarray, damping: Mapping[str, float]) -> ModalStress:
         """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's
         damping."""
         K, M, RK, RM = self._at(theta)
@@ -308,7 +320,7 @@ class StressModel:
         scale = self._scale(theta)[:, None]
         plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
         hub = U.T @ self._project(self.hub)
-        return _Modes(
+        return ModalStress(
             value=value,
             U=U,
             labels=labels,
@@ -330,10 +342,10 @@ class StressModel:
         known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
         # one set of modes where both kinds of state are damped alike
         kinds = dict.fromkeys(case.state.operating for case in self.cases)
-        modes: dict[bool, _Modes] = {}
+        modes: dict[bool, ModalStress] = {}
         for kind in sorted(kinds):
             same = kind and False in modes and known.operating is known.idling
-            modes[kind] = modes[False] if same else self._modes(theta, known.of(kind))
+            modes[kind] = modes[False] if same else self.modes_at(theta, known.of(kind))
         alone = {id(m): self._alone(m) for m in modes.values()}
         slopes = {key: self._slopes(theta, m) for key, m in {id(m): m for m in modes.values()}.items()
                   } if derivatives else {}
@@ -353,12 +365,12 @@ class StressModel:
             change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
         )
 
-    def _alone(self, m: _Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _alone(self, m: ModalStress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a thrust of 1 N does without the rotor's damping: motion of the modes, stresses, motion of the hub."""
         alone = m.hub[:, None] / m.plain
         return alone, m.stress(alone), m.hub @ alone
 
-    def _of_case(self, case: Case, rate, m: _Modes, alone, thrust_alone, receptance, slopes: _Slopes | None):
+    def _of_case(self, case: Case, rate, m: ModalStress, alone, thrust_alone, receptance, slopes: _Slopes | None):
         """Moments of one case and, with slopes, their change by every parameter."""
         wet = self._wet
         closed = 1 / (1 + rate * receptance)
@@ -380,7 +392,7 @@ class StressModel:
     ) -> np.ndarray:
         """(n_detail, 3, n) complex nominal stress in MPa per N of thrust at all frequencies, or per metre of wave
         amplitude at those up to WAVES_TO_HZ."""
-        m, one = self._modes(np.asarray(theta, float), damping), self.cases[case]
+        m, one = self.modes_at(np.asarray(theta, float), damping), self.cases[case]
         n = len(m.omega) if wind else self._wet
         load = np.repeat(m.hub[:, None], n, axis=1) if wind else m.U.T @ one.load
         q = m.solved(load, 1j * m.omega * one.damping_nspm)
@@ -392,7 +404,7 @@ class StressModel:
         V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
         return labels_of_shapes(self.model, theta, V, np.sqrt(value[:n]) / (2 * np.pi))
 
-    def _slopes(self, theta: np.ndarray, m: _Modes) -> _Slopes:
+    def _slopes(self, theta: np.ndarray, m: ModalStress) -> _Slopes:
         """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with
         g = 2 zeta omega; its change by Phi's own, W_ij = (k_ij - lambda_j m_ij) / (lambda_j - lambda_i)."""
         (Kt, Mt, RKt, RMt), U, value, ratio = self._terms, m.U, m.value, m.ratio
@@ -444,7 +456,7 @@ def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Modes:
+class ModalStress:
     """One parameter vector on the basis: value (n,) omega^2, U (n_basis, n), plain (n, n_frequency) the modes' dynamic
     stiffness, RK, RM (3 n_detail, n) stresses by motion and by acceleration, scale (3 n_detail, 1)."""
 
@@ -480,7 +492,7 @@ class _Slopes:
     RM: list[np.ndarray]
     scale: np.ndarray
 
-    def of(self, q: np.ndarray, m: _Modes, rate: np.ndarray) -> list[np.ndarray]:
+    def of(self, q: np.ndarray, m: ModalStress, rate: np.ndarray) -> list[np.ndarray]:
         """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
         omega = m.omega[: q.shape[1]]
         z, changes = m.stress(q), []
@@ -576,7 +588,8 @@ def stress_model(
         mass_rows=rows[1],
         coefficients=build_coefficients(*collected, updated, fixed),
         waves=_waves(description, frame, transform, details, values),
-        hub=_hub(description, frame, transform, heading_deg),
+        hub=_hub(description, frame, transform, heading_deg, 0.0),
+        across=_hub(description, frame, transform, heading_deg, 90.0),
         frequency_hz=frozen_array(frequency_grid()),
         spectra=dict(spectra or {}),
     )
@@ -619,15 +632,17 @@ def _sparse(entries, size) -> sparse.csr_array:
     return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=size))
 
 
-def _hub(d: Description, frame: Frame, transform, heading_deg: float) -> np.ndarray:
-    """A force of 1 N at the hub along the wind, as loads on the free degrees of freedom."""
+def _hub(d: Description, frame: Frame, transform, heading_deg: float, from_wind_deg: float) -> np.ndarray:
+    """A force of 1 N at the hub of a nacelle on this heading, turned from the wind's way counter-clockwise, as loads on
+    the free degrees of freedom."""
     offset = np.array(next(body.offset_m for body in d.rna if body.name == "hub"))
     angle = np.radians(heading_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     place = np.array([0.0, 0.0, d.tower.station[-1].z_m]) + turn @ offset
     node = int(np.argmin(np.linalg.norm(frame.node_m - place, axis=1)))
     force = np.zeros(transform.shape[0])
-    force[6 * node : 6 * node + 2] = [np.cos(angle), np.sin(angle)]
+    way = angle + np.radians(from_wind_deg)
+    force[6 * node : 6 * node + 2] = [np.cos(way), np.sin(way)]
     return frozen_array(transform.T @ force)
 
 

@@ -305,15 +305,16 @@ def subdyn_stress_model(
         mass_rows=held["M"],
         coefficients=Coefficients(names, tuple(rows["K"]), tuple(rows["M"]), tuple(fixed.items())),
         waves=_waves(own, site, details),
-        hub=_hub(own, site, heading_deg, where),
+        hub=_hub(own, site, heading_deg, 0.0, where),
+        across=_hub(own, site, heading_deg, 90.0, where),
         frequency_hz=frozen_array(frequency_grid()),
         spectra=dict(spectra or {}),
     )
 
 
-def _hub(own: Opened, site: Site, heading_deg: float, where: str) -> np.ndarray:
-    """A force of 1 N at the hub along the wind, as loads on the free degrees of freedom; the hub follows its joint and
-    turns with the heading."""
+def _hub(own: Opened, site: Site, heading_deg: float, from_wind_deg: float, where: str) -> np.ndarray:
+    """A force of 1 N at the hub, turned from the wind's way counter-clockwise, as loads on the free degrees of freedom;
+    the hub follows its joint and turns with the heading."""
     joint = site.hub_joint
     if joint is None:
         if own.description.tower is None:
@@ -327,7 +328,8 @@ def _hub(own: Opened, site: Site, heading_deg: float, where: str) -> np.ndarray:
         raise InputError(f"{where}: site.hub_joint", f"joint {joint} is not in {own.file.where}", "mend its number")
     angle = np.radians(heading_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    wind = np.array([np.cos(angle), np.sin(angle), 0.0])
+    way = angle + np.radians(from_wind_deg)
+    wind = np.array([np.cos(way), np.sin(way), 0.0])
     dofs = own.frame.node_dofs(own.frame.node_of[joint])
     if dofs[-1] < 0:
         raise InputError(f"{where}: site.hub_joint", f"joint {joint} turns", "take a rigid joint")

@@ -4,6 +4,7 @@ from probupdate.verbs.checking import check
 from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
 from probupdate.verbs.finishing import diagnose, export, figures, report
 from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
+from probupdate.verbs.lifetime_steps import stresses
 from probupdate.verbs.models import model_modes, model_path, open_model
 from probupdate.verbs.records import check_setups, convert
 from probupdate.verbs.sought import modes_of_interest
@@ -26,6 +27,7 @@ __all__ = [
     "identify_shard",
     "identifying",
     "inform",
+    "lifetime_steps",
     "model_modes",
     "model_path",
     "models",
@@ -39,6 +41,7 @@ __all__ = [
     "sets",
     "simulate",
     "sought",
+    "stresses",
     "template",
     "templates",
     "unmatched",

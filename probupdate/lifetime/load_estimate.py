@@ -1,0 +1,261 @@
+"""Loads from measured motion, and the stresses that follow: a Wiener smoother in the frequency domain.
+
+At each frequency line the readings are y = H p + e. p are amplitudes of unknown loads: thrust along and across the wind,
+waves from two directions, and a force on each of the first modes for whatever else loads them. H = L(omega) q(omega)
+holds what accelerometers read of the structure's motion, gravity through their tilt included, so that slow bending, of
+which the acceleration itself is lost in noise, is seen. With densities D of the loads and N of the noise the loads given
+the record are Gaussian, with mean A y and covariance P, A = D H^H (H D H^H + N)^-1, P = D - A H D; stresses are linear in
+p, quasi-static response to each load included. D and N are learnt of the records in bands of a third of an octave
+(expectation and maximisation), beginning at the loads that fatigue.toml states: a load that the sensors do not see keeps
+its stated density, and what it adds to a stress is counted as uncertain.
+
+Sources: Maes et al., Mech. Syst. Signal Process. 64-65 (2015) 456-474 (loads and states as unknowns); Dempster, Laird and
+Rubin, J. R. Stat. Soc. B 39 (1977) 1-38 (learning of D and N).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from probupdate.lifetime.damping import StateDamping
+from probupdate.lifetime.stress import HIGHEST_HZ, LOWEST_HZ, Case, ModalStress, StressModel
+from probupdate.runtime.arrays import frozen_array
+
+# densities are constant in bands of this ratio, learnt of so many lines of each, in so many steps
+BAND, LINES, STEPS = 2 ** (1 / 3), 8, 30
+# the upper end of what is used of a record, over its sampling rate: below a logger's anti-aliasing filter
+USED_OF_RATE = 0.4
+# share of readings that the model misses, as its shapes do: the model-discrepancy standard deviation of a shape
+SHAPE_ERROR = 0.01
+# unit of a channel's quantity in terms of its acceleration: divisions by i omega
+INTEGRATED = {"acceleration": 0, "velocity": 1, "displacement": 2}
+CHUNK = 256
+
+
+def used_lines(n_sample: int, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers and frequencies (n_line,) of a record's Fourier lines that are used: from one cycle in ten minutes on."""
+    line = np.fft.rfftfreq(n_sample, 1 / rate_hz)
+    number = np.flatnonzero((line >= LOWEST_HZ * (1 - 1e-9)) & (line <= min(HIGHEST_HZ, USED_OF_RATE * rate_hz)))
+    return number, line[number]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Driven:
+    """A structure under unit loads at frequency lines (n_line,), in the coordinates of its modes on a basis.
+
+    constant (n_basis, n_constant): unit forces that are alike at all frequencies; wave (2, n_basis, n_wet) and own (2,
+    n_stress, n_wet): loads of a metre of wave amplitude at the first n_wet lines, and what of them does not go through
+    the details' members; motion, tilt (n_channel, n_basis): rows of the channels, tilt times gravity; order (n_channel,)
+    how often a channel's quantity is integrated; stated (n_input, n_line): densities of the loads before any record.
+    """
+
+    frequency_hz: np.ndarray
+    modes: ModalStress
+    constant: np.ndarray
+    wave: np.ndarray
+    own: np.ndarray
+    motion: np.ndarray
+    tilt: np.ndarray
+    order: np.ndarray
+    stated: np.ndarray
+    names: tuple[str, ...]
+
+    @property
+    def n_constant(self) -> int:
+        return self.constant.shape[1]
+
+    def unit_motion(self, lines: np.ndarray) -> np.ndarray:
+        """(n, n_basis, n_input) complex motion of the modes at these lines under each unit load."""
+        plain = self.modes.plain[:, lines].T
+        q = np.zeros((len(lines), plain.shape[1], self.n_constant + 2), complex)
+        q[:, :, : self.n_constant] = self.constant / plain[:, :, None]
+        wet = lines < self.wave.shape[2]
+        q[wet, :, self.n_constant :] = self.wave[:, :, lines[wet]].transpose(2, 1, 0) / plain[wet][:, :, None]
+        return q
+
+    def read(self, lines: np.ndarray) -> np.ndarray:
+        """(n, n_channel, n_input) H: what the channels read under each unit load."""
+        q, omega = self.unit_motion(lines), self.modes.omega[lines]
+        felt = _real_times(self.motion, q) * omega[:, None, None] ** 2 + _real_times(self.tilt, q)
+        return -felt / (1j * omega[:, None])[:, :, None] ** self.order[None, :, None]
+
+    def stress(self, load: np.ndarray) -> np.ndarray:
+        """(n_stress, n_line) complex nominal stress in MPa of loads (n_input, n_line)."""
+        n, wet = self.n_constant, self.wave.shape[2]
+        total = self.constant @ load[:n].real + 1j * (self.constant @ load[:n].imag)
+        for j in range(2):
+            total[:, :wet] += self.wave[j] * load[n + j, :wet]
+        found = self.modes.stress(total / self.modes.plain)
+        for j in range(2):
+            found[:, :wet] -= self.own[j] * load[n + j, :wet]
+        return found
+
+    def unit_stress(self, lines: np.ndarray) -> np.ndarray:
+        """(n, n_stress, n_input) nominal stress under each unit load."""
+        q, m = self.unit_motion(lines), self.modes
+        found = _real_times(m.RK, q) - _real_times(m.RM, q * m.omega[lines][:, None, None] ** 2)
+        wet = lines < self.wave.shape[2]
+        found[wet, :, self.n_constant :] -= self.own[:, :, lines[wet]].transpose(2, 1, 0)
+        return found
+
+
+def both_ways(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple[Case, Case]:
+    """Loads of one of the model's states at these frequencies, along the wind and across it."""
+    one = model.conditions.model_copy(update={"state": (model.conditions.state[state],)})
+    model = replace(model, frequency_hz=frequency_hz, conditions=one)
+    return model.cases[0], model.turned().cases[0]
+
+
+def driven(
+    model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
+    frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
+) -> Driven:
+    """`model`, reduced both ways, at theta under the loads `both_ways` of a state. `order` (n_channel,): see `Driven`;
+    n_modal: modes with a force of their own."""
+    model = replace(model, frequency_hz=frequency_hz)
+    case, other = cases
+    known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
+    m = model.modes_at(theta, known.of(case.state.operating))
+    basis = np.eye(model.model.n_dof) if model.basis is None else model.basis
+    V = basis @ m.U
+    n_modal = min(n_modal, V.shape[1])
+    thrust = V.T @ np.column_stack([model.hub, model.across])
+    wave = np.array([m.U.T @ c.load for c in (case, other)])
+    elevation = np.zeros(len(frequency_hz))
+    elevation[: len(case.elevation)] = case.elevation
+    # what else loads a mode is taken to be as much as these, before any record
+    others = thrust[:n_modal] ** 2 @ np.array([case.thrust, case.thrust])
+    others[:, : wave.shape[2]] += np.sum(np.abs(wave[:, :n_modal]) ** 2, axis=0) * case.elevation
+    structure = model.model
+    rows = structure.channel_rows(theta) @ V
+    n = len(structure.channels)
+    held = np.zeros(n) if structure.gravity is None else structure.gravity.at(np.asarray(theta, float))
+    tilt = held[:, None] * rows[n:] if structure.tilt_matrix is not None else np.zeros_like(rows[:n])
+    # a displacement transducer feels no gravity
+    tilt = np.where((order < 2)[:, None], tilt, 0.0)
+    return Driven(
+        frequency_hz=frozen_array(frequency_hz), modes=m,
+        constant=frozen_array(np.column_stack([thrust, np.eye(V.shape[1])[:, :n_modal]])),
+        wave=wave, own=np.array([m.scale * c.own for c in (case, other)]),
+        motion=frozen_array(rows[:n]), tilt=frozen_array(tilt), order=frozen_array(order, int),
+        stated=frozen_array(_above_zero(np.vstack([case.thrust, case.thrust, others, elevation, elevation]))),
+        names=("thrust along the wind", "thrust across the wind", *(f"mode {k + 1}" for k in range(n_modal)),
+               "waves along the wind", "waves across the wind"))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Smoother:
+    """Loads given readings: gain (n_line, n_input, n_channel); load (n_input, n_line) and noise (n_line, n_channel)
+    densities as learnt; `of` the structure."""
+
+    of: Driven
+    load: np.ndarray
+    noise: np.ndarray
+    gain: np.ndarray
+
+    def estimate(self, readings: np.ndarray) -> np.ndarray:
+        """(n_input, n_line) expected loads given readings (n_line, n_channel) complex."""
+        return np.matmul(self.gain, readings[:, :, None])[:, :, 0].T
+
+    def unresolved(self, lines: np.ndarray) -> np.ndarray:
+        """(n, n_input, n_input) covariance P of the loads given any readings, at these lines."""
+        H, D = self.of.read(lines), self.load[:, lines].T
+        P = -np.matmul(self.gain[lines], H * D[:, None, :])
+        P[:, np.arange(P.shape[1]), np.arange(P.shape[1])] += D
+        return 0.5 * (P + np.conj(P.transpose(0, 2, 1)))
+
+
+def smoother(of: Driven, cross: np.ndarray, channels: np.ndarray) -> Smoother:
+    """Learnt from the mean cross-spectral densities `cross` (n_line, n_channel, n_channel) of records with these
+    channels (numbers) alike in load; other channels are not used."""
+    f = of.frequency_hz
+    band = _bands(f)
+    auto = np.real(np.einsum("lcc->lc", cross))
+    load, noise = np.array(of.stated), np.zeros_like(auto)
+    middle, learnt_load, learnt_noise = [], [], []
+    for first, last in band:
+        lines = np.unique(np.linspace(first, last - 1, min(LINES, last - first)).astype(int))
+        D, nu = _learn(of.read(lines)[:, channels], cross[lines], np.mean(of.stated[:, lines], axis=1),
+                       SHAPE_ERROR**2 * np.mean(auto[lines], axis=0))
+        middle.append(np.log(np.mean(f[lines])))
+        learnt_load.append(np.log(D / np.mean(of.stated[:, lines], axis=1)))
+        learnt_noise.append(np.log(nu))
+    at = np.log(f)
+    for i in range(len(load)):
+        load[i] *= np.exp(np.interp(at, middle, [x[i] for x in learnt_load]))
+    smooth = np.exp(_between(at, middle, np.log([np.mean(auto[a:b], axis=0) for a, b in band])))
+    noise = np.exp(np.interp(at, middle, learnt_noise))[:, None] + SHAPE_ERROR**2 * smooth
+    gain = np.empty((len(f), len(load), len(channels)), complex)
+    for start in range(0, len(f), CHUNK):
+        lines = np.arange(start, min(start + CHUNK, len(f)))
+        gain[lines] = _gain(of.read(lines)[:, channels], load[:, lines].T, noise[lines])
+    return Smoother(of=replace(of, motion=of.motion[channels], tilt=of.tilt[channels], order=of.order[channels]),
+                    load=load, noise=noise, gain=gain)
+
+
+def _above_zero(density: np.ndarray) -> np.ndarray:
+    """A density of zero is one that no record could change."""
+    return np.maximum(density, np.maximum(1e-9 * np.max(density, axis=1, keepdims=True), 1e-300))
+
+
+def _bands(f: np.ndarray) -> list[tuple[int, int]]:
+    """First and last number of the lines of each band; three lines at least."""
+    found, start = [], 0
+    while start < len(f):
+        end = max(int(np.searchsorted(f, f[start] * BAND)), start + 3)
+        end = len(f) if len(f) - end < 3 else end
+        found.append((start, end))
+        start = end
+    return found
+
+
+def _learn(
+    H: np.ndarray, cross: np.ndarray, load: np.ndarray, missed: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Densities of the loads (n_input,) and of a noise that all channels have, from H (n, n_channel, n_input) and mean
+    cross-spectral densities (n, n_channel, n_channel); `missed` (n_channel,) of the readings the model does not follow.
+    Each step makes the records more probable."""
+    auto = np.real(np.einsum("lcc->lc", cross))
+    nu = 0.01 * float(np.mean(auto)) + 1e-300
+    for _ in range(STEPS):
+        N = nu + missed
+        A = _gain(H, np.broadcast_to(load, (len(H), len(load))), np.broadcast_to(N, (len(H), len(N))))
+        AS = np.matmul(A, cross)
+        expected = np.real(np.einsum("lic,lic->li", AS, np.conj(A)))
+        left = load - np.real(np.einsum("lic,lci->li", A, H)) * load
+        # the residual's density and what it says of the common noise
+        W = np.eye(H.shape[1]) - np.matmul(H, A)
+        residual = np.real(np.einsum("lcd,lde,lce->lc", W, cross, np.conj(W), optimize=True))
+        spread = np.real(np.einsum("lci,lic->lc", H, A)) * N
+        load = np.maximum(np.mean(expected + left, axis=0), 1e-300)
+        share = nu / N
+        nu = float(np.mean(share**2 * np.mean(residual + spread, axis=0) + nu * (1 - share)))
+    return load, nu
+
+
+def _gain(H: np.ndarray, load: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(n, n_input, n_channel) D H^H (H D H^H + N)^-1; load (n, n_input), noise (n, n_channel)."""
+    HD = H * load[:, None, :]
+    S = np.matmul(HD, np.conj(H.transpose(0, 2, 1)))
+    # of one scale, as channels and bands differ by many orders of magnitude
+    scale = 1 / np.sqrt(np.real(np.einsum("lcc->lc", S)) + noise)
+    S = S * scale[:, :, None] * scale[:, None, :]
+    S[:, np.arange(S.shape[1]), np.arange(S.shape[1])] += noise * scale**2
+    solved = np.linalg.solve(S, HD * scale[:, :, None])
+    return np.conj(solved.transpose(0, 2, 1)) * scale[:, None, :]
+
+
+def _between(at: np.ndarray, middle: list[float], values: np.ndarray) -> np.ndarray:
+    """(n_line, n_channel) linear between bands."""
+    return np.column_stack([np.interp(at, middle, values[:, c]) for c in range(values.shape[1])])
+
+
+def _real_times(real: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n, a, i) of a real matrix (a, b) times complex (n, b, i)."""
+    n, _, i = x.shape
+    both = np.concatenate([x.real, x.imag], axis=2)
+    found = np.matmul(real, both)
+    return found[:, :, :i] + 1j * found[:, :, i:]

@@ -1,0 +1,464 @@
+"""Stresses at hot spots of the blocks of a campaign: loads estimated from the readings, at a posterior's parameters.
+
+Of every block the damage-equivalent ranges and the damage of each hot spot follow from the moments of its stress spectrum,
+expectation plus what the sensors do not resolve; of the worst ones the history is counted by rainflow as a second route.
+What the posterior leaves open is carried by draws: the same blocks at other parameters, with the loads learnt anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.blocks import Block, block_files, block_id, read_block
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.scada import StateRule, block_conditions
+from probupdate.errors import InputError
+from probupdate.identification.environment import fore_aft_deg
+from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
+from probupdate.lifetime.damping import StateDamping
+from probupdate.lifetime.details import Detail, HotSpot, weights
+from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
+from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
+from probupdate.lifetime.spectral import rainflow, ranges
+from probupdate.lifetime.stress import Case, StressModel
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+
+# nacelle headings are taken to the nearest of these steps: thrust and waves across the wind are unknowns too
+HEADING_STEP_DEG = 30.0
+# ends of a block that fade, each as a share of it: what leaks from them is below 1e-4 of a resonance's amplitude there
+FADE = 0.05
+# modes with a force of their own
+MODAL = 10
+# blocks at which draws are evaluated, spread over the record; blocks of which the cross spectra are a mean
+DRAWN_BLOCKS, LEARNT_BLOCKS = 6, 24
+# of so many pairs of heading and state, those with most blocks
+DRAWN_GROUPS = 4
+# a channel with more samples lost than this is left out of a block; fewer are taken as zero, a thousandth of its power
+LOST = 1e-3
+# variance of a spot's stress that the sensors must resolve: the rest then adds at most 5 % to its ranges
+OBSERVABLE = 0.9
+TEN_MINUTES_S = 600.0
+RESAMPLED = 400
+IDLING = "idling"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressSettings:
+    """n_draw: draws of the posterior that carry its uncertainty; n_worst: hot spots whose history is written and counted;
+    seed of both."""
+
+    n_draw: int = 8
+    n_worst: int = 6
+    seed: int = 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BlockStress:
+    """Of one block: equivalent_mpa (2, n_spot) constant ranges that at one cycle a second do the same damage, for m = 3
+    and 5; damage_per_hour, resolved (n_spot,): Miner's sum, and the share of the stress' variance that the readings
+    resolve; n_channel: whole channels."""
+
+    id: str
+    state: str
+    conditions: Mapping[str, float | str]
+    heading_deg: float
+    equivalent_mpa: np.ndarray
+    damage_per_hour: np.ndarray
+    resolved: np.ndarray
+    n_channel: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class History:
+    """Nominal hot-spot stress of a block in MPa: time_s (n_sample,), stress_mpa (n_sample, n_worst), and the damage of
+    its ten-minute pieces by rainflow over that of the same history by its spectrum (n_worst,)."""
+
+    id: str
+    time_s: np.ndarray
+    stress_mpa: np.ndarray
+    rainflow_over_spectrum: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredStress:
+    """blocks; the spots with their details; worst (n_worst,) spots; draw_ratio (n_draw, n_spot): damage at each draw over
+    that at the posterior's mean; stated_per_hour: of each state the damage (n_spot,) by the loads of fatigue.toml."""
+
+    blocks: tuple[BlockStress, ...]
+    details: tuple[Detail, ...]
+    spots: tuple[HotSpot, ...]
+    conditions: Conditions
+    worst: np.ndarray
+    draw_ratio: np.ndarray
+    stated_per_hour: Mapping[str, np.ndarray]
+    histories: tuple[History, ...]
+    left_out: tuple[str, ...]
+    seed: int
+
+    @cached_property
+    def resolved(self) -> np.ndarray:
+        """(n_spot,) share of the variance that the readings resolve, weighted by damage over the blocks."""
+        weight = np.array([b.damage_per_hour for b in self.blocks]) + 1e-300
+        return np.sum(weight * np.array([b.resolved for b in self.blocks]), axis=0) / np.sum(weight, axis=0)
+
+    @cached_property
+    def observable(self) -> np.ndarray:
+        """(n_spot,) whether it is at least OBSERVABLE."""
+        return self.resolved >= OBSERVABLE
+
+    def per_year(self) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+        """Damage of a year (n_spot,) and its 5, 50 and 95 % quantiles (3, n_spot), each state's mean by its share of
+        fatigue.toml, and the shares of the year that were measured, state by state."""
+        shares = {s.name: s.share for s in self.conditions.state}
+        by_state = {name: np.array([b.damage_per_hour for b in self.blocks if b.state == name]) for name in shares}
+        measured = {name: shares[name] for name, own in by_state.items() if len(own)}
+        hours = 24 * 365.25
+        mean = hours * sum(share * by_state[name].mean(axis=0) for name, share in measured.items())
+        rng = np.random.default_rng(self.seed)
+        drawn = []
+        for _ in range(RESAMPLED):
+            total = np.zeros(len(self.spots))
+            for name, share in measured.items():
+                own = by_state[name]
+                total += share * own[rng.integers(len(own), size=len(own))].mean(axis=0)
+            drawn.append(hours * total * self.draw_ratio[rng.integers(len(self.draw_ratio))])
+        return mean, np.quantile(drawn, (0.05, 0.5, 0.95), axis=0), measured
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Planned:
+    """A usable block: where it lies, and under which heading and stated loads it is looked at."""
+
+    start: pd.Timestamp
+    files: tuple
+    conditions: Mapping[str, float | str]
+    heading_deg: float
+    state: int
+
+
+def measured_stresses(
+    campaign: Campaign, model: Path, fatigue: Path, draws: np.ndarray, damping: StateDamping, *,
+    names: Sequence[str] = (), felt: Mapping[str, bool] | None = None, without: Sequence[str] = (), settings: StressSettings | None = None,
+    progress: Progress = silent,
+) -> MeasuredStress:
+    """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of parameters of
+    these names where they are given; damping: measured ratios; felt: what is stated of gravity in channels' readings; without: channels not to be used.
+
+    Raises InputError where no channel of the campaign is one of the model's, or no block is whole."""
+    settings = settings or StressSettings()
+    conditions = read_conditions(fatigue)
+    spectra = thrust_spectra(conditions, fatigue)
+    planned = _plan(campaign, conditions)
+    work = _Work(campaign, model, conditions, spectra, draws, names, damping, felt or {}, tuple(without), settings)
+    groups: dict[tuple[float, int], list[_Planned]] = {}
+    for one in planned:
+        groups.setdefault((one.heading_deg, one.state), []).append(one)
+    found, ratios, stated = [], [], {}
+    done, largest = 0, sorted(groups, key=lambda key: (-len(groups[key]), key))[:DRAWN_GROUPS]
+    for (heading, state), own in sorted(groups.items()):
+        group = work.group(heading, state, own)
+        for one in own:
+            progress("stresses", done, len(planned))
+            found.append(group.block(one))
+            done += 1
+        if (heading, state) in largest:
+            ratios.append(group.draw_ratio(own))
+        stated.setdefault(conditions.state[state].name, group.stated_per_hour())
+    progress("stresses", len(planned), len(planned))
+    blocks = tuple(sorted((b for b in found if b is not None), key=lambda b: b.id))
+    if not blocks:
+        raise InputError(str(campaign.path), "no block is whole with a channel of the model in it",
+                         "see `probupdate check` for what its records lack")
+    damage = np.array([b.damage_per_hour for b in blocks])
+    worst = _one_a_side(work.spots, damage.mean(axis=0), settings.n_worst)
+    top = blocks[int(np.argmax(np.max(damage[:, worst] / damage.mean(axis=0)[worst], axis=1)))].id
+    histories = work.histories([p for p in planned if work.id_of(p) == top], worst)
+    counted = [r for r in ratios if r is not None]
+    return MeasuredStress(
+        blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
+        draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
+        histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed)
+
+
+def _plan(campaign: Campaign, conditions: Conditions) -> list[_Planned]:
+    rule = StateRule(rated_power_kw=campaign.rated_power_kw)
+    found = []
+    for start, files in block_files(campaign).items():
+        known = block_conditions(campaign.scada, start, campaign.block_minutes, rule)
+        angle = fore_aft_deg(known, campaign)
+        heading = HEADING_STEP_DEG * round(angle / HEADING_STEP_DEG) % 360
+        found.append(_Planned(start=start, files=files, conditions=known, heading_deg=heading,
+                              state=_stated_like(conditions, known)))
+    return found
+
+
+def _stated_like(conditions: Conditions, known: Mapping[str, float | str]) -> int:
+    """Number of the state of fatigue.toml that a block is most like: of its operation, where it is known, and of the
+    nearest wind."""
+    wind, state = known.get("wind_speed_mps"), known.get("state")
+    alike = [k for k, s in enumerate(conditions.state)
+             if state in (None, "unknown", "mixed") or s.operating != (state == IDLING)]
+    alike = alike or list(range(len(conditions.state)))
+    if wind is None:
+        return alike[0]
+    return min(alike, key=lambda k: abs(conditions.state[k].wind_mps - float(wind)))
+
+
+def _one_a_side(spots: Sequence[HotSpot], damage: np.ndarray, n: int) -> np.ndarray:
+    """(n,) spots of most damage, one of each side of a detail."""
+    seen: dict[tuple[int, str], int] = {}
+    for k in np.argsort(-damage):
+        seen.setdefault((spots[k].detail, spots[k].side), int(k))
+    return np.array(list(seen.values())[:n])
+
+
+class _Work:
+    """What all blocks share: stress models by heading, and the lines of a block."""
+
+    def __init__(self, campaign, model, conditions, spectra, draws, names, damping, felt, without, settings):
+        self.campaign, self.conditions, self.damping, self.settings = campaign, conditions, damping, settings
+        self._model, self._spectra, self._felt = model, spectra, felt
+        rng = np.random.default_rng(settings.seed)
+        self.draws = draws[rng.choice(len(draws), size=min(settings.n_draw, len(draws)), replace=False)]
+        self.mean = draws.mean(axis=0)
+        self._headings: dict[float, StressModel] = {}
+        first = self.at(0.0)
+        if names and tuple(names) != tuple(first.parameters.names):
+            raise InputError(str(model), f"has the parameters {', '.join(first.parameters.names)}, the posterior "
+                             f"{', '.join(names)}", "sample again with this model")
+        n = round(campaign.block_minutes * 60 * campaign.sampling_rate_hz)
+        self.number, self.frequency_hz = used_lines(n, campaign.sampling_rate_hz)
+        if len(self.frequency_hz) < 6:
+            raise InputError(str(campaign.path), f"blocks of {campaign.block_minutes:g} minutes hold no slow stress",
+                             "give block_minutes of ten and more in campaign.toml")
+        ramp = 0.5 * (1 - np.cos(np.pi * (np.arange(round(FADE * n)) + 0.5) / round(FADE * n)))
+        self.window = np.concatenate([ramp, np.ones(n - 2 * len(ramp)), ramp[::-1]])
+        self.to_density = np.sqrt(2 / (campaign.sampling_rate_hz * np.sum(self.window**2)))
+        known = {s.channel: s for s in campaign.sensors}
+        self.channels = tuple(c for c in first.model.channels if c in known and c not in without)
+        if not self.channels:
+            raise InputError(str(campaign.path), f"none of its channels ({', '.join(known)}) is one of the model's "
+                             f"({', '.join(first.model.channels)})", "name the sensors alike in both files")
+        self.unused = tuple(c for c in known if c not in self.channels)
+        self.columns = np.array([campaign.channels.index(c) for c in self.channels])
+        self.rows = np.array([first.model.channels.index(c) for c in self.channels])
+        self.order = np.zeros(len(first.model.channels), int)
+        self.order[self.rows] = [INTEGRATED[known[c].quantity] for c in self.channels]
+
+    def at(self, heading_deg: float) -> StressModel:
+        """Reduced to what wind and waves from both ways make of it, about the draws."""
+        if heading_deg not in self._headings:
+            one = self.conditions.direction[0].model_copy(update={"heading_deg": heading_deg, "share": 1.0})
+            made = fatigue_model_of(self._model, self.conditions.model_copy(update={"direction": (one,)}),
+                                    spectra=self._spectra)
+            self.details, self.spots = made.details, made.spots
+            stress = made.models[0]
+            stress = replace(stress, model=stress.model.with_gravity(self._felt))
+            self._headings[heading_deg] = stress.reduced(
+                [self.mean, *self.draws[: max(1, len(self.draws) // 2)]], both_ways=True)
+        return self._headings[heading_deg]
+
+    def group(self, heading_deg: float, state: int, planned: Sequence[_Planned]) -> _Group:
+        return _Group(self, heading_deg, state, planned)
+
+    def id_of(self, planned: _Planned) -> str:
+        return block_id(planned.start, self.campaign.block_minutes)
+
+    def read(self, planned: _Planned) -> tuple[Block, np.ndarray, np.ndarray]:
+        """A block, the numbers (of `channels`) that are whole in it, and their lines (n_line, n) as densities."""
+        block = read_block(self.campaign, planned.start, planned.files)
+        whole = np.flatnonzero(1 - block.measured[self.columns] <= LOST)
+        if block.excluded or not whole.size:
+            return block, np.array([], int), np.zeros((len(self.number), 0))
+        data = block.data[:, self.columns[whole]]
+        data = np.where(np.isnan(data), 0.0, data - np.nanmean(data, axis=0))
+        lines = np.fft.rfft(data * self.window[:, None], axis=0)[self.number]
+        return block, whole, lines * self.to_density
+
+    def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
+        return both_ways(self.at(heading_deg), state, self.frequency_hz)
+
+    def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
+        return driven(self.at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
+
+    def histories(self, planned: Sequence[_Planned], worst: np.ndarray) -> list[History]:
+        found = []
+        for one in planned:
+            group = self.group(one.heading_deg, one.state, [one])
+            if (history := group.history(one, worst)) is not None:
+                found.append(history)
+        return found
+
+    def notes(self, planned: Sequence[_Planned]) -> list[str]:
+        """What was not used, and what the numbers are not."""
+        found = ["cycles slower than ten minutes are not counted, nor waves shorter than what the loads of fatigue.toml "
+                 "have", "the model's own error in stress (section, stress concentration) is not in the intervals; that "
+                 "of its shapes is in the noise"]
+        if self.unused:
+            found.append(f"channels not used: {', '.join(self.unused)}")
+        if all("nacelle_heading_deg" not in p.conditions for p in planned):
+            found.append("no nacelle heading is recorded: rotor and nacelle are taken to look along the model's x axis")
+        return found
+
+
+class _Group:
+    """Blocks of one heading under one state's loads."""
+
+    def __init__(self, work: _Work, heading_deg: float, state: int, planned: Sequence[_Planned]):
+        self.work, self.heading_deg, self.state = work, heading_deg, state
+        self.cross: dict[tuple[int, ...], np.ndarray] = {}
+        count: dict[tuple[int, ...], int] = {}
+        for one in _spread(planned, LEARNT_BLOCKS):
+            _, whole, lines = work.read(one)
+            key = tuple(whole.tolist())
+            if key:
+                own = lines[:, :, None] * np.conj(lines[:, None, :])
+                self.cross[key] = self.cross.get(key, 0.0) + own
+                count[key] = count.get(key, 0) + 1
+        self.cross = {key: own / count[key] for key, own in self.cross.items()}
+        self.loads = work.loads(heading_deg, state)
+        self.of = work.driven(heading_deg, work.mean, self.loads)
+        self._smoothers: dict[tuple[int, ...], tuple[Smoother, np.ndarray]] = {}
+
+    def _smoother(self, whole: np.ndarray, lines: np.ndarray) -> tuple[Smoother, np.ndarray]:
+        """With what is unresolved of the moments (4, n_detail, 3, 3); learnt of all blocks with these channels whole,
+        else of the block itself."""
+        key = tuple(whole.tolist())
+        if key not in self._smoothers:
+            one = smoother(self.of, self._cross(key, lines), self.work.rows[whole])
+            self._smoothers[key] = one, _unresolved(one, len(self.work.details))
+        return self._smoothers[key]
+
+    def _cross(self, key: tuple[int, ...], lines: np.ndarray) -> np.ndarray:
+        known = self.cross.get(key)
+        return lines[:, :, None] * np.conj(lines[:, None, :]) if known is None else known
+
+    def block(self, planned: _Planned) -> BlockStress | None:
+        read, whole, lines = self.work.read(planned)
+        if not whole.size:
+            return None
+        one, open_moments = self._smoother(whole, lines)
+        seen = self._of_spots(_moments(one.of.frequency_hz, one.of.stress(one.estimate(lines))))
+        total = seen + self._of_spots(open_moments)
+        own = ranges(np.maximum(total, 1e-300))
+        return BlockStress(
+            id=read.id, state=self.work.conditions.state[self.state].name, conditions=planned.conditions,
+            heading_deg=self.heading_deg, n_channel=len(whole),
+            equivalent_mpa=frozen_array([own.moment(m) ** (1 / m) for m in SLOPES]),
+            damage_per_hour=frozen_array(3600 * self._damage(total)), resolved=frozen_array(seen[0] / total[0]))
+
+    def _of_spots(self, moments: np.ndarray) -> np.ndarray:
+        """(4, n_detail, 3, 3) -> (4, n_spot)."""
+        at, w = weights(self.work.spots)
+        return np.einsum("ksij,si,sj->ks", moments[:, at], w, w, optimize=True)
+
+    def _damage(self, moments: np.ndarray) -> np.ndarray:
+        """(n_spot,) Miner's sum a second."""
+        names = np.array([s.curve for s in self.work.spots])
+        found = np.zeros(len(names))
+        for name in dict.fromkeys(names.tolist()):
+            there = names == name
+            found[there] = ranges(np.maximum(moments[:, there], 1e-300)).damage(self.work.conditions.law(name))
+        return found
+
+    def stated_per_hour(self) -> np.ndarray:
+        """(n_spot,) damage by the loads that fatigue.toml states."""
+        stress = self.work.at(self.heading_deg)
+        moments = stress.solve(self.work.mean, self.work.damping).moments[self.state]
+        return 3600 * self._damage(self._of_spots(moments))
+
+    def draw_ratio(self, planned: Sequence[_Planned]) -> np.ndarray | None:
+        """(n_draw, n_spot) damage at each draw by what the readings resolve, its loads learnt anew, over that at the
+        mean; None without a block."""
+        blocks = [(w, x) for _, w, x in (self.work.read(p) for p in _spread(planned, DRAWN_BLOCKS)) if w.size]
+        if not blocks:
+            return None
+
+        def damage(of: Driven) -> np.ndarray:
+            made: dict[tuple[int, ...], Smoother] = {}
+            total = np.zeros(len(self.work.spots))
+            for whole, lines in blocks:
+                key = tuple(whole.tolist())
+                if key not in made:
+                    made[key] = smoother(of, self._cross(key, lines), self.work.rows[whole])
+                seen = made[key].of.stress(made[key].estimate(lines))
+                total += self._damage(self._of_spots(_moments(of.frequency_hz, seen)))
+            return total
+
+        middle = damage(self.of)
+        return np.array([damage(self.work.driven(self.heading_deg, theta, self.loads)) / middle
+                         for theta in self.work.draws])
+
+    def history(self, planned: _Planned, worst: np.ndarray) -> History | None:
+        read, whole, lines = self.work.read(planned)
+        if not whole.size:
+            return None
+        one, _ = self._smoother(whole, lines)
+        at, w = weights(self.work.spots)
+        stress = one.of.stress(one.estimate(lines)).reshape(len(self.work.details), 3, -1)
+        of_spots = np.einsum("kif,ki->kf", stress[at[worst]], w[worst])
+        n, rate = len(read.data), read.sampling_rate_hz
+        whole_lines = np.zeros((len(worst), n // 2 + 1), complex)
+        whole_lines[:, self.work.number] = of_spots / self.work.to_density
+        record = np.fft.irfft(whole_lines, n).T
+        # without the ends that fade
+        first = round(FADE * n)
+        record = record[first : n - first]
+        return History(id=read.id, time_s=frozen_array((first + np.arange(len(record))) / rate),
+                       stress_mpa=frozen_array(record),
+                       rainflow_over_spectrum=frozen_array(self._counted(record, of_spots, worst, rate)))
+
+    def _counted(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
+        f = self.of.frequency_hz
+        moments = np.array([np.sum(f**k * np.abs(of_spots) ** 2, axis=1) for k in (0, 1, 2, 4)]) * (f[1] - f[0])
+        ten = round(TEN_MINUTES_S * rate)
+        found = []
+        for j, k in enumerate(worst):
+            law = self.work.conditions.law(self.work.spots[k].curve)
+            by_spectrum = float(ranges(moments[:, j : j + 1]).damage(law)[0])
+            pieces = [record[a : a + ten, j] for a in range(0, max(len(record) - ten + 1, 1), ten)]
+            counted = 0.0
+            for piece in pieces:
+                size, count = rainflow(piece)
+                counted += float(np.sum(count[size > 0] / law.cycles(size[size > 0]))) / (len(piece) / rate)
+            found.append(counted / len(pieces) / by_spectrum)
+        return np.array(found)
+
+
+def _spread(planned: Sequence[_Planned], n: int) -> list[_Planned]:
+    """n of them, or fewer, evenly over the record."""
+    at = np.unique(np.linspace(0, len(planned) - 1, min(n, len(planned))).round().astype(int))
+    return [planned[k] for k in at]
+
+
+def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """(4, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
+    z = stress.reshape(-1, 3, len(f))
+    both = np.concatenate([z.real, z.imag], axis=2)
+    step = f[1] - f[0]
+    return np.array([step * np.matmul(both * np.tile(f**k, 2), both.transpose(0, 2, 1)) for k in (0, 1, 2, 4)])
+
+
+def _unresolved(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:
+    """(4, n_detail, 3, 3) moments of what the readings do not resolve, by each sixth line."""
+    f = one.of.frequency_hz
+    lines = np.arange(0, len(f), every)
+    step, total = f[1] - f[0], np.zeros((4, n_detail, 3, 3))
+    # what a line stands for
+    width = np.minimum(every, len(f) - lines) * step
+    for start in range(0, len(lines), 128):
+        own = lines[start : start + 128]
+        T = one.of.unit_stress(own)
+        n, rows, i = T.shape
+        left = np.matmul(T, one.unresolved(own)).reshape(n, n_detail, 3, i)
+        density = np.real(np.matmul(left, np.conj(T.reshape(n, n_detail, 3, i).transpose(0, 1, 3, 2))))
+        weight = width[start : start + 128] * f[own] ** np.array([0, 1, 2, 4])[:, None]
+        total += np.einsum("kn,ndij->kdij", weight, density, optimize=True)
+    return total

@@ -1,0 +1,102 @@
+"""Steps from a run and its records to the lifetime: stresses of a measured campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError, names_files
+from probupdate.modal.modes import ModalData, read_modes
+from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.runtime.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from probupdate.lifetime.damping import StateDamping
+    from probupdate.lifetime.stress_files import StressResult
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StressStep:
+    """Stresses with their figures."""
+
+    result: StressResult
+
+    @property
+    def summary(self) -> str:
+        return self.result.summary
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a hot spot, the most damaged first."""
+        return self.result.to_frame()
+
+    def write(self, out: str | Path) -> list[Path]:
+        """Tables, histories and figures into a folder, new or empty. Raises InputError where it holds something."""
+        from probupdate.reporting.figures_stress import stress_figures
+        from probupdate.reporting.style import save_figure
+
+        written = self.result.write(out)
+        for name, figure in stress_figures(self.result.spots(), self.result.blocks(), self.result.histories()):
+            path = Path(out) / f"{name}.png"
+            save_figure(figure, path)
+            written.append(path)
+        return written
+
+
+@names_files("campaign", "run")
+def stresses(
+    campaign: str | Path, run: str | Path, fatigue: str | Path, *, without: Sequence[str] | None = None, draws: int = 8,
+    worst: int = 6, accept: bool = False, seed: int = 1, progress: Progress = silent,
+) -> StressStep:
+    """Stress histories, damage-equivalent ranges and damage at every hot spot of fatigue.toml, of what a campaign
+    measured, through the model of a run at its posterior.
+
+    without: channels not to be used; draws: of the posterior, for its uncertainty; worst: hot spots whose history is
+    written and counted by rainflow. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
+    Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
+    """
+    from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.lifetime.export import RunStatus, refuse_without_members
+    from probupdate.lifetime.measured_stress import StressSettings, measured_stresses
+    from probupdate.lifetime.stress_files import StressResult
+    from probupdate.updating.posterior_file import read_posterior
+
+    folder = Path(run)
+    places = run_places(folder)
+    for name, remedy in (("model", "put model.toml there"), ("posterior.nc", "run `probupdate sample`")):
+        if name not in places:
+            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
+    refuse_without_members(places["model"])
+    records = read_campaign(campaign)
+    if unknown := [c for c in without or () if c not in records.channels]:
+        raise InputError("--without", f"'{unknown[0]}' is no channel of {campaign}",
+                         f"choose from {', '.join(records.channels)}")
+    posterior = read_posterior(places["posterior.nc"])
+    verdict = read_diagnosis(places["diagnosis.json"])["verdict"] if "diagnosis.json" in places else None
+    status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=verdict)
+    if status.refused and not accept:
+        raise InputError(str(folder), f"this run is not fit to be used: {status.refused}",
+                         "sample longer, or find the cause; --accept uses it with that said")
+    modes = read_modes(places["modes.json"]) if "modes.json" in places else None
+    settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
+    found = measured_stresses(
+        records, places["model"], Path(fatigue), posterior.draws, _damping(modes), names=posterior.names,
+        felt={} if modes is None else modes.felt, without=tuple(without or ()), settings=settings, progress=progress)
+    return StressStep(result=StressResult(found=found, remark=status.remark))
+
+
+def _damping(modes: ModalData | None) -> StateDamping:
+    """Measured ratios, mean of all sets and of those of each state; none where no modes lie in the run."""
+    from probupdate.lifetime.damping import STATES_OF, StateDamping, geometric_means
+
+    if modes is None or modes.labels is None:
+        return StateDamping.alike({})
+    of = {kind: geometric_means(modes, states) for kind, states in STATES_OF.items()}
+    every = geometric_means(modes)
+    if not any(of.values()):
+        return StateDamping.alike(every)
+    return StateDamping(idling=of["idling"] or every, operating=of["operating"] or of["idling"], rotor=False)
