@@ -18,7 +18,7 @@ GROUPS = {
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
     "many turbines": ("farm",),
-    "to hand on": ("report", "export"),
+    "to hand on": ("report", "export", "stresses"),
 }
 
 
@@ -68,6 +68,7 @@ EXAMPLES = {
                 "--out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
+    "stresses": "stresses run/campaign --run run --fatigue fatigue.toml --out run-stresses",
     "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }

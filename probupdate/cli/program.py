@@ -19,9 +19,9 @@ from probupdate.errors import InputError, ProbupdateError
 from probupdate.io.outputs import refuse_overwriting
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "stresses", "farm")
 # what they wrote stands, and is not made again; so it is with blocks and chains
-KEEPING = (*WRITE_FOLDERS, "identify", "sample")
+KEEPING = (*(v for v in WRITE_FOLDERS if v != "stresses"), "identify", "sample")
 
 
 def writes_folder(a: argparse.Namespace) -> bool:

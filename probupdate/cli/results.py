@@ -109,14 +109,15 @@ def add_commands(verb: AddCommand) -> None:
                    "unexplained; every file says so")
     seeded(p)
 
-    p = verb("stresses", run_stresses, "stress histories, damage-equivalent ranges and damage at hot spots from a measured "
-             "campaign, through a run's model and posterior")
+    p = verb("stresses", run_stresses, "stress histories, damage-equivalent ranges and damage at hot spots from a "
+             "measured campaign, through a run's model and posterior")
     p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and the records")
     p.add_argument("--run", required=True, help="directory with model.toml, posterior.nc and modes.json")
-    p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the loads "
-                   "from which the estimate begins")
+    p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the "
+                   "loads from which the estimate begins")
     p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
-    p.add_argument("--draws", type=positive(int, "draws"), default=8, help="draws that carry the posterior's uncertainty (8)")
+    p.add_argument("--draws", type=positive(int, "draws"), default=8,
+                   help="draws that carry the posterior's uncertainty (8)")
     p.add_argument("--worst", type=positive(int, "hot spots"), default=6,
                    help="hot spots whose history is written and counted by rainflow (6)")
     p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "

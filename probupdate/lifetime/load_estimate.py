@@ -1,16 +1,16 @@
 """Loads from measured motion, and the stresses that follow: a Wiener smoother in the frequency domain.
 
-At each frequency line the readings are y = H p + e. p are amplitudes of unknown loads: thrust along and across the wind,
-waves from two directions, and a force on each of the first modes for whatever else loads them. H = L(omega) q(omega)
-holds what accelerometers read of the structure's motion, gravity through their tilt included, so that slow bending, of
-which the acceleration itself is lost in noise, is seen. With densities D of the loads and N of the noise the loads given
-the record are Gaussian, with mean A y and covariance P, A = D H^H (H D H^H + N)^-1, P = D - A H D; stresses are linear in
-p, quasi-static response to each load included. D and N are learnt of the records in bands of a third of an octave
-(expectation and maximisation), beginning at the loads that fatigue.toml states: a load that the sensors do not see keeps
-its stated density, and what it adds to a stress is counted as uncertain.
+At each frequency line the readings are y = H p + e. p are amplitudes of unknown loads: thrust along and across the
+wind, waves from two directions, and a force on each of the first modes for whatever else loads them. H = L(omega)
+q(omega) holds what accelerometers read of the structure's motion, gravity through their tilt included, so that slow
+bending, of which the acceleration itself is lost in noise, is seen. With densities D of the loads and N of the noise
+the loads given the record are Gaussian, with mean A y and covariance P, A = D H^H (H D H^H + N)^-1, P = D - A H D;
+stresses are linear in p, quasi-static response to each load included. D and N are learnt of the records in bands of
+a third of an octave (expectation and maximisation), beginning at the loads that fatigue.toml states: a load that the
+sensors do not see keeps its stated density, and what it adds to a stress is counted as uncertain.
 
-Sources: Maes et al., Mech. Syst. Signal Process. 64-65 (2015) 456-474 (loads and states as unknowns); Dempster, Laird and
-Rubin, J. R. Stat. Soc. B 39 (1977) 1-38 (learning of D and N).
+Sources: Maes et al., Mech. Syst. Signal Process. 76-77 (2016) 592-611 (strains of a monopile from accelerations);
+Dempster, Laird and Rubin, J. R. Stat. Soc. B 39 (1977) 1-38 (learning of D and N).
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ def used_lines(n_sample: int, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
 class Driven:
     """A structure under unit loads at frequency lines (n_line,), in the coordinates of its modes on a basis.
 
-    constant (n_basis, n_constant): unit forces that are alike at all frequencies; wave (2, n_basis, n_wet) and own (2,
-    n_stress, n_wet): loads of a metre of wave amplitude at the first n_wet lines, and what of them does not go through
-    the details' members; motion, tilt (n_channel, n_basis): rows of the channels, tilt times gravity; order (n_channel,)
-    how often a channel's quantity is integrated; stated (n_input, n_line): densities of the loads before any record.
+    constant (n_basis, n_constant): unit forces that are alike at all frequencies; wave (2, n_basis, n_wet) and own
+    (2, n_stress, n_wet): loads of a metre of wave amplitude at the first n_wet lines, and what of them does not go
+    through the details' members; motion, tilt (n_channel, n_basis): rows of the channels, tilt times gravity; order
+    (n_channel,) how often a channel's quantity is integrated; stated (n_input, n_line): densities of the loads
+    before any record.
     """
 
     frequency_hz: np.ndarray
@@ -113,8 +114,8 @@ def driven(
     model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
     frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
 ) -> Driven:
-    """`model`, reduced both ways, at theta under the loads `both_ways` of a state. `order` (n_channel,): see `Driven`;
-    n_modal: modes with a force of their own."""
+    """`model`, reduced both ways, at theta under the loads `both_ways` of a state. `order` (n_channel,): see
+    `Driven`; n_modal: modes with a force of their own."""
     model = replace(model, frequency_hz=frequency_hz)
     case, other = cases
     known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
@@ -215,9 +216,9 @@ def _bands(f: np.ndarray) -> list[tuple[int, int]]:
 def _learn(
     H: np.ndarray, cross: np.ndarray, load: np.ndarray, missed: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Densities of the loads (n_input,) and of a noise that all channels have, from H (n, n_channel, n_input) and mean
-    cross-spectral densities (n, n_channel, n_channel); `missed` (n_channel,) of the readings the model does not follow.
-    Each step makes the records more probable."""
+    """Densities of the loads (n_input,) and of a noise that all channels have, from H (n, n_channel, n_input) and
+    mean cross-spectral densities (n, n_channel, n_channel); `missed` (n_channel,) of the readings the model does not
+    follow. Each step makes the records more probable."""
     auto = np.real(np.einsum("lcc->lc", cross))
     nu = 0.01 * float(np.mean(auto)) + 1e-300
     for _ in range(STEPS):

@@ -1,8 +1,9 @@
 """Stresses at hot spots of the blocks of a campaign: loads estimated from the readings, at a posterior's parameters.
 
-Of every block the damage-equivalent ranges and the damage of each hot spot follow from the moments of its stress spectrum,
-expectation plus what the sensors do not resolve; of the worst ones the history is counted by rainflow as a second route.
-What the posterior leaves open is carried by draws: the same blocks at other parameters, with the loads learnt anew.
+Of every block the damage-equivalent ranges and the damage of each hot spot follow from the moments of its stress
+spectrum, expectation plus what the sensors do not resolve; of the worst ones the history is counted by rainflow as a
+second route. What the posterior leaves open is carried by draws: the same blocks at other parameters, with the loads
+learnt anew.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ IDLING = "idling"
 
 @dataclass(frozen=True, kw_only=True)
 class StressSettings:
-    """n_draw: draws of the posterior that carry its uncertainty; n_worst: hot spots whose history is written and counted;
-    seed of both."""
+    """n_draw: draws of the posterior that carry its uncertainty; n_worst: hot spots whose history is written and
+    counted; seed of both."""
 
     n_draw: int = 8
     n_worst: int = 6
@@ -61,9 +62,9 @@ class StressSettings:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockStress:
-    """Of one block: equivalent_mpa (2, n_spot) constant ranges that at one cycle a second do the same damage, for m = 3
-    and 5; damage_per_hour, resolved (n_spot,): Miner's sum, and the share of the stress' variance that the readings
-    resolve; n_channel: whole channels."""
+    """Of one block: equivalent_mpa (2, n_spot) constant ranges that at one cycle a second do the same damage, for m
+    = 3 and 5; damage_per_hour, resolved (n_spot,): Miner's sum, and the share of the stress' variance that the
+    readings resolve; n_channel: whole channels."""
 
     id: str
     state: str
@@ -77,8 +78,8 @@ class BlockStress:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class History:
-    """Nominal hot-spot stress of a block in MPa: time_s (n_sample,), stress_mpa (n_sample, n_worst), and the damage of
-    its ten-minute pieces by rainflow over that of the same history by its spectrum (n_worst,)."""
+    """Nominal hot-spot stress of a block in MPa: time_s (n_sample,), stress_mpa (n_sample, n_worst), and the damage
+    of its ten-minute pieces by rainflow over that of the same history by its spectrum (n_worst,)."""
 
     id: str
     time_s: np.ndarray
@@ -88,8 +89,9 @@ class History:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredStress:
-    """blocks; the spots with their details; worst (n_worst,) spots; draw_ratio (n_draw, n_spot): damage at each draw over
-    that at the posterior's mean; stated_per_hour: of each state the damage (n_spot,) by the loads of fatigue.toml."""
+    """blocks; the spots with their details; worst (n_worst,) spots; draw_ratio (n_draw, n_spot): damage at each draw
+    over that at the posterior's mean; stated_per_hour: of each state the damage (n_spot,) by the loads of
+    fatigue.toml."""
 
     blocks: tuple[BlockStress, ...]
     details: tuple[Detail, ...]
@@ -145,11 +147,13 @@ class _Planned:
 
 def measured_stresses(
     campaign: Campaign, model: Path, fatigue: Path, draws: np.ndarray, damping: StateDamping, *,
-    names: Sequence[str] = (), felt: Mapping[str, bool] | None = None, without: Sequence[str] = (), settings: StressSettings | None = None,
+    names: Sequence[str] = (), felt: Mapping[str, bool] | None = None, without: Sequence[str] = (),
+    settings: StressSettings | None = None,
     progress: Progress = silent,
 ) -> MeasuredStress:
-    """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of parameters of
-    these names where they are given; damping: measured ratios; felt: what is stated of gravity in channels' readings; without: channels not to be used.
+    """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of
+    parameters of these names where they are given; damping: measured ratios; felt: what is stated of gravity in
+    channels' readings; without: channels not to be used.
 
     Raises InputError where no channel of the campaign is one of the model's, or no block is whole."""
     settings = settings or StressSettings()
@@ -298,9 +302,11 @@ class _Work:
 
     def notes(self, planned: Sequence[_Planned]) -> list[str]:
         """What was not used, and what the numbers are not."""
-        found = ["cycles slower than ten minutes are not counted, nor waves shorter than what the loads of fatigue.toml "
-                 "have", "the model's own error in stress (section, stress concentration) is not in the intervals; that "
-                 "of its shapes is in the noise"]
+        found = [
+            "cycles slower than ten minutes are not counted, nor waves shorter than those of fatigue.toml",
+            "the model's own error in stress (section, stress concentration) is not in the intervals; that of its "
+            "shapes is in the noise",
+        ]
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")
         if all("nacelle_heading_deg" not in p.conditions for p in planned):

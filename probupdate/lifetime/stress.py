@@ -221,16 +221,10 @@ class StressModel:
             # a hundred parameters make hundreds of terms, too many to keep on the basis
             V = np.eye(self.model.n_dof) if self.basis is None else self.basis
             square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
-            return (
-                *square,
-                *(
-                    sum(c * R for c, R in zip(r, rows, strict=True)) @ V
-                    for r, rows in ((rK, self.stiffness_rows), (rM, self.mass_rows))
-                ),
-            )
-        return tuple(
-            _weighted(terms, c) for terms, c in zip(self._terms, (*self.model.coefficients(theta), rK, rM), strict=True)
-        )
+            rows = ((rK, self.stiffness_rows), (rM, self.mass_rows))
+            return (*square, *(sum(c * R for c, R in zip(r, own, strict=True)) @ V for r, own in rows))
+        weight = (*self.model.coefficients(theta), rK, rM)
+        return tuple(_weighted(terms, c) for terms, c in zip(self._terms, weight, strict=True))
 
     # loads -----------------------------------------------------------------------------------------------------------
 

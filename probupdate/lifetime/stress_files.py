@@ -30,9 +30,9 @@ class StressResult:
     remark: str = ""
 
     def spots(self) -> pd.DataFrame:
-        """A row a hot spot, the most damaged first: where it is, damage of a year with its 5, 50 and 95 % quantiles and by
-        the stated loads of the same states, damage-equivalent ranges of all blocks together at one cycle a second, the
-        share of the stress' variance that the readings resolve and whether it is enough (`observable`)."""
+        """A row a hot spot, the most damaged first: where it is, damage of a year with its 5, 50 and 95 % quantiles
+        and by the stated loads of the same states, damage-equivalent ranges of all blocks together at one cycle a
+        second, the share of the stress' variance that the readings resolve and whether it is enough (`observable`)."""
         import pandas as pd
 
         f = self.found
@@ -82,11 +82,11 @@ class StressResult:
         seen, all_of = int(np.sum(f.observable)), len(f.spots)
         lines = [
             f"{len(f.blocks)} blocks, {all_of} hot spots, {len(f.draw_ratio)} draws of the posterior",
-            f"most damage: {first['member']}, {first['side']} side, place {first['place']}: {first['damage_per_year']:.3g} "
-            f"a year (90 % interval {first['p05']:.3g} to {first['p95']:.3g}); by the loads of fatigue.toml "
-            f"{first['stated_damage_per_year']:.3g}",
-            f"observable: {seen} of {all_of} hot spots ({100 * OBSERVABLE:g} % of the stress' variance and more resolved "
-            "by the sensors); of the others the loads of fatigue.toml make the rest"]
+            f"most damage: {first['member']}, {first['side']} side, place {first['place']}: "
+            f"{first['damage_per_year']:.3g} a year (90 % interval {first['p05']:.3g} to {first['p95']:.3g}); by the "
+            f"loads of fatigue.toml {first['stated_damage_per_year']:.3g}",
+            f"observable: {seen} of {all_of} hot spots ({100 * OBSERVABLE:g} % and more of the stress' variance "
+            "resolved by the sensors); of the others the loads of fatigue.toml make the rest"]
         missing = [s.name for s in f.conditions.state if s.name not in measured]
         if missing:
             share = sum(s.share for s in f.conditions.state if s.name in missing)

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from probupdate.reporting.values import Run
 
 # what other rooms and users import; the other modules are this room's own
-__all__ = ["elements", "identification_pictures", "page", "report", "report_with_conclusion", "run_files", "style"]
+__all__ = [
+    "elements", "figures_stress", "identification_pictures", "page", "report", "report_with_conclusion", "run_files",
+    "style",
+]
 
 # the page's sections in their order -> the module of each
 SECTIONS = {

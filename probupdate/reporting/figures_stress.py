@@ -1,4 +1,4 @@
-"""Figures of stresses from measured motion: history, damage over wind and over direction, measured beside stated loads."""
+"""Figures of stresses from measured motion: history, damage over wind and direction, measured beside stated loads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from probupdate.reporting.style import BLUE, FULL_IN, GREEN, GREY, INK, ORANGE, PURPLE, RED, label_axes, new_figure, styled
+from probupdate.reporting.style import (
+    BLUE,
+    FULL_IN,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    RED,
+    label_axes,
+    new_figure,
+    styled,
+)
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, GREY)
 MARKERS = "os^vDP"
@@ -68,7 +80,8 @@ def rose(blocks: pd.DataFrame) -> Figure | None:
 
 @styled
 def measured_and_stated(spots: pd.DataFrame) -> Figure:
-    """Damage of a year from the measured motion, with intervals, beside that of the stated loads, worst of each side."""
+    """Damage of a year from the measured motion, with intervals, beside that of the stated loads, worst of each
+    side."""
     own = spots.drop_duplicates(["member", "side"]).head(12)
     figure = new_figure(FULL_IN, 3.2)
     axis = figure.subplots()

@@ -77,8 +77,6 @@ def main() -> None:
     a = parser.parse_args()
     a.out.mkdir(parents=True)
     model, _ = case.write_models(a.source, a.out)
-    # the truth's sensors feel gravity
-    text = model.read_text(encoding="utf-8")
     fatigue = Path(case.__file__).with_name("fatigue.toml")
     conditions = read_conditions(fatigue)
     one = conditions.direction[0].model_copy(update={"heading_deg": 0.0, "share": 1.0})

@@ -1,0 +1,216 @@
+"""Stresses from measured motion: slow bending read through tilt, loads learnt and left alone, files of the command."""
+
+import copy
+import json
+import shutil
+
+import h5py
+import numpy as np
+import opensees_builder
+import pandas as pd
+import pytest
+
+from probupdate.cli import main
+from probupdate.lifetime.conditions import Conditions
+from probupdate.lifetime.fatigue import fatigue_model
+from probupdate.lifetime.load_estimate import both_ways, driven, smoother, used_lines
+from probupdate.structure.description_file import parse_description
+from probupdate.structure.load import load_model
+from probupdate.structure.turbine_frame import build_frame
+from probupdate.updating.posterior_file import Posterior, write_posterior
+from tests.lifetime.test_fatigue_export import toml
+from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
+from tests.small_turbine import SENSORS, small_turbine
+
+RATE, MINUTES = 5.0, 20
+GRAVITY = 9.81
+# thrust in N: slow beside the first mode of 0.9 Hz, so that the structure follows it statically
+AMPLITUDE, SLOW_HZ = 2e5, 1 / 75
+HUB_M, WELD_M, RADIUS_M, WALL_M = 52.0, 12.0, 2.5, 0.03
+
+
+def hand_stress(force):
+    """Bending stress in MPa at the tower's foot, statically determinate: force times lever over the section modulus."""
+    inner = RADIUS_M - WALL_M
+    second = np.pi / 4 * (RADIUS_M**4 - inner**4)
+    return 1e-6 * force * (HUB_M - WELD_M) * RADIUS_M / second
+
+
+@pytest.fixture(scope="module")
+def tilted(opensees_module):
+    """(n_channel,) displacement along each channel, and tilt as it reads it, of 1 N at the hub along x, by OpenSees."""
+    raw = small_turbine()
+    description = parse_description(raw, "small")
+    frame = build_frame(description)
+    ops = opensees_module
+    values = description.values | {p["name"]: p["initial"] for p in raw["parameter"]}
+    opensees_builder.build(ops, frame, values)
+    hub = int(np.argmin(np.linalg.norm(frame.node_m - [-4.0, 0.0, HUB_M], axis=1)))
+    opensees_builder.static(ops, hub, np.array([1.0, 0, 0, 0, 0, 0]))
+    moved, tilt = [], []
+    for _, _, place, direction in SENSORS:
+        node = int(np.argmin(np.linalg.norm(frame.node_m - place, axis=1)))
+        motion, d = np.array(ops.nodeDisp(node)), np.array(direction)
+        moved.append(motion[:3] @ d)
+        tilt.append(motion[3:] @ np.array([-d[1], d[0], 0.0]))
+    return np.array(moved), np.array(tilt)
+
+
+def slow_record(tilted, n, rng, noise=2e-6):
+    """Readings (n, n_channel) and thrust (n,) of a slow sine."""
+    t = np.arange(n) / RATE
+    omega = 2 * np.pi * SLOW_HZ
+    force = AMPLITUDE * np.sin(omega * t)
+    moved, tilt = tilted
+    # acceleration, less what gravity has along the tilted axis
+    reading = -(omega**2 * moved + GRAVITY * tilt) * force[:, None]
+    return reading + noise * rng.standard_normal(reading.shape), force
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, tilted):
+    """A run directory, a campaign of two blocks and fatigue.toml of the small turbine."""
+    folder = tmp_path_factory.mktemp("stresses")
+    raw = small_turbine()
+    for p in raw["parameter"]:
+        p["update"] = p["name"] in UPDATED[:3]
+    (folder / "run").mkdir()
+    (folder / "run" / "model.toml").write_text(toml(raw))
+    conditions = copy.deepcopy(CONDITIONS)
+    (folder / "fatigue.toml").write_text(_toml(conditions))
+    model = load_model(folder / "run" / "model.toml")
+    rng = np.random.default_rng(1)
+    width = len(model.parameters)
+    theta = model.parameters.initial * (1 + 1e-3 * rng.standard_normal((4, 100, width)))
+    write_posterior(Posterior(
+        names=model.parameters.names, theta=theta, log_likelihood=np.zeros((4, 100)), log_posterior=np.zeros((4, 100)),
+        prior=theta[0, :10], response_labels=("f",), measured=np.ones(1), std=np.ones(1), predicted=np.ones((2, 1)),
+        frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(width), ess=np.full(width, 400.0),
+        converged=True, verdict="made up", fingerprint="none"), folder / "run" / "posterior.nc")
+    campaign = folder / "campaign"
+    (campaign / "acceleration").mkdir(parents=True)
+    lines = [f'name = "slow"\nsampling_rate_hz = {RATE}\nblock_minutes = {MINUTES}\n']
+    lines += [f'[[sensor]]\nchannel = "{c}"\nlevel = "{level}"\nposition_m = {place}\ndirection = {d}\n'
+              'quantity = "acceleration"\nunit = "m/s2"\n' for c, level, place, d in SENSORS]
+    (campaign / "campaign.toml").write_text("".join(lines))
+    n = int(RATE * 60 * MINUTES)
+    reading, force = slow_record(tilted, 2 * n, rng)
+    with h5py.File(campaign / "acceleration" / "a.h5", "w") as file:
+        file["data"] = reading.astype(np.float32)
+        file["data"].attrs.update({"start": "2024-03-01T00:00:00Z", "sampling_rate_hz": RATE})
+    return folder, force
+
+
+@pytest.fixture(scope="module")
+def written(case):
+    folder, _ = case
+    out = folder / "out"
+    assert main(["stresses", str(folder / "campaign"), "--run", str(folder / "run"), "--fatigue",
+                 str(folder / "fatigue.toml"), "--draws", "2", "--worst", "40", "--out", str(out)]) == 0
+    return out
+
+
+def test_slow_bending_is_that_of_statics(case, written, validation):
+    _, force = case
+    spots = pd.read_csv(written / "hot_spots.csv").set_index("hot_spot")
+    history = pd.read_csv(next(iter(written.glob("history_*.csv"))))
+    column = next(c for c in history if c.startswith("hot_spot") and spots.loc[int(c.split("_")[2]), "side"] == "weld")
+    expected = np.abs(hand_stress(AMPLITUDE))
+    found = np.sqrt(2) * history[column].std()
+    # eight places round the weld: the worst one is the place along the thrust
+    validation(what="stress at the tower's foot from nine accelerometers, a slow thrust of 75 s",
+               reference="force times arm by hand; readings by OpenSees' rotations",
+               why="scatter of the sensors' noise, and the window's ends").error(abs(found / expected - 1), below=0.03)
+
+
+def test_every_hot_spot_has_its_interval_and_what_is_resolved(written):
+    spots = pd.read_csv(written / "hot_spots.csv")
+    assert np.all(spots["p05"] <= spots["p50"]) and np.all(spots["p50"] <= spots["p95"])
+    assert np.all(spots["resolved"].between(0, 1)) and set(spots["observable"]) <= {True, False}
+
+
+def test_states_that_were_not_measured_are_said(written):
+    kept = json.loads((written / "stresses.json").read_text())
+    assert list(kept["measured_states"]) == ["storm"] and kept["blocks"] == 2
+    assert any("slower than ten minutes" in note for note in kept["notes"])
+
+
+def test_figures_are_drawn_of_what_there_is(written):
+    assert {p.name for p in written.glob("*.png")} == {"stress_history.png", "measured_and_stated.png"}
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (["--without", "T99-x"], "'T99-x' is no channel"),
+    (["--out", "."], "holds something already"),
+], ids=["channel", "folder"])
+def test_mistakes_are_named_before_the_work(case, capsys, monkeypatch, change, words):
+    folder, _ = case
+    monkeypatch.chdir(folder)
+    given = ["stresses", "campaign", "--run", "run", "--fatigue", "fatigue.toml", "--out", "new", *change]
+    assert main(given) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_channels_that_are_not_the_models_are_an_error(case, capsys, tmp_path):
+    folder, _ = case
+    other = tmp_path / "campaign"
+    other.mkdir()
+    text = (folder / "campaign" / "campaign.toml").read_text().replace('channel = "', 'channel = "other-')
+    (other / "campaign.toml").write_text(text)
+    (other / "acceleration").mkdir()
+    shutil.copy(folder / "campaign" / "acceleration" / "a.h5", other / "acceleration")
+    assert main(["stresses", str(other), "--run", str(folder / "run"), "--fatigue", str(folder / "fatigue.toml"),
+                 "--out", str(tmp_path / "o")]) == 2
+    assert "is one of the model's" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def structure():
+    """The small turbine under its storm, at the lines of a block."""
+    raw = copy.deepcopy(CONDITIONS)
+    raw["direction"] = [{"heading_deg": 0.0, "share": 1.0}]
+    source = small_turbine()
+    for p in source["parameter"]:
+        p["update"] = p["name"] in UPDATED[:3]
+    model = fatigue_model(parse_description(source, "small"), "small", Conditions.model_validate(raw)).models[0]
+    theta = model.parameters.initial
+    model = model.reduced([theta], both_ways=True)
+    _, f = used_lines(int(RATE * 60 * MINUTES), RATE)
+    return driven(model, theta, {}, both_ways(model, 0, f), f, np.zeros(len(SENSORS), int), 6)
+
+
+def drawn(rng, *size):
+    return (rng.standard_normal(size) + 1j * rng.standard_normal(size)) / np.sqrt(2)
+
+
+def test_loads_given_readings_are_those_of_the_dense_gaussian(structure):
+    rng = np.random.default_rng(2)
+    n = len(structure.frequency_hz)
+    H = structure.read(np.arange(n))
+    p = np.sqrt(structure.stated) * drawn(rng, len(structure.stated), n)
+    y = np.einsum("lci,il->lc", H, p) + 1e-5 * drawn(rng, n, H.shape[1])
+    one = smoother(structure, y[:, :, None] * np.conj(y[:, None, :]), np.arange(H.shape[1]))
+    found = one.estimate(y)
+    for k in (3, 200, 1500):
+        D, N = np.diag(one.load[:, k]), np.diag(one.noise[k])
+        S = H[k] @ D @ H[k].conj().T + N
+        # scaled, as entries differ by many orders of magnitude
+        root = np.diag(1 / np.sqrt(np.real(np.diag(S))))
+        expected = D @ H[k].conj().T @ root @ np.linalg.solve(root @ S @ root, root @ y[k])
+        std = np.sqrt(one.load[:, k])
+        np.testing.assert_allclose(found[:, k] / std, expected / std, atol=1e-6)
+
+
+def test_a_load_that_no_sensor_sees_keeps_its_stated_density(structure):
+    rng = np.random.default_rng(3)
+    n = len(structure.frequency_hz)
+    along = [k for k, (c, *_) in enumerate(SENSORS) if c.endswith("-x") and c.startswith("T50")]
+    H = structure.read(np.arange(n))[:, along]
+    y = np.einsum("lci,il->lc", H, np.sqrt(structure.stated) * drawn(rng, len(structure.stated), n))
+    one = smoother(structure, y[:, :, None] * np.conj(y[:, None, :]), np.array(along))
+    across = structure.names.index("thrust across the wind")
+    slow = structure.frequency_hz < 0.05
+    share = one.load[across, slow] / structure.stated[across, slow]
+    assert np.median(share) == pytest.approx(1.0, abs=0.2)
+    left = np.real(one.unresolved(np.flatnonzero(slow)))[:, across, across] / one.load[across, slow]
+    assert np.median(left) > 0.95
