@@ -120,6 +120,10 @@ STUDIES = {
         question="Which faults of sensors does `check` find without a model?",
         runs=(("measure_rates.py",),), quick=(("measure_rates.py", "--days", "1"),), seeds="931 on",
         takes="minutes"),
+    "stresses": Study(
+        question="Are stresses from 18 accelerometers those of the structure, where another program solves it?",
+        runs=(("run.py", OUT),), seeds="1", takes="ten minutes",
+        data="shared/reference/oc4 beside the repository; `pip install rainflow`"),
     "supply_chain": Study(
         question="Which packages come with probupdate, of which age and licence?",
         runs=(("licences.py", OUT),), quick=(("licences.py", OUT),), seeds="-", takes="seconds",

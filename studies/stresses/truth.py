@@ -1,9 +1,10 @@
-"""Records and stresses of the OC4 jacket by OpenSees' matrices and loads of its own: what `stresses` is held against.
+"""Records and stresses of the OC4 jacket by OpenSees' matrices and loads of its own: what `stresses` is held
+against.
 
-The structure is that of `studies/oc4_jacket` (Timoshenko tubes, several to a member, lumped mass); its response is summed
-over OpenSees' modes with the static rest, frequency line by frequency line. Wind is von Karman's turbulence with a moment
-at the hub, waves are two trains on members by Airy's theory and the inertia of Morison's load; sensors read specific force
-and have noise. Nothing of `probupdate` is used here.
+The structure is that of `studies/oc4_jacket` (Timoshenko tubes, several to a member, lumped mass); its response is
+summed over OpenSees' modes with the static rest, frequency line by frequency line. Wind is von Karman's turbulence
+with a moment at the hub, waves are two trains on members by Airy's theory and the inertia of Morison's load; sensors
+read specific force and have noise. Nothing of `probupdate` is used here.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ def von_karman(f: np.ndarray, wind: float, turbulence: float, length: float) -> 
 def pierson_jonswap(f: np.ndarray, hs: float, tp: float) -> np.ndarray:
     """JONSWAP with a peak factor of 3.3, scaled to its significant height, m^2/Hz."""
     fp = 1 / tp
-    shape = f**-5.0 * np.exp(-1.25 * (fp / f) ** 4) * 3.3 ** np.exp(-0.5 * ((f / fp - 1) / np.where(f > fp, .09, .07)) ** 2)
+    peak = np.exp(-0.5 * ((f / fp - 1) / np.where(f > fp, 0.09, 0.07)) ** 2)
+    shape = f**-5.0 * np.exp(-1.25 * (fp / f) ** 4) * 3.3**peak
     shape[f > 0.6] = 0.0
     return shape * (hs / 4) ** 2 / np.trapezoid(shape, f)
 
@@ -119,8 +121,8 @@ def wave_number(omega: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Wet:
-    """Pieces under water: middles and directions (n_piece, 3), volume of each, and half of each one's load at both of its
-    ends, (n, 3 n_piece)."""
+    """Pieces under water: middles and directions (n_piece, 3), volume of each, and half of each one's load at both
+    of its ends, (n, 3 n_piece)."""
 
     middle: np.ndarray
     along: np.ndarray
@@ -128,7 +130,8 @@ class Wet:
     spread: sparse.csr_array
 
     def forces(self, f: np.ndarray, heading: float) -> np.ndarray:
-        """(3 n_piece, n_line) complex force of a metre of amplitude: Morison's inertia across the piece, Airy's waves."""
+        """(3 n_piece, n_line) complex force of a metre of amplitude: Morison's inertia across the piece, Airy's
+        waves."""
         omega, k = 2 * np.pi * f, wave_number(2 * np.pi * f)
         way = np.array([np.cos(heading), np.sin(heading)])
         z = self.middle[:, 2:]
@@ -193,8 +196,8 @@ class Sea:
 
 @dataclass(frozen=True)
 class World:
-    """What is asked for, as rows of the modes (n_out, n_mode) and of the flexibility: of the hub's six forces (n_out, 6)
-    and of the wet pieces' (n_out, 3 n_piece); the modes' loads of the same."""
+    """What is asked for, as rows of the modes (n_out, n_mode) and of the flexibility: of the hub's six forces
+    (n_out, 6) and of the wet pieces' (n_out, 3 n_piece); the modes' loads of the same."""
 
     value: np.ndarray
     damping: np.ndarray
@@ -227,7 +230,8 @@ class World:
         trains = [(sea.heading + turn, drawn(share * pierson_jonswap(f, sea.hs_m, sea.tp_s)))
                   for turn, share in ((0.0, 0.8), (0.6, 0.2))]
         nc = self.n_channel
-        readings, stress = np.zeros((nc, n // 2 + 1), complex), np.zeros((len(self.of_modes) - 2 * nc, n // 2 + 1), complex)
+        readings = np.zeros((nc, n // 2 + 1), complex)
+        stress = np.zeros((len(self.of_modes) - 2 * nc, n // 2 + 1), complex)
         for start in range(0, len(f), 400):
             part = slice(start, min(start + 400, len(f)))
             omega = 2 * np.pi * f[part]
