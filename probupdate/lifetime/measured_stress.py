@@ -47,6 +47,8 @@ LOST = 1e-3
 OBSERVABLE = 0.9
 TEN_MINUTES_S = 600.0
 RESAMPLED = 400
+# on stress ranges, for the power with which damage grows
+FACTOR = 1.02
 IDLING = "idling"
 
 
@@ -62,9 +64,9 @@ class StressSettings:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockStress:
-    """Of one block: equivalent_mpa (2, n_spot) constant ranges that at one cycle a second do the same damage, for m
-    = 3 and 5; damage_per_hour, resolved (n_spot,): Miner's sum, and the share of the stress' variance that the
-    readings resolve; n_channel: whole channels."""
+    """Of one block: equivalent_mpa (2, n_spot) constant ranges that at one cycle a second do the same damage, for m = 3
+    and 5; damage_per_hour, exponent, resolved (n_spot,): Miner's sum, the power of a factor on all ranges with which it
+    grows, and the share of the stress' variance that the readings resolve; n_channel: whole channels."""
 
     id: str
     state: str
@@ -72,6 +74,7 @@ class BlockStress:
     heading_deg: float
     equivalent_mpa: np.ndarray
     damage_per_hour: np.ndarray
+    exponent: np.ndarray
     resolved: np.ndarray
     n_channel: int
 
@@ -117,20 +120,28 @@ class MeasuredStress:
 
     def per_year(self) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
         """Damage of a year (n_spot,) and its 5, 50 and 95 % quantiles (3, n_spot), each state's mean by its share of
-        fatigue.toml, and the shares of the year that were measured, state by state."""
+        fatigue.toml, and the shares of the year that were measured, state by state. The quantiles carry the blocks'
+        scatter, the posterior, and the uncertainty of stresses (x_scf) that fatigue.toml states; the mean is at the
+        median of x_scf."""
         shares = {s.name: s.share for s in self.conditions.state}
         by_state = {name: np.array([b.damage_per_hour for b in self.blocks if b.state == name]) for name in shares}
         measured = {name: shares[name] for name, own in by_state.items() if len(own)}
         hours = 24 * 365.25
         mean = hours * sum(share * by_state[name].mean(axis=0) for name, share in measured.items())
         rng = np.random.default_rng(self.seed)
+        weight = np.array([b.damage_per_hour for b in self.blocks]) + 1e-300
+        power = np.sum(weight * np.array([b.exponent for b in self.blocks]), axis=0) / np.sum(weight, axis=0)
+        stated = self.conditions.uncertainty.x_scf
+        mean = mean * stated.median**power
+        spread = np.sqrt(np.log1p(stated.cov**2))
         drawn = []
         for _ in range(RESAMPLED):
             total = np.zeros(len(self.spots))
             for name, share in measured.items():
                 own = by_state[name]
                 total += share * own[rng.integers(len(own), size=len(own))].mean(axis=0)
-            drawn.append(hours * total * self.draw_ratio[rng.integers(len(self.draw_ratio))])
+            factor = stated.median * np.exp(spread * rng.standard_normal())
+            drawn.append(hours * total * self.draw_ratio[rng.integers(len(self.draw_ratio))] * factor**power)
         return mean, np.quantile(drawn, (0.05, 0.5, 0.95), axis=0), measured
 
 
@@ -304,8 +315,8 @@ class _Work:
         """What was not used, and what the numbers are not."""
         found = [
             "cycles slower than ten minutes are not counted, nor waves shorter than those of fatigue.toml",
-            "the model's own error in stress (section, stress concentration) is not in the intervals; that of its "
-            "shapes is in the noise",
+            "intervals carry the posterior, the scatter of blocks and x_scf of fatigue.toml; what else the model misses "
+            "of a stress is to be stated there",
         ]
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")
@@ -358,20 +369,22 @@ class _Group:
             id=read.id, state=self.work.conditions.state[self.state].name, conditions=planned.conditions,
             heading_deg=self.heading_deg, n_channel=len(whole),
             equivalent_mpa=frozen_array([own.moment(m) ** (1 / m) for m in SLOPES]),
-            damage_per_hour=frozen_array(3600 * self._damage(total)), resolved=frozen_array(seen[0] / total[0]))
+            damage_per_hour=frozen_array(3600 * self._damage(total)), resolved=frozen_array(seen[0] / total[0]),
+            exponent=frozen_array(np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)))
 
     def _of_spots(self, moments: np.ndarray) -> np.ndarray:
         """(4, n_detail, 3, 3) -> (4, n_spot)."""
         at, w = weights(self.work.spots)
         return np.einsum("ksij,si,sj->ks", moments[:, at], w, w, optimize=True)
 
-    def _damage(self, moments: np.ndarray) -> np.ndarray:
-        """(n_spot,) Miner's sum a second."""
+    def _damage(self, moments: np.ndarray, factor: float = 1.0) -> np.ndarray:
+        """(n_spot,) Miner's sum a second, all ranges times `factor`."""
         names = np.array([s.curve for s in self.work.spots])
         found = np.zeros(len(names))
         for name in dict.fromkeys(names.tolist()):
             there = names == name
-            found[there] = ranges(np.maximum(moments[:, there], 1e-300)).damage(self.work.conditions.law(name))
+            law = self.work.conditions.law(name)
+            found[there] = ranges(np.maximum(moments[:, there], 1e-300)).damage(law, factor)
         return found
 
     def stated_per_hour(self) -> np.ndarray:
