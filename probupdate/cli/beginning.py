@@ -33,6 +33,13 @@ def run_template(a: argparse.Namespace, progress: Progress) -> None:
     answer(a, done, done.files)
 
 
+def run_matrices(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.matrices(a.source, a.out, parameters=a.parameters)
+    answer(a, result, result.files)
+
+
 def run_modes(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -69,6 +76,14 @@ def add_commands(verb: AddCommand) -> None:
                    help="monopile, jacket, tower (on land) or matrices")
     p.add_argument("out", metavar="OUT", help="folder for model.toml (model.npz and parameters.toml of matrices) and "
                    "campaign/campaign.toml, or a file's name for the model alone; nothing is written over")
+
+    p = verb("matrices", run_matrices, "stiffness and mass of a finite-element program as a model: CalculiX, Abaqus, "
+             "ANSYS, Nastran, MatrixMarket, Harwell-Boeing, MATLAB")
+    p.add_argument("source", metavar="SOURCE", nargs="+", help="file that holds or names both matrices (.sti, .full, "
+                   ".mat, .npz, .op4, .pch), or two files, stiffness first (.mtx, .rb, .op4)")
+    p.add_argument("--parameters", metavar="FILE", help="groups.toml: channels by node and direction, parameters with "
+                   "runs of one group scaled")
+    p.add_argument("--out", required=True, help="model.npz; parameters.toml goes beside it")
 
     p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
     p.add_argument("model", metavar="MODEL", help=MODEL_HELP)

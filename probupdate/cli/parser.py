@@ -13,7 +13,7 @@ from probupdate.cli import beginning, estimates, records, results
 
 # the commands as --help lists them, in the order in which a job needs them
 GROUPS = {
-    "to begin with": ("demo", "simulate", "template", "modes"),
+    "to begin with": ("demo", "simulate", "template", "matrices", "modes"),
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
@@ -53,6 +53,7 @@ EXAMPLES = {
     "demo": "demo out",
     "simulate": "simulate run/campaign --days 1 --seed 1",
     "template": "template monopile run",
+    "matrices": "matrices job.sti --parameters groups.toml --out run/model.npz",
     "modes": "modes as_built --count 8",
     "convert": "convert records run/campaign",
     "check": "check run/campaign --out run/check.json",

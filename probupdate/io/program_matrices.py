@@ -2,8 +2,8 @@
 
 What is read is what stands there: one triangle only, held rows, rows of nodes that the deck does not have. Mending is
 `structure.matrix_import`'s. CalculiX writes .sti, .mas and .dof beside its deck; Abaqus and others coordinates in
-.mtx; Nastran DMIG cards in .pch. MatrixMarket, Harwell and Boeing, MATLAB through scipy; ANSYS' .full and Nastran's .op4 through the packages that read them (extras
-`ansys`, `nastran`).
+.mtx; Nastran DMIG cards in .pch. MatrixMarket, Harwell and Boeing, MATLAB are read through scipy; ANSYS' .full and
+Nastran's .op4 through the packages that know them (extras `ansys`, `nastran`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST_ROWS = 2_000_000
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProgramMatrices:
     """K, M (n, n) as read; node and direction (n,) of each row, direction 1 to 6, None where the file does not say;
-    place: node -> (3,) m as far as known; frequency_hz: what the program printed of the same model, if it did; notes."""
+    place: node -> (3,) as far as known; frequency_hz: what the program printed of the same model, if it did; notes."""
 
     stiffness: sparse.csc_array
     mass: sparse.csc_array
@@ -98,7 +98,8 @@ def _calculix(path: Path) -> ProgramMatrices:
     node, direction = (np.array([int(w[k]) for w in words]) for k in (0, 1))
     n = max(K.shape[0], M.shape[0], len(node))
     if len(node) != n:
-        raise InputError(str(rows), f"names {len(node)} rows, the matrices have {n}", "keep the files of one run together")
+        raise InputError(str(rows), f"names {len(node)} rows, the matrices have {n}",
+                         "keep the files of one run together")
     deck = path.with_suffix(".inp")
     place = _deck_nodes(deck) if deck.is_file() else None
     printed = path.with_suffix(".dat")
@@ -209,8 +210,8 @@ def _both_in_one(path: Path) -> ProgramMatrices | None:
     if K is None or M is None:
         if len(held) == 1:
             return None
-        raise InputError(str(path), f"holds {', '.join(sorted(held)) or 'no square matrix'}: which are stiffness and mass?",
-                         "name them K and M, or give two files, stiffness first")
+        raise InputError(str(path), f"holds {', '.join(sorted(held)) or 'no square matrix'}: which are stiffness and "
+                         "mass?", "name them K and M, or give two files, stiffness first")
     if K.shape != M.shape:
         raise InputError(str(path), f"K has {K.shape[0]} rows, M {M.shape[0]}", "export both of one model")
     return ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction)
@@ -227,7 +228,8 @@ def _named(held: dict[str, sparse.csc_array], names: Sequence[str]) -> sparse.cs
 def _partner(path: Path) -> Path:
     """The mass beside a stiffness file, by its name: STIF1 and MASS1, K and M."""
     name = path.name
-    swaps = ((r"(?i)stiffness", "mass"), (r"(?i)stif", "mass"), (r"(?i)\bk(?=[._\d]|gg|aa)", "m"), (r"(?i)_k(?=[._\d])", "_m"))
+    swaps = ((r"(?i)stiffness", "mass"), (r"(?i)stif", "mass"), (r"(?i)\bk(?=[._\d]|gg|aa)", "m"),
+             (r"(?i)_k(?=[._\d])", "_m"))
     tried = []
     for pattern, word in swaps:
         for way in (word, word.upper(), word.capitalize()):
@@ -283,6 +285,46 @@ def _ansys(path: Path) -> ProgramMatrices:
     rows, K, M = reader.read_binary(str(path)).load_km(as_sparse=True, sort=True)
     return ProgramMatrices(stiffness=sparse.csc_array(K), mass=sparse.csc_array(M), node=np.array(rows[:, 0], int),
                            direction=np.array(rows[:, 1], int) + 1)
+
+
+def opensees_matrices(ops=None) -> ProgramMatrices:
+    """Of the model that OpenSeesPy holds: K and M as its own assembly has them, rows named by node and direction.
+
+    ops: `openseespy.opensees`, imported where it is not given. Constraints are transformed; the analysis of the model
+    is replaced. Raises InputError where there is no model."""
+    ops = ops or _package("openseespy.opensees", "opensees")
+
+    def assembled(mass: float, stiffness: float) -> np.ndarray:
+        ops.wipeAnalysis()
+        ops.constraints("Transformation")
+        ops.numberer("Plain")
+        ops.system("FullGeneral")
+        ops.algorithm("Linear")
+        ops.integrator("GimmeMCK", mass, 0.0, stiffness)
+        ops.analysis("Transient", "-noWarnings")
+        # a step is refused where the matrix is singular, as M alone often is; it is assembled all the same
+        ops.analyze(1, 0.0)
+        n = ops.systemSize()
+        return np.array(ops.printA("-ret")).reshape(n, n)
+
+    tags = ops.getNodeTags()
+    if not tags:
+        raise InputError("OpenSees", "holds no model", "build it first")
+    K, M = assembled(0.0, 1.0), assembled(1.0, 0.0)
+    node, direction = np.zeros(len(K), int), np.zeros(len(K), int)
+    # nodes that are linked share equations: the lowest number is the row's name
+    for tag in sorted(tags, reverse=True):
+        for k, equation in enumerate(ops.nodeDOFs(tag)):
+            if 0 <= equation < len(K):
+                node[equation], direction[equation] = tag, k + 1
+    ops.wipeAnalysis()
+    planar = len(ops.nodeCoord(tags[0])) == 2
+    if planar:
+        # of a plane model the third is the rotation about z
+        direction = np.where(direction == 3, 6, direction)
+    place = {tag: np.pad(np.array(ops.nodeCoord(tag), float), (0, 3))[:3] for tag in tags}
+    return ProgramMatrices(stiffness=sparse.csc_array(K), mass=sparse.csc_array(M), node=node, direction=direction,
+                           place=place)
 
 
 def _op4(path: Path) -> dict[str, sparse.csc_array]:

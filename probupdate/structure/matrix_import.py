@@ -3,6 +3,7 @@ own form, refused where they cannot be right, and solved again beside what the p
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml, write_arrays, write_text
-from probupdate.io.program_matrices import ProgramMatrices, read_program_matrices
+from probupdate.io.program_matrices import ProgramMatrices, opensees_matrices, read_program_matrices
 from probupdate.io.result_table import plural, table_of
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
@@ -31,8 +32,8 @@ ROUNDING = 1e-8
 PENALTY = 1e6
 # largest difference of two runs' derivatives, of the derivative itself, that printed digits explain
 LINEAR = 1e-4
-# from the program's own frequencies: what printed digits and another eigensolver explain, and what is refused
-CLOSE, REFUSED = 1e-4, 0.02
+# difference from the program's own frequencies that is refused: beyond what another eigensolver or printed digits make
+REFUSED = 0.02
 COUNT = 8
 # channels that are written where none are named
 MOST_CHANNELS = 12
@@ -100,7 +101,8 @@ class ImportedMatrices:
     def summary(self) -> str:
         known = ", ".join(f"{f:.5g}" for f in self.frequency_hz[:5])
         lines = [f"{self.n_row} degrees of freedom, {plural(len(self.channels), 'channel')}, "
-                 f"{plural(len(self.parameters), 'parameter')} ({', '.join(self.parameters)})", f"frequencies: {known} Hz"]
+                 f"{plural(len(self.parameters), 'parameter')} ({', '.join(self.parameters)})",
+                 f"frequencies: {known} Hz"]
         if self.printed_hz is None:
             lines.append("the program's own frequencies are not known: hold these against what it prints")
         else:
@@ -123,7 +125,21 @@ def import_matrices(
     """Write `out` (an .npz) and parameters.toml beside it. `source`: one file that holds or names both matrices, or
     stiffness and mass; `groups`: a groups.toml. Raises InputError where a file is missing, not of a known form, or
     cannot be right."""
-    files, out = [Path(s) for s in source], Path(out)
+    files = [Path(s) for s in source]
+    return write_matrices(read_program_matrices(files), out, files=files, groups=groups)
+
+
+def from_opensees(out: str | Path, *, ops=None, groups: str | Path | None = None) -> ImportedMatrices:
+    """The model that OpenSeesPy holds, as `import_matrices` writes it. ops: `openseespy.opensees`; a groups.toml may
+    name channels here, runs of parameters are of files."""
+    return write_matrices(opensees_matrices(ops), out, files=[Path("OpenSees")], groups=groups)
+
+
+def write_matrices(
+    given: ProgramMatrices, out: str | Path, *, files: Sequence[Path], groups: str | Path | None = None
+) -> ImportedMatrices:
+    """`import_matrices` of what was read already; files: what it came from."""
+    out = Path(out)
     if out.suffix.lower() != ".npz":
         raise InputError(str(out), "is not named .npz", "give a name such as model.npz")
     beside = out.with_name("parameters.toml")
@@ -132,7 +148,6 @@ def import_matrices(
             raise InputError(str(path), "is there already", "name another folder, or remove it")
     asked = Groups() if groups is None else _groups(Path(groups))
     notes: list[str] = []
-    given = read_program_matrices(files)
     kept, base = _mended(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
     names, rows, signs = _channels(asked, base, str(groups or files[0]), notes)
@@ -161,7 +176,7 @@ def _groups(path: Path) -> Groups:
         first = error.errors()[0]
         key = ".".join(str(k) for k in first["loc"])
         raise InputError(f"{path}: {key}", first["msg"].lower(),
-                         "see docs/howto/other_tools.md for the keys of groups.toml") from None
+                         "see docs/howto/matrices.md for the keys of groups.toml") from None
 
 
 # mending -------------------------------------------------------------------------------------------------------------
@@ -187,12 +202,11 @@ def _mended(given: ProgramMatrices, where: str, notes: list[str]) -> tuple[np.nd
     massless = int(np.sum(_largest(M) == 0))
     if massless:
         notes.append(f"{massless} of {len(kept)} rows have no mass: they follow the others statically")
-    pick = (lambda x: None if x is None else x[kept])
-    direction = pick(given.direction)
+    node, direction = (None if x is None else x[kept] for x in (given.node, given.direction))
     if direction is not None and not np.all((direction >= 1) & (direction <= 6)):
         raise InputError(where, f"has a row of direction {int(direction[(direction < 1) | (direction > 6)][0])}",
                          "export displacements and rotations alone (1 to 6)")
-    return kept, ProgramMatrices(stiffness=K, mass=M, node=pick(given.node), direction=direction, place=given.place)
+    return kept, ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction, place=given.place)
 
 
 def _largest(matrix: sparse.csc_array) -> np.ndarray:
@@ -319,7 +333,7 @@ def _channels(asked: Groups, base: ProgramMatrices, where: str, notes: list[str]
         return [_row_name(base, r) for r in rows], rows, np.ones(len(rows))
     if base.node is None or base.direction is None:
         raise InputError(f"{where}: channel", "the matrices do not say which row is which node",
-                         "set channel_dof in the .npz yourself, or export a form that names rows (.sti with .dof, .full)")
+                         "set channel_dof in the .npz yourself, or export a form that names rows (.sti with .dof)")
     number = {(int(n), int(d)): k for k, (n, d) in enumerate(zip(base.node, base.direction, strict=True))}
     rows, signs = [], []
     for c in asked.channel:
@@ -371,9 +385,9 @@ def _solved(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np
         m = min(len(found), len(printed))
         worst = int(np.argmax(np.abs(found[:m] / printed[:m] - 1)))
         if abs(found[worst] / printed[worst] - 1) > REFUSED:
-            raise InputError(where, f"mode {worst + 1} is {found[worst]:.5g} Hz by these matrices, {printed[worst]:.5g} "
-                             "Hz as the program printed it", "check that both are of one run, with one set of "
-                             "boundary conditions and units")
+            raise InputError(where, f"mode {worst + 1} is {found[worst]:.5g} Hz by these matrices, "
+                             f"{printed[worst]:.5g} Hz as the program printed it", "check that both are of one run, with one "
+                             "set of boundary conditions and units")
     return found
 
 
@@ -384,8 +398,9 @@ def _csr(name: str, matrix) -> dict[str, np.ndarray]:
 
 def _parameters_text(asked: Groups) -> str:
     if not asked.parameter:
-        return ('# a factor on all stiffness; see groups.toml for groups of your own\n[[parameter]]\nname = "stiffness"\n'
-                'unit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.5\nupper = 1.5\nprior = "normal"\n')
+        return ('# a factor on all stiffness; see groups.toml for groups of your own\n[[parameter]]\n'
+                'name = "stiffness"\nunit = "-"\n'
+                'initial = 1.0\ncov = 0.1\nlower = 0.5\nupper = 1.5\nprior = "normal"\n')
     text = []
     tables = []
     for row in asked.parameter:
@@ -398,6 +413,4 @@ def _parameters_text(asked: Groups) -> str:
 
 
 def _quoted(value: object) -> str:
-    import json
-
     return json.dumps(value) if isinstance(value, str) else repr(value)

@@ -6,6 +6,7 @@ from probupdate.verbs.finishing import diagnose, export, figures, report
 from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
 from probupdate.verbs.lifetime_steps import stresses
 from probupdate.verbs.models import model_modes, model_path, open_model
+from probupdate.verbs.program_matrices import matrices
 from probupdate.verbs.records import check_setups, convert
 from probupdate.verbs.sought import modes_of_interest
 from probupdate.verbs.templates import template
@@ -28,11 +29,13 @@ __all__ = [
     "identifying",
     "inform",
     "lifetime_steps",
+    "matrices",
     "model_modes",
     "model_path",
     "models",
     "modes_of_interest",
     "open_model",
+    "program_matrices",
     "records",
     "regress",
     "report",

@@ -329,6 +329,40 @@ def matrices(folder: Path) -> Made:
     return [folder / "model.npz", folder / "model.toml"], lambda: load_model(folder / "model.npz")
 
 
+def calculix(folder: Path) -> Made:
+    from probupdate.structure.matrix_import import import_matrices
+
+    for name, scale in (("job", 1.0), ("more", 1.5)):
+        rows = [(k, k, 2.0 * scale) for k in range(1, 7)] + [(k, k + 1, -1.0 * scale) for k in range(1, 6)]
+        (folder / f"{name}.sti").write_text("".join(f"{i} {j} {1e4 * v!r}\n" for i, j, v in rows))
+        (folder / f"{name}.mas").write_text("".join(f"{k} {k} 1.0\n" for k in range(1, 7)))
+        (folder / f"{name}.dof").write_text("".join(f"{k}.1\n" for k in range(1, 7)))
+    (folder / "job.inp").write_text("*NODE\n" + "".join(f"{k}, {k}., 0.\n" for k in range(1, 6)) + "*END STEP\n")
+    (folder / "groups.toml").write_text(
+        '[[channel]]\nname = "a"\nnode = 2\ndirection = "-x"\n[[parameter]]\nname = "k"\ncov = 0.1\nlower = 0.2\n'
+        'upper = 3.0\nruns = [{ file = "more.sti", value = 1.5 }]\n')
+    paths = [folder / name for name in ("job.sti", "job.mas", "job.dof", "job.inp", "more.sti", "groups.toml")]
+
+    def read() -> object:
+        for old in ("model.npz", "parameters.toml"):
+            (folder / "out" / old).unlink(missing_ok=True)
+        return import_matrices([folder / "job.sti"], folder / "out" / "model.npz", groups=folder / "groups.toml")
+
+    return paths, read
+
+
+def punch(folder: Path) -> Made:
+    from probupdate.io.program_matrices import read_program_matrices
+
+    lines = []
+    for name in ("KAA", "MAA"):
+        lines.append(f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}")
+        for k in range(1, 5):
+            lines += [f"DMIG*   {name:<16}{k:>16}{1:>16}", f"*       {k:>16}{1:>16}{'2.0D+00':>16}"]
+    (folder / "both.pch").write_text("\n".join(lines) + "\n")
+    return [folder / "both.pch"], lambda: read_program_matrices([folder / "both.pch"])
+
+
 def subdyn(folder: Path) -> Made:
     from subdyn_text import STEEL
     from subdyn_text import subdyn as text
@@ -574,6 +608,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "turbine_model": (turbine_model, ("structure.load.load_model",)),
     "parameters": (parameters, ("structure.parameter_table.read_parameters",)),
     "matrices": (matrices, ("structure.matrices.load_matrices", "structure.matrices.read_archive")),
+    "calculix": (calculix, ("io.program_matrices.read_program_matrices",)),
+    "punch": (punch, ("io.program_matrices.read_program_matrices",)),
     "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
                         "structure.subdyn_model.read_description")),
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),

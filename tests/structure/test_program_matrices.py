@@ -1,0 +1,232 @@
+"""`matrices`: what programs leave in their own form is mended, what cannot be right is refused, frequencies stay."""
+
+import importlib.util
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import scipy.io
+from scipy import sparse
+from scipy.linalg import eigh
+
+import probupdate
+from probupdate.cli import main
+from probupdate.errors import InputError
+from probupdate.structure.load import load_model
+
+N, SPRING, MASS = 8, 2.0e7, 3.0e3
+
+
+def chain(factor=1.0, upper_mass=1.0):
+    """A chain of springs and masses, held at one end, its upper half's springs scaled; its frequencies are known."""
+    k = np.where(np.arange(N) >= N // 2, factor, 1.0) * SPRING
+    after = np.append(k[1:], 0.0)
+    K = np.diag(k + after) - np.diag(after[:-1], 1) - np.diag(after[:-1], -1)
+    return K, np.diag(np.where(np.arange(N) >= N // 2, upper_mass, 1.0) * MASS)
+
+
+def frequencies(K, M):
+    return np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+
+
+def calculix_files(folder, name, K, M, *, nodes=None):
+    """What CalculiX writes: upper triangles from 1, and node and direction of each row."""
+    for ending, matrix in ((".sti", K), (".mas", M)):
+        own = sparse.coo_array(sparse.triu(matrix))
+        (folder / f"{name}{ending}").write_text("".join(
+            f"{i + 1} {j + 1} {v:.15e}\n" for i, j, v in zip(*own.coords, own.data, strict=True)))
+    (folder / f"{name}.dof").write_text("".join(f"{n}.1\n" for n in nodes or range(2, N + 2)))
+    (folder / f"{name}.inp").write_text(
+        "*NODE, NSET=ALL\n" + "".join(f"{n}, {float(n - 1)}, 0., 0.\n" for n in range(1, N + 2)))
+
+
+GROUPS = """[[channel]]
+name = "tip"
+node = 9
+direction = "-x"
+[[parameter]]
+name = "upper"
+cov = 0.1
+lower = 0.2
+upper = 3.0
+runs = [{ file = "more.sti", value = 1.5 }, { file = "less.sti", value = 0.8 }]
+"""
+
+
+def test_parameters_by_differences_hold_at_other_values(tmp_path):
+    for name, factor in (("job", 1.0), ("more", 1.5), ("less", 0.8)):
+        calculix_files(tmp_path, name, *chain(factor))
+    (tmp_path / "groups.toml").write_text(GROUPS)
+    result = probupdate.matrices(tmp_path / "job.sti", tmp_path / "run" / "model.npz",
+                                 parameters=tmp_path / "groups.toml")
+    assert result.parameters == ("upper",) and not any("linear was not checked" in n for n in result.notes)
+    model = load_model(tmp_path / "run" / "model.npz")
+    for factor in (0.5, 2.2):
+        found = model.solve(np.array([factor]), 4)
+        np.testing.assert_allclose(found.frequency_hz, frequencies(*chain(factor))[:4], rtol=1e-9)
+        # the sensor reads against x: its sign is turned in every mode alike
+        assert model.channels == ("tip",) and found.shape.shape == (1, 4)
+
+
+def test_a_group_that_is_not_linear_is_refused(tmp_path):
+    for name, factor in (("job", 1.0), ("more", 1.5**3), ("less", 0.8**3)):
+        calculix_files(tmp_path, name, *chain(factor))
+    (tmp_path / "groups.toml").write_text(GROUPS)
+    with pytest.raises(InputError, match="not linear in it"):
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
+def written(folder, form, K, M):
+    """Files of a form, as scipy, numpy or a few lines write them."""
+    def triangle(matrix):
+        return sparse.coo_array(sparse.tril(matrix))
+
+    if form == "market":
+        scipy.io.mmwrite(folder / "K.mtx", triangle(K), symmetry="general")
+        scipy.io.mmwrite(folder / "M.mtx", triangle(M), symmetry="general")
+        return [folder / "K.mtx"]
+    if form == "abaqus":
+        for name, matrix in (("job_STIF1", K), ("job_MASS1", M)):
+            own = triangle(matrix)
+            (folder / f"{name}.mtx").write_text("".join(
+                f"{i + 2},1,{j + 2},1,{v:.15e}\n" for i, j, v in zip(*own.coords, own.data, strict=True)))
+        return [folder / "job_STIF1.mtx"]
+    if form == "matlab":
+        scipy.io.savemat(folder / "both.mat", {"K": K, "M": M})
+        return [folder / "both.mat"]
+    if form == "boeing":
+        scipy.io.hb_write(folder / "stiffness.rb", sparse.csc_array(K))
+        scipy.io.hb_write(folder / "mass.rb", sparse.csc_array(M))
+        return [folder / "stiffness.rb", folder / "mass.rb"]
+    assert form == "punch"
+    lines = []
+    for name, matrix in (("KAA", K), ("MAA", M)):
+        lines.append(f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}")
+        for j in range(N):
+            lines.append(f"DMIG*   {name:<16}{j + 2:>16}{1:>16}")
+            lines += [f"*       {i + 2:>16}{1:>16}{matrix[i, j]:>16.9E}".replace("E", "D")
+                      for i in range(j, N) if matrix[i, j]]
+    (folder / "both.pch").write_text("\n".join(lines) + "\n")
+    return [folder / "both.pch"]
+
+
+@pytest.mark.parametrize("form", ["market", "abaqus", "matlab", "boeing", "punch"])
+def test_every_form_gives_the_programs_frequencies(tmp_path, form, validation):
+    K, M = chain(1.3)
+    result = probupdate.matrices(written(tmp_path, form, K, M), tmp_path / "out" / "model.npz")
+    validation(what=f"matrices from a file ({form}), eight springs and masses", reference="dense solution of the chain",
+               why="digits in the file").error(
+        np.max(np.abs(result.frequency_hz / frequencies(K, M)[: len(result.frequency_hz)] - 1)), below=1e-8)
+
+
+def test_held_rows_of_zeros_and_of_penalties_are_left_out(tmp_path):
+    K, M = chain()
+    grown = np.zeros((N + 2, N + 2))
+    grown[:N, :N], grown[N, N] = K, 1e30
+    mass = np.zeros((N + 2, N + 2))
+    mass[:N, :N] = M
+    np.savez(tmp_path / "km.npz", K=grown, M=mass)
+    result = probupdate.matrices(tmp_path / "km.npz", tmp_path / "out" / "model.npz")
+    assert result.n_row == N and sum("left out" in note for note in result.notes) == 2
+    np.testing.assert_allclose(result.frequency_hz, frequencies(K, M)[: len(result.frequency_hz)], rtol=1e-9)
+
+
+def test_rows_without_mass_follow_statically(tmp_path):
+    K, M = chain()
+    M[3, 3] = 0.0
+    np.savez(tmp_path / "km.npz", K=K, M=M)
+    result = probupdate.matrices(tmp_path / "km.npz", tmp_path / "out" / "model.npz")
+    free = np.delete(np.arange(N), 3)
+    condensed = K[np.ix_(free, free)] - np.outer(K[free, 3], K[3, free]) / K[3, 3]
+    np.testing.assert_allclose(result.frequency_hz[:5], frequencies(condensed, M[np.ix_(free, free)])[:5], rtol=1e-9)
+    assert any("no mass" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda K, M: (K + np.diag(np.full(N - 1, 1e5), 1), M), "is not symmetric"),
+    (lambda K, M: (np.where(K[0, 0] == K, np.nan, K), M), "is no number"),
+    (lambda K, M: (K[:-1, :-1], M), "rows"),
+], ids=["unsymmetric", "not a number", "sizes"])
+def test_matrices_that_cannot_be_right_are_refused(tmp_path, capsys, change, words):
+    K, M = change(*chain())
+    np.savez(tmp_path / "km.npz", K=K, M=M)
+    assert main(["matrices", str(tmp_path / "km.npz"), "--out", str(tmp_path / "model.npz")]) == 2
+    assert words in capsys.readouterr().err and not (tmp_path / "model.npz").exists()
+
+
+def test_frequencies_that_the_program_printed_are_held_against(tmp_path):
+    K, M = chain()
+    calculix_files(tmp_path, "job", K, M)
+    (tmp_path / "groups.toml").write_text(f"[check]\nfrequencies_hz = {(1.1 * frequencies(K, M)[:3]).tolist()}\n")
+    with pytest.raises(InputError, match="as the program printed it"):
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
+def test_a_channel_at_a_held_node_says_what_is_free(tmp_path):
+    calculix_files(tmp_path, "job", *chain())
+    (tmp_path / "groups.toml").write_text('[[channel]]\nname = "a"\nnode = 9\ndirection = "y"\n')
+    with pytest.raises(InputError, match=r"no free row along y; free there: x"):
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
+def test_a_live_model_of_opensees_keeps_its_frequencies(tmp_path, ops):
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    for k in range(6):
+        ops.node(k + 1, 0.0, 2.0 * k)
+        if k:
+            ops.mass(k + 1, 500.0, 500.0, 50.0)
+    ops.fix(1, 1, 1, 1)
+    ops.geomTransf("Linear", 1)
+    for k in range(5):
+        ops.element("elasticBeamColumn", k + 1, k + 1, k + 2, 0.01, 2.1e11, 8e-6, 1)
+    expected = np.sqrt(np.array(ops.eigen("-fullGenLapack", 6))) / (2 * np.pi)
+    result = probupdate.matrices.from_opensees(tmp_path / "model.npz", ops=ops)
+    np.testing.assert_allclose(result.frequency_hz[:6], expected, rtol=1e-8)
+    assert set(result.channels) <= {f"{n}-{d}" for n in range(2, 7) for d in "xy"}
+
+
+CANTILEVER = """*NODE, NSET=ALL
+{nodes}
+*ELEMENT, TYPE=B31, ELSET=E
+{elements}
+*MATERIAL, NAME=S
+*ELASTIC
+2.1e11, 0.3
+*DENSITY
+7850.
+*BEAM SECTION, ELSET=E, MATERIAL=S, SECTION=RECT
+0.3, 0.2
+0, 1, 0
+*BOUNDARY
+1, 1, 6
+*STEP
+*FREQUENCY{solver}
+6
+*END STEP
+"""
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
+def test_calculix_itself(tmp_path, validation):
+    nodes = "\n".join(f"{k + 1}, {k}., 0., 0." for k in range(11))
+    elements = "\n".join(f"{k + 1}, {k + 1}, {k + 2}" for k in range(10))
+    for name, solver in (("printed", ""), ("job", ", SOLVER=MATRIXSTORAGE")):
+        (tmp_path / f"{name}.inp").write_text(CANTILEVER.format(nodes=nodes, elements=elements, solver=solver))
+        subprocess.run(["ccx", name], cwd=tmp_path, check=False, capture_output=True, timeout=60)
+    shutil.copy(tmp_path / "printed.dat", tmp_path / "job.dat")
+    result = probupdate.matrices(tmp_path / "job.sti", tmp_path / "out" / "model.npz")
+    assert result.n_row == 216 and len(result.printed_hz) == 6
+    validation(what="matrices of CalculiX' expanded beams (M singular, 30 nodes that the deck does not have)",
+               reference="frequencies that ccx prints, where installed", why="printed digits").error(
+        np.max(np.abs(result.frequency_hz[:6] / result.printed_hz - 1)), below=1e-6)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ansys") is None, reason="ansys-mapdl-reader is not installed")
+def test_a_full_file_of_ansys_is_read_whole(tmp_path):
+    from ansys.mapdl.reader import examples
+
+    result = probupdate.matrices(examples.fullfile, tmp_path / "model.npz")
+    # unmirrored, or with held rows, it is 10 kHz and more
+    assert result.frequency_hz[0] == pytest.approx(1283.2, rel=1e-4)
