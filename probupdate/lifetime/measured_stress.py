@@ -315,8 +315,8 @@ class _Work:
         """What was not used, and what the numbers are not."""
         found = [
             "cycles slower than ten minutes are not counted, nor waves shorter than those of fatigue.toml",
-            "intervals carry the posterior, the scatter of blocks and x_scf of fatigue.toml; what else the model misses "
-            "of a stress is to be stated there",
+            "intervals carry the posterior, the scatter of blocks and x_scf of fatigue.toml; what else the model "
+            "misses of a stress is to be stated there",
         ]
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")

@@ -115,8 +115,8 @@ def written(folder, form, K, M):
 def test_every_form_gives_the_programs_frequencies(tmp_path, form, validation):
     K, M = chain(1.3)
     result = probupdate.matrices(written(tmp_path, form, K, M), tmp_path / "out" / "model.npz")
-    validation(what="matrices from files of five forms, eight springs and masses", reference="dense solution of the chain",
-               why="digits in the file").error(
+    validation(what="matrices from files of five forms, eight springs and masses",
+               reference="dense solution of the chain", why="digits in the file").error(
         np.max(np.abs(result.frequency_hz / frequencies(K, M)[: len(result.frequency_hz)] - 1)), below=1e-8)
 
 
