@@ -386,8 +386,8 @@ def _solved(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np
         worst = int(np.argmax(np.abs(found[:m] / printed[:m] - 1)))
         if abs(found[worst] / printed[worst] - 1) > REFUSED:
             raise InputError(where, f"mode {worst + 1} is {found[worst]:.5g} Hz by these matrices, "
-                             f"{printed[worst]:.5g} Hz as the program printed it", "check that both are of one run, with "
-                             "one set of boundary conditions and units")
+                             f"{printed[worst]:.5g} Hz as the program printed it", "check that both are of one "
+                             "run, with one set of boundary conditions and units")
     return found
 
 
