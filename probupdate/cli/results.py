@@ -109,22 +109,7 @@ def add_commands(verb: AddCommand) -> None:
                    "unexplained; every file says so")
     seeded(p)
 
-    p = verb("stresses", run_stresses, "stress histories, damage-equivalent ranges and damage at hot spots from a "
-             "measured campaign, through a run's model and posterior")
-    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and the records")
-    p.add_argument("--run", required=True, help="directory with model.toml, posterior.nc and modes.json")
-    p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the "
-                   "loads from which the estimate begins")
-    p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
-    p.add_argument("--draws", type=positive(int, "draws"), default=8,
-                   help="draws that carry the posterior's uncertainty (8)")
-    p.add_argument("--worst", type=positive(int, "hot spots"), default=6,
-                   help="hot spots whose history is written and counted by rainflow (6)")
-    p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "
-                   "unexplained; stresses.json says so")
-    p.add_argument("--out", required=True, help="folder to write, new or empty")
-    seeded(p)
-
+    _add_stresses(verb)
     p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
     p.add_argument("description", metavar="FARM",
                    help="farm.toml: turbines, their models and folders of campaigns, steps")
@@ -140,3 +125,21 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True, help="the page, report.html")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the page is the same")
+
+
+def _add_stresses(verb: AddCommand) -> None:
+    p = verb("stresses", run_stresses, "stress histories, damage-equivalent ranges and damage at hot spots from a "
+             "measured campaign, through a run's model and posterior")
+    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and the records")
+    p.add_argument("--run", required=True, help="directory with model.toml, posterior.nc and modes.json")
+    p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the "
+                   "loads from which the estimate begins")
+    p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
+    p.add_argument("--draws", type=positive(int, "draws"), default=8,
+                   help="draws that carry the posterior's uncertainty (8)")
+    p.add_argument("--worst", type=positive(int, "hot spots"), default=6,
+                   help="hot spots whose history is written and counted by rainflow (6)")
+    p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "
+                   "unexplained; stresses.json says so")
+    p.add_argument("--out", required=True, help="folder to write, new or empty")
+    seeded(p)
