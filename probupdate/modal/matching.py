@@ -487,45 +487,41 @@ def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
 
 
 def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouped:
-    """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable; where neither is,
-    it is refused. The prior, which takes derivatives, is asked where shapes leave two."""
+    """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable, group by group;
+    where neither is, or what is chosen is improbable itself, it is refused. The prior, which takes derivatives, is
+    asked where shapes leave two."""
     cov = None
-    for _ in x.name:
+    # each step changes a group for the better
+    for _ in range(2 * len(x.name)):
         found = _grouped(x, partner)
-        if len(found.rows) < 0.5 * n_used:
-            return found
-        others = _alternatives(x, found)
+        others = _alternatives(x, found) if len(found.rows) >= 0.5 * n_used else []
         if not others:
             return found
-        first = others[0]
-        if prior_cov is not None:
-            cov = prior_cov() if cov is None else cov
-            own, *density = [_log_density(x, found, column, cov) for column in
-                             ([found.partner[j] for j in found.rows], *(column for _, column in others))]
-            best = int(np.argmax(density))
-            if density[best] > own + np.log(ODDS):
-                partner = partner | dict(zip(found.rows, map(int, others[best][1]), strict=True))
-                continue
-            left = [other for other, value in zip(others, density, strict=True) if not own > value + np.log(ODDS)]
-            if not left:
-                return found
-            first = left[0]
-        if refuse:
-            _refuse_two_pairings(x, found, *first)
-        return found
+        if prior_cov is None:
+            break
+        cov = prior_cov() if cov is None else cov
+        (own, probable), *density = [_log_density(x, found, column, cov) for column in
+                                     ([found.partner[j] for j in found.rows], *(column for _, column in others))]
+        best = int(np.argmax([value for value, _ in density]))
+        if density[best][0] > own + np.log(ODDS):
+            partner = partner | dict(zip(found.rows, map(int, others[best][1]), strict=True))
+            continue
+        others = [other for other, (value, _) in zip(others, density, strict=True)
+                  if not (probable and own > value + np.log(ODDS))]
+        break
+    if others and refuse:
+        _refuse_two_pairings(x, found, *others[0])
     return found
 
 
-def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> float:
-    """Of the measured ln f by the prior, paired in each group in their order; -inf of what is improbable however it
-    compares with others: such a prior is none to judge by."""
+def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:
+    """Of the measured ln f by the prior, paired in each group in their order; and whether they are probable at all: a
+    prior by which they are not is none to judge by."""
     order = np.concatenate([np.sort(np.asarray(column)[place]) for place in found.places])
     off = np.log(x.measured_hz[found.rows] / x.computed_hz[order])
     spread = np.linalg.cholesky(cov[np.ix_(order, order)] + MODEL_ERROR**2 * np.eye(len(order)))
     chi2, n = float(np.sum(np.linalg.solve(spread, off) ** 2)), len(order)
-    if chi2 > n + IMPROBABLE * np.sqrt(2 * n):
-        return -np.inf
-    return -0.5 * chi2 - float(np.sum(np.log(np.diag(spread))))
+    return -0.5 * chi2 - float(np.sum(np.log(np.diag(spread)))), chi2 <= n + IMPROBABLE * np.sqrt(2 * n)
 
 
 def _far_off(x: _Compared, found: _Grouped) -> np.ndarray:
@@ -557,12 +553,18 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
             trial = np.where(visible < SEEN * visible[i], -1.0, score)
             trial[:, column] = score[:, column]
             trial[here, blocked] = -1.0
-            other = assign(trial)
-            # which member of a group has which of its modes is no difference
-            changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
-            loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
-            if loss < CLEAR and set(other[here]) - set(group.computed):
-                result.append((group, other))
+            # the others as they please, and as they are
+            alone = np.full(trial.shape, -1.0)
+            alone[np.arange(len(rows)), column] = score[np.arange(len(rows)), column]
+            alone[here] = trial[here]
+            alone[here, np.delete(column, here)] = -1.0
+            for choice in (trial, alone):
+                other = assign(choice)
+                # which member of a group has which of its modes is no difference
+                changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
+                loss = (best - choice[np.arange(len(rows)), other].sum()) / changed
+                if loss < CLEAR and set(other[here]) - set(group.computed):
+                    result.append((group, other))
     return result
 
 

@@ -339,6 +339,22 @@ def test_of_two_modes_of_one_shape_frequencies_choose():
     assert match(modal_set([0.9, np.nan], axes[:, :2]), solution, ROWS, prior_cov=lambda: cov).computed == (0,)
 
 
+def test_frequencies_choose_where_two_groups_are_wrong_by_their_shapes():
+    """Braces' own modes have the shapes of the tower's at its sensors, a little better, in two groups at once."""
+    axes = np.eye(len(CHANNELS))
+
+    def near(k, other):
+        return np.sqrt(0.97) * axes[k] + np.sqrt(0.03) * axes[other]
+
+    shape = np.column_stack([near(0, 5), near(1, 6), 0.2 * axes[0], 0.2 * axes[1]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.07, 1.40, 1.43, 1.80]), shape=shape)
+    measured = modal_set([1.08, 1.41], axes[:, :2])
+    cov = 0.02**2 * np.eye(4)
+    assert match(measured, solution, ROWS, prior_cov=lambda: cov).computed == (0, 1)
+    with pytest.raises(InputError, match="about as alike"):
+        match(measured, solution, ROWS, prior_cov=lambda: 400 * cov)
+
+
 def test_a_mode_that_the_sensors_hardly_see_is_no_partner():
     """A pile's torsion has, by a trace of bending in it, the shape of bending at the sensors on its axis."""
     axes = np.eye(len(CHANNELS))
