@@ -57,8 +57,8 @@ def diagnosis_section(run: Run) -> Section | None:
     if content["findings"]:
         items.append(_findings_table(content["findings"]))
         items.append(_picture(
-            figures.causes(content["findings"]), "causes", "Of every finding its cause (filled) and what else could be "
-            "meant (hatched), by evidence of each refitted as it is, discounted by what models cannot be trusted to."))
+            figures.causes(content["findings"]), "causes", "Probability of the cause of each finding (filled) and "
+            "of its competing hypotheses (hatched), by their evidence."))
     items += _changes(content["details"].get("changes"))
     items += gain_items(content["findings"])
     items += extension_items(content.get("extension"), sampled=run.included and run.posterior is not None)
@@ -133,7 +133,7 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
 
 def _hidden_beside_found(hidden: Sequence[str], found: Sequence[str]) -> Table:
     rows = [(h, typeset(f)) for h, f in zip_longest(hidden, found, fillvalue="-")]
-    return Table(caption="What was hidden in this virtual campaign, and what the diagnosis found",
+    return Table(caption="Hidden in this virtual campaign, and found by the diagnosis",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
                  note="Each in its own order. Sizes of findings are changes from the neutral value: a factor of 0.75 "
                       "is −25 %.")
@@ -251,7 +251,7 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
     columns = (Column(name="", number=False), Column(name="of", number=False), Column(name="directions"),
                Column(name="within 50 % bands (expected)", unit="%"),
                Column(name="within 90 % bands (expected)", unit="%"), Column(name="p of all", unit="-"))
-    return Table(caption="Do the bands hold what they say?", columns=columns, rows=tuple(rows),
+    return Table(caption="Coverage of the prediction bands", columns=columns, rows=tuple(rows),
                  note="Along independent directions of the full predictive covariance. More than expected: the bands "
                  "are wider than this record needs, as model form is allowed for; fewer: some residual is unexplained.")
 
@@ -269,7 +269,7 @@ def _prior_shifts(content: Mapping, shown: Mapping | None) -> list[Element]:
                 f"when its prior is right (grey). All together: p = {together}."))
     sentences = wording.prior_shift_words(content)
     if sentences:
-        items.append(Items(title="Shifted where the prior did not expect it", level="warning",
+        items.append(Items(title="Parameters far from their priors", level="warning",
                            statements=tuple(map(typeset_with_stop, sentences))))
     return items
 

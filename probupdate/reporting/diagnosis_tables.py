@@ -45,13 +45,13 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
                 for k, _, g in gained for key in _pairs_of(g)]
     if measured:
-        items.append(Table(caption="Predicting held-out blocks", rows=tuple(measured), width="half", columns=(
+        items.append(Table(caption="Prediction of held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
             Column(name="with it"))))
     sensors = [(str(k), str(r["level"]), percent(r["rms_error_before"], 2), percent(r["rms_error_after"], 2))
                for k, _, g in gained for r in g.get("heldout_sensors", ())]
     if sensors:
-        items.append(Table(caption="Predicting sensors that took no part", rows=tuple(sensors), width="half", columns=(
+        items.append(Table(caption="Prediction at held-out sensors", rows=tuple(sensors), width="half", columns=(
             Column(name="finding"), Column(name="level held out", number=False),
             Column(name="rms error before", unit="% of largest"), Column(name="with it", unit="% of largest"))))
     return items + _fatigue(gained)
@@ -95,7 +95,7 @@ def _fatigue(gained: Sequence) -> list[Element]:
     columns = (Column(name="finding"), Column(name="members", number=False), Column(name="spot", number=False),
                Column(name="place", number=False), Column(name="stress ratio", unit="-"),
                *(Column(name=f"damage ratio, {d.rsplit('_', 1)[1].replace('m', 'm = ')}", unit="-") for d in slopes))
-    return [Table(caption="What it changes of fatigue: with it over without it", columns=columns, rows=tuple(rows),
+    return [Table(caption="Fatigue with the finding over that without it", columns=columns, rows=tuple(rows),
                   note=f"Per {per}." if per else "")]
 
 
@@ -108,7 +108,7 @@ def extension_items(table: object, *, sampled: bool = False) -> list[Element]:
         left = [s for s in table.get("statements", ()) if not s.startswith("the posterior with the findings was not")]
         table = {**table, "statements": left, "sampler": None}
     said = table.get("statements")
-    title = "The model with what was found"
+    title = "The extended model"
     first = [Items(title=title, statements=tuple(map(typeset_with_stop, said)))] if said else []
     updated, sampler = table.get("after"), table.get("sampler")
     estimated = _estimators_table(updated, sampler)
@@ -128,10 +128,10 @@ def _taken_in(added: object) -> list[Element]:
     rows = tuple((wording.name_of(f), f["time_profile"], _with_std(f["size"], f.get("size_std")),
                   f.get("unit", MISSING), f"{f['as']} {f['parameter']}" if f.get("parameter") else f["as"])
                  for f in added)
-    return [Table(caption="Findings that were taken in", rows=rows, columns=(
+    return [Table(caption="Findings included in the model", rows=rows, columns=(
         Column(name="finding", number=False), Column(name="time profile", number=False),
         Column(name="size with standard deviation"), Column(name="unit", number=False),
-        Column(name="taken in as", number=False)))]
+        Column(name="included as", number=False)))]
 
 
 def _parameters_of(side: object) -> dict[str, Mapping]:

@@ -140,7 +140,7 @@ def identification_section(run: Run) -> Section:
         if odd:
             items.append(Items(title="What does not match the model", statements=tuple(map(full_sentence, odd))))
     return Section(anchor="identified", title="Identification", items=tuple(items),
-                   lead="Every pole of every block, and what was taken for a mode of the structure.")
+                   lead="Poles of every block, and the modes of the structure among them.")
 
 
 def _pole_pictures(run: Run, poles: pd.DataFrame) -> list[Element]:
@@ -268,7 +268,7 @@ def selection_section(run: Run) -> Section:
     if run.nine is not None and len(run.nine.sets) > 1:
         items += _set_wise(run, run.nine)
     return Section(anchor="selected", title="Selection", items=tuple(items),
-                   lead="Which blocks the update may trust, and why the others were left out.")
+                   lead="The blocks that an update may use, and why the others were left out.")
 
 
 def _selection_reasons(run: Run, selection: pd.DataFrame) -> list[Element]:
@@ -279,7 +279,7 @@ def _selection_reasons(run: Run, selection: pd.DataFrame) -> list[Element]:
     items: list[Element] = [
         Picture(
             svg=figures.svg_text(figures.selection_steps(names, excluded, len(selection)), "selection"),
-            caption="Blocks that each criterion took away, asked in this order (a block counts at the first it fails).",
+            caption="Blocks that each criterion removed, in this order (a block counts at the first it fails).",
         )
     ]
     if run.jacket:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -331,7 +331,7 @@ def _tiles(run: Run) -> list[Tile]:
             detail=f"worst mode at first: {update.labels[first]}, measured {update.measured_hz[first]:.3f} Hz, "
             f"computed {update.initial_hz[first]:.3f} → {chosen.frequency_hz[first]:.3f} Hz ({chosen.name})"))
         tiles.append(_fit_tile(update))
-        tiles.append(_parameter_tile(update, posterior))
+        tiles.append(_parameter_tile(update, posterior, _sizes_by_change(run)))
         tiles.append(_update_tile(update))
     if posterior is not None:
         tiles.append(Tile(
@@ -344,10 +344,12 @@ def _tiles(run: Run) -> list[Tile]:
     return tiles
 
 
-def _parameter_tile(update: UpdateRecord, posterior: Posterior | None) -> Tile:
+def _parameter_tile(update: UpdateRecord, posterior: Posterior | None, by_change: Collection[str]) -> Tile:
     found = identifiabilities(update, posterior)
     size = {kind: len(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)}
-    detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR]} keep the prior"
+    changed = sum(name in by_change for name in names_of(found, PRIOR))
+    detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR] - changed} keep the prior"
+    detail += f", {changed} by a change in the record" if changed else ""
     if size[BOUND]:
         detail += f", {size[BOUND]} pinned at a bound ({', '.join(names_of(found, BOUND))})"
     return Tile(label="parameters", value=f"{size[KNOWN]} of {len(found)}", detail=detail,
@@ -468,7 +470,7 @@ def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
     draws = run.posterior.draws if run.posterior is not None else None
     shifts = figures.parameter_shifts(update.parameters.items, draws, marks(run, update))
     return Picture(svg=figures.svg_text(shifts, "parameter_shifts"),
-                   caption="Where each parameter went. A posterior as wide as the grey bar is not identified by "
+                   caption="Shift of each parameter. A posterior as wide as the grey bar is not identified by "
                    "the data; estimates far from the posterior's middle are not to be relied on. MAP: the most "
                    "probable parameters.")
 

@@ -65,7 +65,7 @@ def posterior_section(run: Run) -> Section:
     items.append(Picture(
         svg=figures.svg_text(marginals, "marginals"),
         caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
-        "the bounds. A posterior that lies on its prior was not informed by the data."
+        "the bounds. A posterior that lies on its prior is not identified by the data."
         + (" Truth: what the virtual turbine was built with." if run.truth else "")))
     if len(update.parameters) > 1:
         items += _pair_pictures(update, posterior.draws, points, ratio)
@@ -73,7 +73,7 @@ def posterior_section(run: Run) -> Section:
     items += _predictive_picture(posterior, update)
     items += [_trace_picture(posterior, update), _sampling_table(posterior, update)]
     return Section(anchor="posterior", title=title, items=tuple(items),
-                   lead="What the parameters may be, given the measurement, the prior and the model.")
+                   lead="The parameters given the measurement, the prior and the model.")
 
 
 def _pair_pictures(
@@ -121,8 +121,8 @@ def _trace_picture(posterior: Posterior, update: UpdateRecord) -> Picture:
         int(posterior.record.get("thinned by", 1)))
     return Picture(
         svg=figures.svg_text(figure, "traces"),
-        caption="Whether the chains have settled. Traces: all walkers at every step; a drift, or a width that still "
-        "changes, has not settled. Ranks: parts of the chains against all draws; lines that leave the grey band mean "
+        caption="Convergence of the chains. Traces: all walkers at every step; a drift, or a width that still "
+        "changes, has not converged. Ranks: parts of the chains against all draws; lines that leave the grey band mean "
         "that the parts disagree.")
 
 
@@ -169,7 +169,7 @@ def comparison_section(run: Run) -> Section:
     items += [truth] if truth else []
     items.append(_distance_table(rows))
     return Section(anchor="comparison", title=title, items=tuple(items),
-                   lead="Where the deterministic updates and the posterior part, and why.")
+                   lead="Where the deterministic updates and the posterior differ, and why.")
 
 
 def _true_parameters(run: Run) -> Mapping[str, float]:
@@ -260,7 +260,7 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     columns = (Column(name="parameter", number=False), Column(name="step penalty"), Column(name="prior penalty"),
                Column(name="MAP"),
                Column(name="posterior over prior standard deviation"), Column(name="the data", number=False),
-               Column(name="why they part", number=False))
+               Column(name="why they differ", number=False))
     names = [r.name for r in rows]
     cells = []
     for r in rows:

@@ -35,7 +35,7 @@ def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdic
     text = section_text(replace(full_run, diagnosis=diagnosis_of(verdict)))
     for word in words:
         assert word in text, word
-    assert ("Predicting held-out blocks" in text) == (verdict in ("named", "ambiguous"))
+    assert ("Prediction of held-out blocks" in text) == (verdict in ("named", "ambiguous"))
 
 
 def test_what_was_pushed_and_what_hid_something_is_said(full_run, unfigured):
@@ -108,7 +108,7 @@ def test_an_extension_is_shown_whatever_it_holds(full_run, diagnosis_of, unfigur
         "parameters": [{"name": "joint_AB_2", "mean": 0.4, "std": 0.03}],
         "remarks": ["k_t moves back to its prior"], "more": {"chi_square": 12.0}}}
     text = section_text(replace(full_run, diagnosis=content))
-    for word in ("The model with what was found", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square",
+    for word in ("The extended model", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square",
                  ">20<"):
         assert word in text
 
@@ -163,7 +163,7 @@ def test_the_parameters_stand_without_and_with_the_findings(full_run, diagnosis_
     extension["after"] |= {"effective_responses": 86}
     extension["after"]["parameters"][0] |= {"prior_shift": -1.957, "at_bound": False}
     text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension}))
-    for word in ("Findings that were taken in", "joints loosened, face AB, bay 2", "−0.587 ± 0.0400",
+    for word in ("Findings included in the model", "joints loosened, face AB, bay 2", "−0.587 ± 0.0400",
                  "parameter joint_AB_2", "Parameters without and with the findings in the model", "0.413 ± 0.0510",
                  "−1.96",
                  "Misfit 81.4 (as it is) and 3.00 (with the findings) of 86 effective responses",
