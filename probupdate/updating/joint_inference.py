@@ -30,7 +30,7 @@ from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_
 # linearisations at most, and the move in prior standard deviations at which the estimate stays where it is
 ROUNDS, STAYS = 8, 1e-3
 # sets from which what is new in each is learnt: more do not say more of two numbers
-LEARNT_FROM = 36
+LEARNT_FROM = 18
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,7 +188,7 @@ def estimate_farm(
         error = shared_error(problems, theta[set_turbine], coordinates)
         layout = Layout.of(roles, prior, error.middle)
         tau = scales.tau(np.zeros(len(scales.spread)) if x is None else x)
-        if new is None or number == 2:
+        if new is None:
             new = _new_scales(error, set_turbine, roles, prior, tau)
         inners = _inners(error, new, set_turbine)
         whole = FarmSystem.of(inners, layout, error.kind, error.form)
