@@ -104,16 +104,20 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
         damping_ratio_std=damping.std, shape=shape.value + 1j * np.nan_to_num(imaginary), shape_std=shape.std,
         environment=_mean_environment(sets), covariance_factors=factors)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    unstated = [labels[j] for j in np.flatnonzero(~mean.is_stated & np.isfinite(mean.std))]
     said = [f"{labels[j]} {100 * mean.scatter[j] / mean.value[j]:.2g} % ({100 * mean.stated[j] / mean.value[j]:.2g} %)"
             for j in np.flatnonzero(mean.p_value < UNLIKELY)]
-    return together, [f"frequencies that scatter over these sets more than each states (in brackets): {', '.join(said)}"
-                      ] if said else []
+    notes = [f"standard deviations of {', '.join(unstated)} by the sets' scatter, as not every set states them"
+             ] if unstated else []
+    return together, [*notes, f"frequencies that scatter over these sets more than each states (in brackets): "
+                              f"{', '.join(said)}"] if said else notes
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
     """Of values (n_set, ...) along the first axis: value, std of it; share (n_set, ...) of each set; extra: the part
-    of std**2 beyond what sets state; scatter over the sets, root mean square of what they state, p-value of Q."""
+    of std**2 beyond what sets state; scatter over the sets, root mean square of what they state, p-value of Q;
+    is_stated: by every set that has a value."""
 
     value: np.ndarray
     std: np.ndarray
@@ -122,6 +126,7 @@ class Mean:
     scatter: np.ndarray
     stated: np.ndarray
     p_value: np.ndarray
+    is_stated: np.ndarray
 
     @classmethod
     def of(cls, values: np.ndarray, std: np.ndarray) -> Mean:
@@ -130,10 +135,9 @@ class Mean:
         there = np.isfinite(values)
         n = there.sum(axis=0)
         known = there & (std > 0)
-        # a set that states none counts as the least certain of the others
-        largest = np.max(np.where(known, std, 0.0), axis=0)
-        own = np.where(known, std, largest) ** 2
-        stated = largest > 0
+        # where one set states none, the scatter of all is what is known
+        stated = np.all(known | ~there, axis=0) & (n > 0)
+        own = np.where(known, std, 0.0) ** 2
         weight = np.where(there, 1 / np.where(stated, own, 1.0), 0.0)
         first = _weighted(values, weight / np.maximum(weight.sum(axis=0), 1e-300))
         square = np.where(there, (values - first) ** 2, 0.0)
@@ -150,7 +154,8 @@ class Mean:
         p_value = np.where(stated & (n > 1), stats.chi2.sf(q, np.maximum(n - 1, 1)), 1.0)
         return cls(value=value, std=np.where(n > 0, np.sqrt(variance), np.nan), share=share,
                    extra=np.maximum(variance - noise, 0.0), scatter=scatter,
-                   stated=np.sqrt(np.sum(np.where(there, own, 0.0), axis=0) / np.maximum(n, 1)), p_value=p_value)
+                   stated=np.sqrt(np.sum(np.where(there, own, 0.0), axis=0) / np.maximum(n, 1)), p_value=p_value,
+                   is_stated=stated)
 
 
 def _weighted(values: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -524,7 +524,8 @@ def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, chan
     table = modes_table()
     exchanged(*channels)(table)
     Path(building["modes"]).write_text(json.dumps(table))
-    assert main([*update(building), "--weights", weights]) == 2
+    one = ["--set", table["sets"][0]["id"]] if written else []
+    assert main([*update(building), "--weights", weights, *one]) == 2
     said = capsys.readouterr()
     assert f"channels {CHANNELS[channels[0]]} and {CHANNELS[channels[1]]} exchanged would explain it" in said.err
     assert len([line for line in said.err.splitlines() if not line.startswith("  ")]) == 1

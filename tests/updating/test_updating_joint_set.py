@@ -159,3 +159,12 @@ def test_a_parameter_about_zero_has_no_cov_over_sets():
     scatter = SetScatter(ids=("a", "b", "c"), theta_map=theta, theta_step=theta, iterations=1, variance=one,
                          resolution=one, derived={}, failed=(), parameters=chain_model().parameters)
     assert scatter.cov[:3] == pytest.approx(0.02) and np.isnan(scatter.cov[3])
+
+
+def test_scatter_stands_where_no_set_states_a_standard_deviation():
+    values = np.array([1.0, 3.0]) + 0.01 * np.random.default_rng(9).standard_normal((10, 2))
+    joint = joint_set(frequency_sets(values, np.nan))
+    assert joint.data.set().frequency_std_hz == pytest.approx(np.std(values, axis=0, ddof=1) / np.sqrt(10))
+    assert any("by the sets' scatter, as not every set states them" in note for note in joint.notes)
+    few = joint_set(frequency_sets(values[:3], np.nan))
+    assert np.isnan(few.data.set().frequency_std_hz).all()
