@@ -58,8 +58,8 @@ def add_commands(verb: AddCommand) -> None:
                    help="truth.toml of effects to hide in the virtual turbine, none, or default: one of the structure, "
                         "one of a sensor")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=2,
-                   help="processes (default 2: update and sampler beside the diagnosis; the bytes do not "
-                        "depend on it)")
+                   help="processes (default 2: steps that do not need one another side by side; about two minutes on "
+                        "two idle cores; the bytes do not depend on it)")
     seeded(p)
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
