@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import optimize
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
@@ -20,10 +21,10 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.hierarchical import SPREAD
 from probupdate.updating.joint_draws import JointDraws, LinearSet, PriorRatio, draw_joint, weigh_by_model
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
-from probupdate.updating.joint_scales import ScaleChain, Scales, sample_scales
+from probupdate.updating.joint_scales import LN_RANGE, ScaleChain, Scales, sample_scales
 from probupdate.updating.joint_system import FarmSystem, Layout, Roles, prior_in_u
 from probupdate.updating.problem import Problem
-from probupdate.updating.scales import hyper_scales, learn_scales
+from probupdate.updating.scales import hyper_scales, log_half_cauchy
 from probupdate.updating.set_likelihoods import Coordinates, coordinates_of
 from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error, total
 
@@ -31,6 +32,8 @@ from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_
 ROUNDS, STAYS = 8, 1e-3
 # sets from which what is new in each is learnt: more do not say more of two numbers
 LEARNT_FROM = 18
+# steps at most of the search for these
+SEARCHES = 15
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -131,33 +134,29 @@ def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> 
     return [total([each[s] for s in np.flatnonzero(group == i)]) for i in range(group.max() + 1)]
 
 
-@dataclass(frozen=True, eq=False)
-class _AtScatter:
-    """What `learn_scales` asks of a shared error, of a farm at one tau."""
-
-    error: SharedError
-    set_turbine: np.ndarray
-    layout: Layout
-    tau: np.ndarray
-
-    def __getattr__(self, name: str):
-        return getattr(self.error, name)
-
-    def summed(self, new: tuple[float, float]) -> Inner:
-        return FarmSystem.of(_inners(self.error, new, self.set_turbine), self.layout).inner(self.tau)
-
-
 def _new_scales(
     error: SharedError, set_turbine: np.ndarray, roles: Roles, prior: tuple[np.ndarray, np.ndarray], tau: np.ndarray
 ) -> tuple[float, float]:
-    """What is new in each set, from as many turbines as have enough of them."""
-    last = set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1]
-    some = np.flatnonzero(set_turbine <= last)
-    part = SharedError(**{name: tuple(getattr(error, name)[s] for s in some) for name in
-                          ("problems", "residual", "slope", "effect")}, centre=error.centre[some], kind=error.kind,
-                       form=error.form)
-    layout = Layout.of(roles, prior, part.middle)
-    return learn_scales(_AtScatter(part, set_turbine[some], layout, tau), layout.prior).new
+    """What is new in each set, the most probable beside what is shared, from as many turbines as have enough sets."""
+    weights = error.problems[0].weights
+    if not weights.scales:
+        return tuple(float(np.sqrt(1 - weights.shared) * x) for x in weights.discrepancies)
+    some = np.flatnonzero(set_turbine <= set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1])
+    part = replace(error, centre=error.centre[some], **{name: tuple(getattr(error, name)[s] for s in some) for name in
+                                                        ("problems", "residual", "slope", "effect")})
+    layout, shared = Layout.of(roles, prior, part.middle), _hyper(error.problems[0])
+    hyper = np.concatenate([shared[:2], shared])
+
+    def descent(x: np.ndarray) -> float:
+        scales = hyper * np.exp(x)
+        inners = _inners(part, (float(scales[0]), float(scales[1])), set_turbine[some])
+        system = FarmSystem.of(inners, layout, part.kind, part.form)
+        value = system.log_density(tau[None], system.common_std(scales[None, 2:]))[0]
+        return -float(value + np.sum(log_half_cauchy(scales, hyper)))
+
+    found = optimize.minimize(descent, np.full(len(hyper), -1.0), method="L-BFGS-B", bounds=[LN_RANGE] * len(hyper),
+                              options={"eps": 1e-3, "maxiter": SEARCHES})
+    return tuple(float(x) for x in (hyper * np.exp(found.x))[:2])
 
 
 def estimate_farm(
