@@ -138,13 +138,13 @@ class Mean:
         # where one set states none, the scatter of all is what is known
         stated = np.all(known | ~there, axis=0) & (n > 0)
         own = np.where(known, std, 0.0) ** 2
-        weight = np.where(there, 1 / np.where(stated, own, 1.0), 0.0)
+        weight = np.where(there, 1 / np.where(there & stated, own, 1.0), 0.0)
         first = _weighted(values, weight / np.maximum(weight.sum(axis=0), 1e-300))
         square = np.where(there, (values - first) ** 2, 0.0)
         q, total = np.sum(weight * square, axis=0), weight.sum(axis=0)
         room = total - np.sum(weight**2, axis=0) / np.where(total > 0, total, 1.0)
         between = np.where(stated, np.maximum(q - (n - 1), 0.0) / np.where(room > 0, room, np.inf), 0.0)
-        weight = np.where(there & stated, 1 / np.where(stated, own + between, 1.0), there.astype(float))
+        weight = np.where(there & stated, 1 / np.where(there & stated, own + between, 1.0), there.astype(float))
         share = weight / np.maximum(weight.sum(axis=0), 1e-300)
         value = _weighted(values, share)
         scatter = np.sqrt(np.sum(square, axis=0) / np.maximum(n - 1, 1))

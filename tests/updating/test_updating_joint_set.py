@@ -168,3 +168,12 @@ def test_scatter_stands_where_no_set_states_a_standard_deviation():
     assert any("by the sets' scatter, as not every set states them" in note for note in joint.notes)
     few = joint_set(frequency_sets(values[:3], np.nan))
     assert np.isnan(few.data.set().frequency_std_hz).all()
+
+
+def test_a_mode_that_one_set_lacks_is_the_others_mean():
+    values = np.array([[1.0, 3.0], [1.02, 3.0], [1.04, np.nan]])
+    data = frequency_sets(values, 0.02)
+    lacking = replace(data.sets[2], frequency_std_hz=[0.02, np.nan])
+    one = joint_set(replace(data, sets=(*data.sets[:2], lacking))).data.set()
+    assert one.frequency_hz == pytest.approx([1.02, 3.0])
+    assert one.frequency_std_hz == pytest.approx([0.02 / np.sqrt(3), 0.02 / np.sqrt(2)])
