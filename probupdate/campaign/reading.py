@@ -35,6 +35,8 @@ CAMPAIGN_KEYS = (
     "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
     "scada", "sensor",
 )
+# what stands in a campaign.toml that is to be filled in
+BLANK = "?"
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit", "gravity")
 
 
@@ -134,6 +136,7 @@ def read_head(path: str | Path) -> CampaignHead:
     for key in raw:
         if key not in CAMPAIGN_KEYS:
             raise InputError(str(path), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
+    _refuse_blanks(path, raw)
     rate = _positive(path, raw, "sampling_rate_hz")
     sensors = _sensors(path, raw)
     minutes = _positive(path, raw, "block_minutes")
@@ -166,6 +169,17 @@ def read_campaign(path: str | Path) -> Campaign:
         columns=columns,
         left_out=left_out,
     )
+
+
+def _refuse_blanks(path: Path, raw: Mapping) -> None:
+    tables = raw.get("sensor")
+    left = [key for key, value in raw.items() if value == BLANK]
+    for number, table in enumerate(tables if isinstance(tables, list) else (), 1):
+        blank = [key for key, value in table.items() if value == BLANK] if isinstance(table, dict) else []
+        left += [f"{', '.join(blank)} of {table.get('channel', f'sensor {number}')}"] if blank else []
+    if left:
+        raise InputError(str(path), f'"{BLANK}" is still to be filled in: {"; ".join(left)}',
+                         "write what was measured where, as docs/formats/campaign.md has it")
 
 
 def _scada(where: Path, raw: Mapping, path: Path) -> pd.DataFrame:

@@ -26,8 +26,10 @@ KEEPING = (*(v for v in WRITE_FOLDERS if v != "stresses"), "identify", "sample")
 
 def writes_folder(a: argparse.Namespace) -> bool:
     """Whether --out, or OUT, is a directory: of `convert` where records come out."""
+    if a.verb == "convert" and a.describe:
+        return False
     if a.verb == "convert" and a.to != "campaign":
-        return a.to == "uff" and Path(a.sources).is_dir()
+        return a.to == "uff" and bool(a.sources) and Path(a.sources).is_dir()
     if a.verb == "template":
         return Path(a.out).suffix.lower() not in (".toml", ".npz")
     return a.verb in WRITE_FOLDERS

@@ -14,6 +14,15 @@ from probupdate.runtime.progress import Progress
 def run_convert(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
+    if a.describe:
+        if a.sources or not a.out or a.to != "campaign":
+            raise InputError("--describe", "names the records itself, and writes one file", "give --describe RAW --out "
+                             "campaign.toml")
+        result = probupdate.convert(a.describe, a.out, to="description")
+        answer(a, result, *([result.files] if a.json else []))
+        return
+    if not a.sources or not a.out:
+        raise InputError("convert", "SOURCES or OUT is missing", "give both, or --describe RAW --out campaign.toml")
     result = probupdate.convert(
         a.sources, a.out, to=a.to, description=a.description, sensors=a.sensors, progress=progress)
     answer(a, result, *([result.files] if a.json else []))
@@ -96,14 +105,18 @@ def add_commands(verb: AddCommand) -> None:
 
 
 def _of_records(verb: AddCommand) -> None:
-    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
+    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF, "
+             "TDMS, MDF, miniSEED, SAC, WAV) into a campaign; "
              "modes and records from and to universal files")
-    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
-                   "--to uff a modes.json or a campaign")
-    p.add_argument("out", metavar="OUT", help="campaign directory with campaign.toml and convert.toml (an interrupted "
-                   "conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
+    p.add_argument("sources", metavar="SOURCES", nargs="?", help="folder of the files to convert; with --to modes a "
+                   ".uff, with --to uff a modes.json or a campaign")
+    p.add_argument("out", metavar="OUT", nargs="?", default=argparse.SUPPRESS, help="campaign directory with "
+                   "campaign.toml and convert.toml (an interrupted conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
     p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
                    "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
+    p.add_argument("--describe", metavar="RAW", help="write --out campaign.toml, and convert.toml beside it, to fill "
+                   "in, from what the files of RAW say: channels, units, rate, start")
+    p.add_argument("--out", help="with --describe: campaign.toml")
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
     p.add_argument("--sensors", metavar="CAMPAIGN", help="its campaign.toml says where the channels of modes are")
 

@@ -36,15 +36,21 @@ def convert(
     sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
     sensors: str | Path | None = None, progress: Progress = silent,
 ) -> Conversion | Translation:
-    """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
+    """Records of other programs (tables, arrays, UFF, files of loggers) into a campaign's layout, as its convert.toml
+    says.
 
     to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file,
     or a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says
-    where the channels of a modes.json are."""
+    where the channels of a modes.json are. to 'description': campaign.toml (`out`) and convert.toml beside it, to fill
+    in, from what the files say."""
+    if to == "description":
+        from probupdate.campaign.describing import describe_records
+
+        return describe_records(sources, out)
     if to == "campaign":
         return convert_files(sources, out, description=description, progress=progress)
     if to not in ("modes", "uff"):
-        raise InputError("to", f"'{to}' is unknown", "choose from campaign, modes, uff")
+        raise InputError("to", f"'{to}' is unknown", "choose from campaign, description, modes, uff")
     from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
 
     if to == "modes":

@@ -10,6 +10,7 @@ import pytest
 import scipy.io.wavfile
 
 from probupdate.campaign.converting import convert
+from probupdate.cli.program import main
 from probupdate.errors import InputError
 
 RATE, START = 10.0, pd.Timestamp("2026-01-01T00:00:00.25Z")
@@ -362,3 +363,63 @@ def test_spoilt_logger_files_are_refused_in_one_line(job, module, ending, conten
     with pytest.raises(InputError) as error:
         convert(raw, campaign)
     assert f"r.{ending}" in str(error.value) and len(str(error.value).splitlines()) == 1
+
+
+# Files to fill in ---------------------------------------------------------------------------------------------------
+
+
+def described(folder, *, fill=()):
+    out = folder / "described" / "campaign.toml"
+    assert main(["convert", "--describe", str(folder / "raw"), "--out", str(out)]) == 0
+    text = out.read_text()
+    for blank, value in fill:
+        text = text.replace(blank, value)
+    out.write_text(text)
+    return out
+
+
+@pytest.mark.parametrize("ending", ["tdms", "mf4", "sac", "mseed"])
+def test_a_described_file_converts_once_filled_in(job, tmp_path, ending):
+    raw, _ = job("")
+    data = np.ones(600)
+    if ending == "tdms":
+        tdms(raw / "r.tdms", [("east", data, 0.1, START, "g")])
+    elif ending == "mf4":
+        mdf(raw / "r.mf4", [(np.arange(600) / 10, [("east", data, "g")])])
+    elif ending == "sac":
+        sac(raw / "r.sac", data)
+    else:
+        miniseed(raw / "r.mseed", [("X", data, START)])
+    out = described(tmp_path, fill=[
+        ('position_m = "?"', "position_m = [0.0, 0.0, 1.0]"), ('direction = "?"', "direction = [1.0, 0.0, 0.0]"),
+        ('block_minutes = "?"', "block_minutes = 1"), ('level = "?"', 'level = "a"'),
+        ('quantity = "?"', 'quantity = "acceleration"'), ('unit = "?"', 'unit = "m/s2"')])
+    convert(raw, out.parent)
+    (start, found), = records(out.parent)
+    assert start == START
+    np.testing.assert_allclose(found, 1e-9 if ending == "sac" else 1.0, rtol=1e-6)
+
+
+def test_check_names_the_blanks_of_a_described_campaign(job, tmp_path, capsys):
+    raw, _ = job("")
+    sac(raw / "r.sac", np.ones(600))
+    out = described(tmp_path)
+    (out.parent / "acceleration").mkdir()
+    capsys.readouterr()
+    assert main(["check", str(out.parent)]) == 2
+    said = capsys.readouterr().err
+    assert 'block_minutes; level, position_m, direction' in said and "of HNX" in said
+
+
+def test_a_described_campaign_is_not_written_over(job, tmp_path, capsys):
+    raw, _ = job("")
+    sac(raw / "r.sac", np.ones(600))
+    out = described(tmp_path)
+    assert main(["convert", "--describe", str(raw), "--out", str(out)]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["--describe", "raw"], ["raw"], ["raw", "x", "--describe", "raw"]])
+def test_convert_without_its_paths_says_what_to_give(words, capsys):
+    assert main(["convert", *words]) == 2
+    assert "--describe RAW --out campaign.toml" in capsys.readouterr().err

@@ -1,0 +1,153 @@
+"""campaign.toml and convert.toml to fill in, from what files of other programs say of their channels."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from probupdate.campaign.logger_channels import OWN_TIME, LoggerChannel
+from probupdate.campaign.logger_files import (
+    mdf_channels,
+    miniseed_channels,
+    sac_channels,
+    tdms_channels,
+    wav_channels,
+)
+from probupdate.campaign.reading import BLANK
+from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
+from probupdate.campaign.stated import UNITS, Stated, known_unit
+from probupdate.campaign.uff_file import read_uff_records
+from probupdate.campaign.universal import Translation
+from probupdate.errors import InputError
+from probupdate.io.files import input_file, write_text
+
+# files of a channel each that are looked at
+MOST_FILES = 200
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Seen:
+    """A channel as its file calls it: column of convert.toml, rate and start where the file has them."""
+
+    column: str | int
+    stated: Stated
+    rate_hz: float | None
+    start: str | None
+
+
+def describe_records(raw: str | Path, out: str | Path) -> Translation:
+    """Write campaign.toml (`out`) and convert.toml beside it: channels, units, rate and start from the files, "?" where
+    they say nothing. Raises InputError where one is there already, or the files name no channels."""
+    raw, out = Path(raw), Path(out)
+    beside = out.with_name("convert.toml")
+    for path in (out, beside):
+        if path.exists():
+            raise InputError(str(path), "is there already", "name another --out, or move it away")
+    paths = _files(raw)
+    kind = kind_of(paths[0])
+    seen = _channels(kind, paths)
+    if not seen:
+        raise InputError(str(paths[0]), "holds no channel of numbers", "see what its program exports")
+    rates = sorted({f"{s.rate_hz:.7g}" for s in seen if s.rate_hz}, key=float)
+    write_text(out, _campaign_text(raw, seen, rates))
+    write_text(beside, _convert_text(kind, paths, seen, rates))
+    note = (f"{len(seen)} channels at {' and '.join(rates) or 'an unknown rate, in'} Hz; fill in every \"{BLANK}\": "
+            f"`probupdate check {out.parent}` names those that are left")
+    return Translation(files=(out, beside), notes=(note,))
+
+
+def _files(raw: Path) -> list[Path]:
+    if not raw.is_dir():
+        return [input_file(raw, "give a file of records, or their folder")]
+    found, kinds = [], Counter()
+    for path in sorted(p for p in raw.rglob("*") if p.is_file()):
+        try:
+            kind = kind_of(path)
+        except InputError:
+            continue
+        kinds[kind] += 1
+        found.append((kind, path))
+    if not found:
+        raise InputError(str(raw), "holds no file of a known kind", "see the formats of `probupdate convert --help`")
+    usual = kinds.most_common(1)[0][0]
+    return [path for kind, path in found if kind == usual][:MOST_FILES]
+
+
+def _channels(kind: str, paths: Sequence[Path]) -> list[_Seen]:
+    first = paths[0]
+    if kind in ("tdms", "mdf"):
+        with (tdms_channels if kind == "tdms" else mdf_channels)(first) as (found, utc):
+            return [_logger_channel(c, found, utc) for c in found]
+    if kind in JOINED or kind == "wav":
+        found = (wav_channels(first) if kind == "wav" else miniseed_channels(paths) if kind == "miniseed" else
+                 sac_channels(paths))
+        seen = [_logger_channel(c, found, True) for c in found]
+        return [_Seen(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
+                for k, s in enumerate(seen, 1)]
+    if kind == "uff":
+        records = read_uff_records(first)
+        return [_Seen(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
+                for name, place, stated in zip(records.names, records.places, records.stated, strict=True)]
+    raise InputError(str(first), f"a file of this kind ({kind}) does not say what its columns are",
+                     "write campaign.toml and convert.toml by hand, as docs/formats has them")
+
+
+def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc: bool) -> _Seen:
+    one = channel.segments[0]
+    start, rate = one.start_ns, one.rate_hz
+    if one.moments is not None and len(one.moments) > 1:
+        start = int(one.moments[0])
+        rate = 1e9 * (len(one.moments) - 1) / max(float(one.moments[-1] - one.moments[0]), 1.0)
+    short = channel.names[-1]
+    column = short if sum(short in c.names for c in others) == 1 else channel.name
+    text = None if start is None else pd.Timestamp(start, tz="UTC" if utc else None).isoformat()
+    return _Seen(column=column, stated=channel.stated, rate_hz=rate, start=text)
+
+
+def _campaign_text(raw: Path, seen: Sequence[_Seen], rates: Sequence[str]) -> str:
+    rate = f"{float(rates[0])}" if len(rates) == 1 else json.dumps(BLANK)
+    unequal = f"  # the files have {', '.join(rates)} Hz" if len(rates) > 1 else ""
+    lines = [f'# From what the files of {raw.name} say. Fill in every "{BLANK}"; `probupdate check` names those left.',
+             f"name = {json.dumps(raw.stem)}", f"sampling_rate_hz = {rate}{unequal}",
+             f'block_minutes = "{BLANK}"  # such as 30']
+    for s in seen:
+        unit = known_unit(s.stated.unit) if s.stated.unit else None
+        quantity = s.stated.quantity or (unit[0] if unit else None)
+        own = next((u for u, size in UNITS.get(quantity or "", {}).items()
+                    if unit and abs(size / unit[1] - 1) < 1e-9), None)
+        says = "; ".join(filter(None, [s.stated.unit and f"unit {s.stated.unit}", s.stated.quantity,
+                                       s.rate_hz and f"{s.rate_hz:.7g} Hz", s.start and f"starts {s.start}"]))
+        lines += ["[[sensor]]", f"channel = {json.dumps(_name(s), ensure_ascii=False)}" + (
+            f"  # the file says: {' '.join(says.split())}" if says else ""),
+            f'level = "{BLANK}"', f'position_m = "{BLANK}"  # [x, y, z] in m, model axes, z = 0 at mean sea level',
+            f'direction = "{BLANK}"  # unit vector, model axes, such as [1.0, 0.0, 0.0]',
+            f'quantity = "{quantity if quantity in UNITS else BLANK}"', f'unit = "{own or BLANK}"']
+    return "\n".join(lines) + "\n"
+
+
+def _name(s: _Seen) -> str:
+    return s.column if isinstance(s.column, str) else f"channel {s.column}"
+
+
+def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_Seen], rates: Sequence[str]) -> str:
+    suffixes = {p.suffix for p in paths}
+    lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
+    if kind == "uff":
+        lines += [f'time = "{ABSCISSA}"', 'time_unit = "s"', f'start = "{BLANK}"']
+    elif all(s.start for s in seen):
+        lines += [f'time = "{OWN_TIME}"']
+    else:
+        lines += [f'start = "{BLANK}"  # the files do not state it; such as 2026-01-01T00:00:00Z, or start_pattern']
+    if kind in JOINED and len(paths) > 1:
+        lines += [f"join_pattern = \"{BLANK}\"  # what is the same in the names of files of one time, such as "
+                  "'^(\\\\d+)'; or take it out"]
+    if len(rates) > 1:
+        lines += ["# decimate = true  # the rates are unequal: faster channels to sampling_rate_hz, with zero phase"]
+    lines += ["[columns]"]
+    lines += [f"{json.dumps(_name(s), ensure_ascii=False)} = {json.dumps(s.column, ensure_ascii=False)}" for s in seen]
+    return "\n".join(lines) + "\n"
