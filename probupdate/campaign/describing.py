@@ -145,7 +145,7 @@ def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_Seen], rates
         lines += [f'start = "{BLANK}"  # the files do not state it; such as 2026-01-01T00:00:00Z, or start_pattern']
     if kind in JOINED and len(paths) > 1:
         lines += [f"join_pattern = \"{BLANK}\"  # what is the same in the names of files of one time, such as "
-                  "'^(\\\\d+)'; or take it out"]
+                  "'^(\\d+)'; or take it out"]
     if len(rates) > 1:
         lines += ["# decimate = true  # the rates are unequal: faster channels to sampling_rate_hz, with zero phase"]
     lines += ["[columns]"]

@@ -111,7 +111,8 @@ def _of_records(verb: AddCommand) -> None:
     p.add_argument("sources", metavar="SOURCES", nargs="?", help="folder of the files to convert; with --to modes a "
                    ".uff, with --to uff a modes.json or a campaign")
     p.add_argument("out", metavar="OUT", nargs="?", default=argparse.SUPPRESS, help="campaign directory with "
-                   "campaign.toml and convert.toml (an interrupted conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
+                   "campaign.toml and convert.toml (an interrupted conversion goes on where it stopped); "
+                   "with --to modes.json, .uff, or a folder of them")
     p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
                    "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
     p.add_argument("--describe", metavar="RAW", help="write --out campaign.toml, and convert.toml beside it, to fill "
