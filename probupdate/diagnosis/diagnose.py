@@ -80,7 +80,7 @@ CHANCE = "chance alone"
 ODD_DAY = 0.05
 NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
               "tested")
-NOT_SETTLED = "the fit did not settle: the residuals are too large for the model to follow"
+NOT_SETTLED = "the fit did not converge: the residuals are too large for the model to follow"
 NO_PLACES = ("where the sensors are is not known: rotations, clocks, filters and the sampling rate were not looked "
              "for; give node_position_m, dof_node and dof_direction in the model, or --campaign")
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they carry no information"

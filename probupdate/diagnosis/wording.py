@@ -278,7 +278,7 @@ def prior_shift_words(content: Mapping) -> list[str]:
                 "expected")
         if content["findings"] and after is not None:
             if abs(after) < 0.5 * abs(before):
-                text += f", and by {after:+.1f} once the findings are included: it hid them"
+                text += f", and by {after:+.1f} once the findings are included: it had absorbed them"
             else:
                 text += f", and still by {after:+.1f} with the findings included"
         sentences.append(text)

@@ -53,7 +53,7 @@ def form(
         if step < SETTLED:
             break
     else:
-        raise ConvergenceError(f"FORM has not settled: last step {step:.1e}", u)
+        raise ConvergenceError(f"FORM did not converge: last step {step:.1e}", u)
     return np.sign(g0) * np.linalg.norm(u, axis=-1), u
 
 

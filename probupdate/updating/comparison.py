@@ -250,7 +250,7 @@ def _anchored_beside_map(update: UpdateRecord) -> str:
         return f"Eq. 6 knows Gaussian priors only, the posterior has {' and '.join(other)} ones"
     if not scheme.converged:
         return f"the update did not settle ({scheme.status})"
-    return "it settled on another maximum"
+    return "it converged to another maximum"
 
 
 def _width_beside_resolution(row: dict) -> list[str]:

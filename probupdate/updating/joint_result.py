@@ -68,8 +68,8 @@ def infer_farm(
 
 
 def _verdict(estimate: JointEstimate, posterior: JointPosterior, corrected: bool) -> str:
-    ended = f"settled after {estimate.rounds} linearisations" if estimate.settled else \
-        f"NOT settled after {estimate.rounds} linearisations"
+    ended = f"converged after {estimate.rounds} linearisations" if estimate.settled else \
+        f"did NOT converge in {estimate.rounds} linearisations"
     k = posterior.pareto_k
     if not np.isfinite(k):
         weighed = "no draw has a density under the true model" if k > 0 else "the linear posterior is exact"

@@ -97,8 +97,8 @@ def update(
     found = _gauss_newton(objective, theta, max_iteration, tolerance, progress)
     progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
     if found.converged and np.max(np.abs(found.path[-1] - found.path[0]) / parameters.std) < tolerance:
-        found = found._replace(status="settled where it started: the data ask for no change" if alpha <= 1 else
-                               f"settled where it started: alpha {alpha:g} leaves the data no weight")
+        found = found._replace(status="converged where it started: the data ask for no change" if alpha <= 1 else
+                               f"converged where it started: alpha {alpha:g} leaves the data no weight")
     return _finished(objective, found)
 
 
@@ -180,7 +180,7 @@ def _gauss_newton(
         misfits.append(misfit)
         shares.append(share)
         if small or moved < tolerance:
-            status = f"settled: no parameter moves by more than {tolerance:g} prior standard deviations"
+            status = f"converged: no parameter moves by more than {tolerance:g} prior standard deviations"
             return _Iterates(path, misfits, shares, True, status)
     return _Iterates(path, misfits, shares, False, f"stopped after {max_iteration} iterations without settling")
 
@@ -237,7 +237,7 @@ def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, 
     if np.any(end != path[-1]):
         path.append(end)
     words = found.message.rstrip(".")
-    status = f"settled: {words}" if found.status > 0 else f"stopped: {words}"
+    status = f"converged: {words}" if found.status > 0 else f"stopped: {words}"
     return _Iterates(path, [objective.misfit(row) for row in path], [1.0] * (len(path) - 1), found.status > 0, status)
 
 

@@ -196,9 +196,9 @@ def summary(record: UpdateRecord) -> str:
         lines.append(f"held: {record.settings['held']}")
     for key in ("step", "prior"):
         s = record.scheme(key)
-        settled = "settled" if s.converged else "NOT settled"
+        ended = "converged" if s.converged else "did NOT converge"
         lines.append(
-            f"{s.name}: {len(s.theta) - 1} iterations, {settled}, responses' misfit "
+            f"{s.name}: {len(s.theta) - 1} iterations, {ended}, responses' misfit "
             f"{s.objective['responses'][0]:.4g} -> {s.objective['responses'][-1]:.4g}; closest to the MAP at "
             f"iteration {s.closest_iteration}"
         )

@@ -53,7 +53,7 @@ def test_form_that_does_not_settle_says_so():
     def wild(u):
         return np.exp(-u[..., 0]), -np.exp(-u)
 
-    with pytest.raises(ConvergenceError, match="not settled"):
+    with pytest.raises(ConvergenceError, match="did not converge"):
         form(wild, (1,), 1)
 
 

@@ -123,7 +123,7 @@ def test_levenberg_marquardt_ends_where_gauss_newton_does(validation):
                      unit="posterior standard deviations")
     problem = chain_problem(noise=0.01)
     newton, trust = (update(problem, method=m) for m in ("gauss-newton", "levenberg-marquardt"))
-    assert trust.converged and trust.status.startswith("settled")
+    assert trust.converged and trust.status.startswith("converged")
     top = maximum_a_posteriori(problem, [newton.theta[-1]])
     row.error((trust.theta[-1] - newton.theta[-1]) / np.sqrt(np.diag(top.covariance)), below=1e-4)
     # its iterates are kept: each lowers the objective
