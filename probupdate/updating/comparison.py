@@ -249,7 +249,7 @@ def _anchored_beside_map(update: UpdateRecord) -> str:
     if other:
         return f"Eq. 6 knows Gaussian priors only, the posterior has {' and '.join(other)} ones"
     if not scheme.converged:
-        return f"the update did not settle ({scheme.status})"
+        return f"the update did not converge ({scheme.status})"
     return "it converged to another maximum"
 
 
