@@ -22,7 +22,7 @@ MANY = 84
 # the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are
 # tried less often
 LONG = "demo"
-UNTRIED = ("farm",)
+UNTRIED = ("farm", "matrices", "stresses")
 OF_INPUTS = ("convert", "check", "modes", "select", "update")
 SELDOM = ("sample", "sets", "report", "simulate, 2 processes", "identify, 2 processes")
 

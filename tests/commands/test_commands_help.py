@@ -22,8 +22,10 @@ def test_a_command_says_what_each_argument_is_and_shows_how_it_is_typed(verb):
     assert f"probupdate {EXAMPLES[verb]}" in " ".join(VERBS[verb].format_help().split())
     for action in VERBS[verb]._actions:
         assert action.help, action.dest
-        said = action.default in (None, False, argparse.SUPPRESS) or f"{action.default:g}" in action.help \
-            if not isinstance(action.default, str) else "default" in action.help or action.default in action.help
+        if action.default in (None, False, argparse.SUPPRESS):
+            continue
+        said = "default" in action.help or action.default in action.help if isinstance(action.default, str) \
+            else f"{action.default:g}" in action.help
         assert said or action.dest == "help", f"{action.dest}: default {action.default} is not said"
 
 
