@@ -50,6 +50,8 @@ RESAMPLED = 400
 # on stress ranges, for the power with which damage grows
 FACTOR = 1.02
 IDLING = "idling"
+# cosine of eight degrees, as rounded directions may differ
+SAME_DIRECTION = 0.99
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,20 +160,19 @@ class _Planned:
 
 def measured_stresses(
     campaign: Campaign, model: Path, fatigue: Path, draws: np.ndarray, damping: StateDamping, *,
-    names: Sequence[str] = (), felt: Mapping[str, bool] | None = None, without: Sequence[str] = (),
-    settings: StressSettings | None = None,
+    names: Sequence[str] = (), without: Sequence[str] = (), settings: StressSettings | None = None,
     progress: Progress = silent,
 ) -> MeasuredStress:
     """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of
-    parameters of these names where they are given; damping: measured ratios; felt: what is stated of gravity in
-    channels' readings; without: channels not to be used.
+    parameters of these names where they are given; damping: measured ratios; without: channels not to be used.
 
-    Raises InputError where no channel of the campaign is one of the model's, or no block is whole."""
+    Raises InputError where no channel of the campaign is one of the model's, one measures along another direction
+    there, or no block is whole."""
     settings = settings or StressSettings()
     conditions = read_conditions(fatigue)
     spectra = thrust_spectra(conditions, fatigue)
     planned = _plan(campaign, conditions)
-    work = _Work(campaign, model, conditions, spectra, draws, names, damping, felt or {}, tuple(without), settings)
+    work = _Work(campaign, model, conditions, spectra, draws, names, damping, tuple(without), settings)
     groups: dict[tuple[float, int], list[_Planned]] = {}
     for one in planned:
         groups.setdefault((one.heading_deg, one.state), []).append(one)
@@ -200,6 +201,17 @@ def measured_stresses(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
         draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
         histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed)
+
+
+def _refuse_turned(campaign: Campaign, stated: Mapping[str, np.ndarray], channels: Sequence[str]) -> None:
+    """Raises InputError for a channel that the model has along another direction than the campaign."""
+    for sensor in campaign.sensors:
+        if sensor.channel not in channels or sensor.channel not in stated:
+            continue
+        own, models = (np.asarray(d, float) for d in (sensor.direction, stated[sensor.channel]))
+        if own @ models < SAME_DIRECTION:
+            raise InputError(f"{campaign.path}: channel {sensor.channel}", f"measures along {own.round(3).tolist()}, in "
+                             f"the model along {models.round(3).tolist()}", "state the sensor's direction alike in both")
 
 
 def _plan(campaign: Campaign, conditions: Conditions) -> list[_Planned]:
@@ -237,9 +249,11 @@ def _one_a_side(spots: Sequence[HotSpot], damage: np.ndarray, n: int) -> np.ndar
 class _Work:
     """What all blocks share: stress models by heading, and the lines of a block."""
 
-    def __init__(self, campaign, model, conditions, spectra, draws, names, damping, felt, without, settings):
+    def __init__(self, campaign, model, conditions, spectra, draws, names, damping, without, settings):
         self.campaign, self.conditions, self.damping, self.settings = campaign, conditions, damping, settings
-        self._model, self._spectra, self._felt = model, spectra, felt
+        self._model, self._spectra = model, spectra
+        # what campaign.toml states of gravity in the readings
+        self._felt = {s.channel: bool(s.gravity) for s in campaign.sensors}
         rng = np.random.default_rng(settings.seed)
         self.draws = draws[rng.choice(len(draws), size=min(settings.n_draw, len(draws)), replace=False)]
         self.mean = draws.mean(axis=0)
@@ -261,6 +275,7 @@ class _Work:
         if not self.channels:
             raise InputError(str(campaign.path), f"none of its channels ({', '.join(known)}) is one of the model's "
                              f"({', '.join(first.model.channels)})", "name the sensors alike in both files")
+        _refuse_turned(campaign, {s.channel: s.direction for s in first.sensors}, self.channels)
         self.unused = tuple(c for c in known if c not in self.channels)
         self.columns = np.array([campaign.channels.index(c) for c in self.channels])
         self.rows = np.array([first.model.channels.index(c) for c in self.channels])

@@ -85,7 +85,7 @@ def stresses(
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(
         records, places["model"], Path(fatigue), posterior.draws, _damping(modes), names=posterior.names,
-        felt={} if modes is None else modes.felt, without=tuple(without or ()), settings=settings, progress=progress)
+        without=tuple(without or ()), settings=settings, progress=progress)
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 

@@ -133,7 +133,7 @@ def main() -> None:
     campaign = read_campaign(a.out / "campaign")
     found = measured_stresses(campaign, model, fatigue, draws,
                               StateDamping.alike(dict.fromkeys(("FA1", "SS1", "FA2", "SS2"), 0.01)),
-                              felt=dict.fromkeys(channels, True), settings=StressSettings(n_draw=6, n_worst=6))
+                              settings=StressSettings(n_draw=6, n_worst=6))
     seconds = time.process_time() - begun
     print(StressResult(found=found).summary)
     at, w = weights(found.spots)

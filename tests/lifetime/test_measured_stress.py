@@ -164,6 +164,17 @@ def test_channels_that_are_not_the_models_are_an_error(case, capsys, tmp_path):
     assert "is one of the model's" in capsys.readouterr().err
 
 
+def test_a_channel_along_another_direction_is_refused(case, capsys, tmp_path):
+    folder, _ = case
+    other = tmp_path / "campaign"
+    shutil.copytree(folder / "campaign", other)
+    text = (other / "campaign.toml").read_text()
+    (other / "campaign.toml").write_text(text.replace("direction = [1.0, 0.0, 0.0]", "direction = [-1.0, 0.0, 0.0]", 1))
+    assert main(["stresses", str(other), "--run", str(folder / "run"), "--fatigue", str(folder / "fatigue.toml"),
+                 "--out", str(tmp_path / "o")]) == 2
+    assert "state the sensor's direction alike in both" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def structure():
     """The small turbine under its storm, at the lines of a block."""
