@@ -210,8 +210,9 @@ def _refuse_turned(campaign: Campaign, stated: Mapping[str, np.ndarray], channel
             continue
         own, models = (np.asarray(d, float) for d in (sensor.direction, stated[sensor.channel]))
         if own @ models < SAME_DIRECTION:
-            raise InputError(f"{campaign.path}: channel {sensor.channel}", f"measures along {own.round(3).tolist()}, in "
-                             f"the model along {models.round(3).tolist()}", "state the sensor's direction alike in both")
+            raise InputError(f"{campaign.path}: channel {sensor.channel}", f"measures along {own.round(3).tolist()}, "
+                             f"in the model along {models.round(3).tolist()}",
+                             "state the sensor's direction alike in both")
 
 
 def _plan(campaign: Campaign, conditions: Conditions) -> list[_Planned]:
