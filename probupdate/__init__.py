@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         check,
         check_setups,
         compare,
+        compare_runs,
         convert,
         diagnose,
         export,
@@ -46,7 +47,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "IdentificationSettings", "LikelihoodSettings", "SamplerSettings", "UpdateSettings", "__version__", "check",
-    "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
+    "check_setups", "compare", "compare_runs", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
     "identify_setups", "identify_shard", "inform", "matrices", "model_modes", "modes", "open_model", "regress",
     "report", "sample", "select", "sets", "simulate", "stresses", "template", "update",
 ]

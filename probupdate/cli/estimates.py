@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from probupdate.cli.options import (
@@ -70,6 +71,10 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 def run_compare(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
+    if Path(a.update).is_dir() or Path(a.posterior).is_dir():
+        between = probupdate.compare_runs(a.update, a.posterior)
+        answer(a, between, [between.write(a.out)], first=False)
+        return
     result = probupdate.compare(a.update, a.posterior, model=a.model, parameters=a.parameters)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
@@ -121,13 +126,13 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     seeded(p)
 
-    p = verb("compare", run_compare, "where update and posterior part, and why")
-    p.add_argument("update", metavar="UPDATE", help="update.json of `update`")
-    p.add_argument("posterior", metavar="POSTERIOR",
-                   help="posterior.nc of `sample`, of the same model, set and weights")
+    p = verb("compare", run_compare, "where update and posterior part, and why; or two runs")
+    p.add_argument("update", metavar="UPDATE|RUN", help="update.json of `update`, or the directory of a run")
+    p.add_argument("posterior", metavar="POSTERIOR|RUN",
+                   help="posterior.nc of `sample`, of the same model, set and weights, or the directory of another run")
     p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
-    p.add_argument("--out", required=True, help="compare.json")
+    p.add_argument("--out", required=True, help="compare.json; of two runs .json or .csv")
 
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)

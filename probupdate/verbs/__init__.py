@@ -1,6 +1,7 @@
 """The steps of the command line as functions: each reads files, returns one frozen result that can write itself."""
 
 from probupdate.verbs.checking import check
+from probupdate.verbs.comparing_runs import compare_runs
 from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
 from probupdate.verbs.finishing import diagnose, export, figures, report
 from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
@@ -17,6 +18,8 @@ __all__ = [
     "check_setups",
     "checking",
     "compare",
+    "compare_runs",
+    "comparing_runs",
     "convert",
     "diagnose",
     "estimating",
