@@ -94,7 +94,8 @@ def run_regress(a: argparse.Namespace, progress: Progress) -> None:
 def run_figures(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format)
+    result = probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format,
+                                progress=progress)
     answer(a, result, *([result.files] if a.json else []))
 
 
@@ -177,8 +178,9 @@ def _of_modes(verb: AddCommand) -> None:
     p.add_argument("--state", help="blocks of that turbine state only, such as idling")
     p.add_argument("--out", required=True, help="table as CSV")
 
-    p = verb("figures", run_figures, "an identification's figures as files: poles, stabilisation, maps, conditions")
-    p.add_argument("modes", metavar="MODES", help="modes.json; poles and blocks are taken from beside it")
+    p = verb("figures", run_figures, "figures as files: of a run's report with its tables, or of an identification")
+    p.add_argument("modes", metavar="MODES|RUN", help="modes.json (poles and blocks are taken from beside it), or the "
+                   "directory of a run: every figure of its report, its tables as CSV")
     p.add_argument("--campaign", help="its folder, for wind, turbine states and rotor speed")
     p.add_argument("--block", help="id of the block whose stabilisation is drawn (default: the reference set's)")
     p.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the files (png)")

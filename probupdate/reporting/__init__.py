@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "elements", "figures_stress", "identification_pictures", "page", "report", "report_with_conclusion", "run_files",
-    "style",
+    "elements", "figures_stress", "identification_pictures", "page", "report", "report_figures",
+    "report_with_conclusion", "run_files", "style",
 ]
 
 # the page's sections in their order -> the module of each
@@ -87,8 +87,12 @@ def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) 
 
 
 def _built(name: str, run: Run) -> tuple[str, Section | None]:
+    return name, built_section(name, run)
+
+
+def built_section(name: str, run: Run) -> Section | None:
     """The section of a name of SECTIONS, None where its files are not there."""
-    return name, getattr(import_module(f"probupdate.reporting.{SECTIONS[name]}"), name)(run)
+    return getattr(import_module(f"probupdate.reporting.{SECTIONS[name]}"), name)(run)
 
 
 def _hollow(section: Section) -> bool:

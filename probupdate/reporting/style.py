@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypedDict, TypeVar
 
@@ -151,8 +152,24 @@ def _ticks(axis: Axis, known: dict) -> list[Tick]:
     return known[state]
 
 
+_KEPT: ContextVar[list[tuple[str, Figure]] | None] = ContextVar("kept figures", default=None)
+
+
+@contextmanager
+def kept_figures() -> Iterator[list[tuple[str, Figure]]]:
+    """The figures that `svg_text` is given within this block, with their prefixes, in order."""
+    found: list[tuple[str, Figure]] = []
+    before = _KEPT.set(found)
+    try:
+        yield found
+    finally:
+        _KEPT.reset(before)
+
+
 def svg_text(figure: Figure, prefix: str) -> str:
     """The figure as an <svg> element for inline use; `prefix` keeps its ids apart from other figures' ids."""
+    if (kept := _KEPT.get()) is not None:
+        kept.append((prefix, figure))
     stream = io.StringIO()
     with matplotlib.rc_context(_STYLE):
         figure.set_dpi(160)

@@ -222,21 +222,30 @@ class Figures:
 
     @property
     def summary(self) -> str:
-        return f"{len(self.files) - 1} figures in {self.files[0].parent}, what they show in {self.files[-1].name}"
+        tables = sum(path.suffix == ".csv" for path in self.files)
+        drawn = f"{len(self.files) - 1 - tables} figures" + (f" and {tables} tables" if tables else "")
+        return f"{drawn} in {self.files[0].parent}, what they show in {self.files[-1].name}"
 
 
 @names_files("modes")
 def figures(
     modes: str | Path, out: str | Path, *, campaign: str | Path | None = None, block: str | None = None,
-    kind: str = "png",
+    kind: str = "png", progress: Progress = silent,
 ) -> Figures:
-    """Figures of an identification as files: Figs. 4-7, stabilisation of one block, maps of MAC and MPC, Argand plots,
+    """Figures of a run's report as files, its tables as CSV, where `modes` is the directory of a run; else of an
+    identification: Figs. 4-7, stabilisation of one block, maps of MAC and MPC, Argand plots,
     frequency against conditions. Poles and blocks are taken from beside modes.json, wind and rotor from the campaign.
     """
     from probupdate.reporting.identification_pictures import write_figures
     from probupdate.reporting.run_files import POLE_COLUMNS, read_table
 
     modes = Path(modes)
+    if modes.is_dir():
+        from probupdate.reporting.report_figures import write_report_figures
+        from probupdate.reporting.run_files import read_run
+
+        given = {} if campaign is None else {"campaign": Path(campaign)}
+        return Figures(files=tuple(write_report_figures(read_run(modes, progress, given), out, kind, progress)))
     table, scada = modes.with_name(f"{modes.stem}.poles.csv"), None
     if campaign is not None and (opened := read_campaign(campaign)).scada is not None:
         state = row_states(opened.scada, StateRule(rated_power_kw=opened.rated_power_kw))
