@@ -13,6 +13,7 @@ from probupdate.identification.block_store import (
     write_block_factors,
     write_block_poles,
 )
+from probupdate.identification.order_average import ModePoles
 from probupdate.identification.ssi import Poles
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.modes import CovarianceFactors
@@ -32,9 +33,11 @@ def block_poles(folder):
 
 
 def block_factors(folder):
+    factors = CovarianceFactors(ln_frequency=np.ones((2, 3)), damping_ratio=np.ones((2, 3)),
+                                shape=np.ones((4, 2, 3), complex))
     write_block_factors(folder / "b.npz", BlockFactors(
-        key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
-        shape=np.ones((2, 6, 20), complex)))
+        key=((4, 0), (4, 1)), kurtosis=np.full(2, 2.0), poles=ModePoles(
+            frequency_hz=np.ones(2), damping_ratio=np.full(2, 0.01), shape=np.ones((4, 2), complex), factors=factors)))
     return folder / "b.npz", read_block_factors
 
 

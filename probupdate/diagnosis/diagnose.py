@@ -332,21 +332,17 @@ def findings_of(
         # strong a signature, nor of those that stand beside it
         k, z = best.candidates[number], best.z[number]
         left, directions = span_left(problem, best.fitted, problem.which[k, 1])
-        candidates, evidence, prior = exchanged(explored, number)
-        rest, _ = without(problem, best.fitted, number)
-        own_error = model_error_dispersion(z, error_scale(n.effect))
-        of_noise = max(left / directions, _beside_the_others(problem, best, number, rest), 1.0)
-        most = 0.5 * z**2 / own_error * _apart(problem, rest, candidates)
-        explains = [_counted_once(value, end, own_error, of_noise) for value, end in zip(evidence, most, strict=True)]
-        others = [None if row is None else problem.effects[problem.which[row, 0]] for row in candidates]
+        others, evidence, prior = exchanged(explored, number)
         for numbers, parts in instead.items():
             for other, apart, before in parts if number in numbers else ():
-                others, prior = [*others, other], [*prior, before]
-                explains.append(apart / max(of_noise, own_error))
+                others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
         if number in refuted and None in others:
             nothing = others.index(None)
-            for row in (others, explains, prior):
+            for row in (others, evidence, prior):
                 del row[nothing]
+        own_error = model_error_dispersion(z, error_scale(n.effect))
+        dispersion = max(left / directions, own_error, _beside_the_others(problem, best, number))
+        explains = [value / dispersion for value in evidence]
         for one in responses:
             # a signature's error is in its evidence, and factors of their own have no signature
             if number in one.numbers:
@@ -374,28 +370,11 @@ def _alternatives(others: Sequence[Effect | None], probability: Sequence[float])
                         key=lambda one: -one.posterior_probability))
 
 
-def _apart(problem: DiagnosisProblem, rest: Fit, candidates: Sequence[int | None]) -> np.ndarray:
-    """(n,) 1 - rho^2 of the first of these candidates and each of them: the share of its z^2 that distinguishes the
-    two where signatures are exact. `rest`: the fit beside the other effects; zero of none of them."""
-    known = [row for row in candidates if row is not None]
-    design = rest.design.with_candidates(rest.design.time_profiles, problem.which[known])
-    rho = dict(zip(known, design.score_correlation(range(len(known)))[0], strict=True))
-    return np.array([0.0 if row is None else 1 - rho[row] ** 2 for row in candidates])
-
-
-def _counted_once(evidence: float, most: float, own_error: float, of_noise: float) -> float:
-    """What of the ln evidence between two hypotheses counts. A signature's error may be each response's own, as the
-    evidence has it, or lie along a few directions, where two exact signatures that differ by sqrt(2 `most`) standard
-    deviations of that error are `most` apart: what leaves less counts, not one after the other."""
-    counted = max(abs(evidence) / max(own_error, of_noise), min(abs(evidence), most) / of_noise)
-    return float(np.copysign(counted, evidence))
-
-
-def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int, rest: Fit) -> float:
-    """How much less the record says of one effect of a hypothesis for what theory does not know of the others, which
-    `rest` is the fit beside."""
+def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:
+    """How much less the record says of one effect of a hypothesis for what theory does not know of the others."""
     if len(best.candidates) == 1:
         return 1.0
+    rest, _ = without(problem, best.fitted, number)
     z = [value for i, value in enumerate(best.z) if i != number]
     _, known = scores_beside(problem, rest.design, rest.centred, rest.included, z)
     k = best.candidates[number]

@@ -29,6 +29,7 @@ from probupdate.diagnosis.proposals import (
 )
 from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of, prior_shares
 from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
+from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
@@ -525,10 +526,10 @@ def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothe
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 
 
-def exchanged(explored: Explored, number: int) -> tuple[list[int | None], list[float], list[float]]:
-    """What may be meant instead of an effect of the most probable hypothesis: candidates of the effect itself, of
-    others, none of them (None), each with its most probable time profile beside all the other effects; ln evidence and
-    ln prior of each relative to it."""
+def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:
+    """What may be meant instead of an effect of the most probable hypothesis: the effect itself, others, none of them
+    (None), each with its most probable time profile beside all the other effects; ln evidence and ln prior of each
+    relative to it."""
     problem, best = explored.problem, explored.hypotheses[0]
     effect_of = problem.which[:, 0]
     own = int(effect_of[best.candidates[number]])
@@ -544,10 +545,10 @@ def exchanged(explored: Explored, number: int) -> tuple[list[int | None], list[f
         other = held - rest
         if rest <= held and own not in held and len(other) <= 1:
             found[next(iter(other), None)] = row
-    candidates: list[int | None] = [best.candidates[number]]
+    effects: list[Effect | None] = [problem.effects[own]]
     apart, before = [0.0], [0.0]
     for j, row in found.items():
-        candidates.append(next((k for k in explored.hypotheses[row].candidates if effect_of[k] == j), None))
+        effects.append(None if j is None else problem.effects[j])
         apart.append(float(evidence[row] - evidence[0]))
         before.append(float(prior[row] - prior[0]))
-    return candidates, apart, before
+    return effects, apart, before

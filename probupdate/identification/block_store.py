@@ -20,7 +20,7 @@ import pandas as pd
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file
 from probupdate.identification.block_poles import (
     BlockFactors,
     BlockPoles,
@@ -320,7 +320,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
 
 
 def read_block_factors(path: Path) -> BlockFactors:
-    with _opened(path) as content:
+    with of_file(path), _opened(path) as content:
         return BlockFactors(
             key=tuple((int(a), int(b)) for a, b in content["key"]), kurtosis=frozen_array(content["kurtosis"]),
             poles=ModePoles(

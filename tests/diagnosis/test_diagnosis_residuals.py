@@ -188,7 +188,7 @@ def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monk
     for id in ("causes", "moderest", "restmap", "restplace", "calendar", "covariates", "prior_shift",
                "detectable_sizes"):
         assert f'id="{id}-' in page
-    assert "Something is wrong, and it has a name" in page and "parameter, k3" in page
+    assert "Fault identified" in page and "parameter, k3" in page
     # what the directory lacks is named once, not section by section
     assert 'id="posterior"' not in page and "posterior.nc" in page
 

@@ -205,7 +205,7 @@ def test_frequencies_alone_through_update_and_report(model, frequencies_of_two_s
     (tmp_path / "run.json").write_text('{"parameters": "parameters.toml"}')
     write_modes(data, tmp_path / "modes.json")
     options = {"parameters": tmp_path / "parameters.toml"}
-    record = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json",
+    record = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", set_id=data.sets[0].id,
                                likelihood=probupdate.LikelihoodSettings(shapes="none"), **options)
     measured = data.sets[0].frequency_hz
     assert record.map_hz == pytest.approx(measured, rel=5 * FREQUENCY_STD)
@@ -213,7 +213,7 @@ def test_frequencies_alone_through_update_and_report(model, frequencies_of_two_s
     # without channels too, as the format has it
     bare = tuple(replace(s, shape=s.shape[:0], shape_std=s.shape_std[:0]) for s in data.sets)
     write_modes(replace(data, channels=(), sets=bare), tmp_path / "bare.json")
-    again = probupdate.update(tmp_path / "model.npz", tmp_path / "bare.json",
+    again = probupdate.update(tmp_path / "model.npz", tmp_path / "bare.json", set_id=bare[0].id,
                               likelihood=probupdate.LikelihoodSettings(shapes="none"), **options)
     assert np.allclose(again.map_theta, record.map_theta, rtol=1e-9)
     with pytest.raises(InputError, match="--shapes none"):

@@ -162,11 +162,12 @@ BRACE = "face AB, bay 2"
 NOTHING = (100, Hidden(), ("none",))
 NACELLE = (7, Hidden(right=(("RNA centre of mass", "along the nacelle's x"),), size=1.0,
                      after=changed("offset", 1.0, group="rna", axis="x")), ("named",))
-MOVED = (7, Hidden(right=NACELLE[1].right, size=1.0, first=STEP, after=NACELLE[1].after), ("named",))
+MOVED = (7, Hidden(right=NACELLE[1].right, size=1.0, first=STEP, after=NACELLE[1].after), ("named", "ambiguous"))
 SCOUR = (4, Hidden(right=(("scour", "leg A"),), size=4.0, first=STEP, after=changed("scour", 4.0, leg="A")),
          ("named", "ambiguous"))
 SOIL = (5, Hidden(right=(("soil stiffness", "leg B"),), size=-0.6, first=STEP, after=State(changes=tuple(
-    Change(what="soil", on={"curve": curve, "leg": "B"}, value=0.4) for curve in ("py", "tz")))), ("named",))
+    Change(what="soil", on={"curve": curve, "leg": "B"}, value=0.4) for curve in ("py", "tz")))),
+        ("named", "ambiguous"))
 # 0.5 % of E either way; without the column it is none, as the weather's
 DAY = (31, Hidden(right=(("temperature of the steel", "above the water"),), size=1.0, day=14.0), ("named",))
 # five modes do not tell a face's braces from their joints, nor always one bay from the next

@@ -251,7 +251,7 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, valid
     one = whole.models[0]
     f = one.frequency_hz
     theta = one.parameters.initial
-    m = one._modes(theta, {})
+    m = one.modes_at(theta, {})
     hz = np.sqrt(m.value) / (2 * np.pi)
     keep = hz < 40.0
     rate, seconds = 25.0, 4 * 3600

@@ -162,7 +162,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(shape_std=[[-0.01] * len(c["channels"])]), "shape_std: .* negative"),
         (lambda c: c.update(chanels=["a"]), "did you mean 'channels'"),
         (lambda c: c["sets"][0].update(frequency_hz=[-1.0]), "not positive"),
-        (lambda c: c["sets"][0].update(frequency_hz=[1e300]), "no structure's frequency"),
+        (lambda c: c["sets"][0].update(frequency_hz=[1e300]), "no measurement"),
         (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),

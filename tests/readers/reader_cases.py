@@ -448,11 +448,15 @@ def block_poles(folder: Path) -> Made:
 def block_factors(folder: Path) -> Made:
     from probupdate.identification.block_poles import BlockFactors
     from probupdate.identification.block_store import read_block_factors, write_block_factors
+    from probupdate.identification.order_average import ModePoles
+    from probupdate.modal.modes import CovarianceFactors
 
     path = folder / "b.npz"
+    factors = CovarianceFactors(ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
+                                shape=np.ones((6, 2, 20), complex))
     write_block_factors(path, BlockFactors(
-        key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
-        shape=np.ones((2, 6, 20), complex)))
+        key=((8, 0), (8, 1)), kurtosis=np.full(2, 2.0), poles=ModePoles(
+            frequency_hz=np.ones(2), damping_ratio=np.full(2, 0.01), shape=np.ones((6, 2), complex), factors=factors)))
     return [path], lambda: read_block_factors(path)
 
 
@@ -532,6 +536,32 @@ def joint(folder: Path) -> Made:
         "level": drawn.level.tolist(), "quantile": drawn.quantile.T.tolist(),
         "normal_correlation": drawn.correlation.tolist(), "rank_correlation": drawn.rank_correlation.tolist()}))
     return [path], lambda: read_joint(path).sample(10, np.random.default_rng(2))
+
+
+def farm_joint(folder: Path) -> Made:
+    from probupdate.updating.joint_file import (
+        FarmJoint,
+        MonthValue,
+        NextRow,
+        PopulationRow,
+        TurbineRow,
+        read_joint,
+        write_joint,
+    )
+
+    shared = dict(parameter="k", unit="-", role="varying", tikhonov=1.0, tikhonov_std=0.1, mean=1.0, std=0.1, low=0.8,
+                  high=1.2)
+    scatter = dict(prior_mean=1.0, prior_std=0.2, tau=0.1, tau_low=0.0, tau_high=0.2, tau_prior=0.1, tau_relative=True,
+                   inherited_mean=1.0, inherited_std=0.2, inherited_low=0.7, inherited_high=1.3)
+    path = folder / "farm_joint.json"
+    write_joint(FarmJoint(
+        turbines=("A", "B"), odd_probability=(0.1, 0.2), population=(PopulationRow(**shared, **scatter),),
+        rows=(TurbineRow(**shared, turbine="A", alone_std=0.2, odd=0.1, limit=0.3, at_bound=False),),
+        months=(MonthValue(turbine="A", month="1", parameter="k", unit="-", value=1.0, std=0.1, changed=False),),
+        next=(NextRow(turbine="A", measurement="x", farm_bits=0.1, turbine_bits=0.2),), settled=True, converged=True,
+        corrected=True, pareto_k=0.1, effective=100.0, draws=200, verdict="converged", notes=("a",),
+        settings={"common": "k"}), path)
+    return [path], lambda: read_joint(path)
 
 
 def extptfm(folder: Path) -> Made:
@@ -626,6 +656,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
     "joint": (joint, ("lifetime.draws.read_joint",)),
+    "farm_joint": (farm_joint, ("updating.joint_file.read_joint",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "farm": (farm, ("farms.description.read_farm",)),
     "farm_month": (farm_month, ("farms.month.read_state",)),
