@@ -584,6 +584,10 @@ def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other:
 
     remedy = ("measure where their shapes differ, narrow the prior if more is known, or leave one out: null for its "
               "frequency_hz in every set")
+    chosen = frequency_hz[[c for _, here in differ for c in column[here]]]
+    if len(differ) > 1 and len(chosen) == len(differ) and np.ptp(chosen) < PAIR_GAP * np.mean(chosen):
+        # a close pair that is compared mode by mode
+        remedy = f"compare close modes as planes (--shapes plane), {remedy}"
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
