@@ -86,7 +86,7 @@ class Driven:
     def stress(self, load: np.ndarray) -> np.ndarray:
         """(n_stress, n_line) complex nominal stress in MPa of loads (n_input, n_line)."""
         n, wet = self.n_constant, self.wave.shape[2]
-        total = self.constant @ load[:n].real + 1j * (self.constant @ load[:n].imag)
+        total = self.constant @ np.real(load[:n]) + 1j * (self.constant @ np.imag(load[:n]))
         for j in range(2):
             total[:, :wet] += self.wave[j] * load[n + j, :wet]
         found = self.modes.stress(total / self.modes.plain)
@@ -257,6 +257,6 @@ def _between(at: np.ndarray, middle: list[float], values: np.ndarray) -> np.ndar
 def _real_times(real: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n, a, i) of a real matrix (a, b) times complex (n, b, i)."""
     n, _, i = x.shape
-    both = np.concatenate([x.real, x.imag], axis=2)
+    both = np.concatenate([np.real(x), np.imag(x)], axis=2)
     found = np.matmul(real, both)
     return found[:, :, :i] + 1j * found[:, :, i:]

@@ -476,7 +476,7 @@ def _spread(planned: Sequence[_Planned], n: int) -> list[_Planned]:
 def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
     """(4, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
     z = stress.reshape(-1, 3, len(f))
-    both = np.concatenate([z.real, z.imag], axis=2)
+    both = np.concatenate([np.real(z), np.imag(z)], axis=2)
     step = f[1] - f[0]
     return np.array([step * np.matmul(both * np.tile(f**k, 2), both.transpose(0, 2, 1)) for k in (0, 1, 2, 4)])
 

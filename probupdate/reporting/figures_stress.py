@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -69,7 +70,8 @@ def rose(blocks: pd.DataFrame) -> Figure | None:
     sector = np.round(known / (360 / SECTORS)) % SECTORS
     total = own["damage_per_hour"].groupby(sector).sum()
     figure = new_figure(3.4, 3.4)
-    axis = figure.add_subplot(projection="polar")
+    # matplotlib's annotations know of no polar axes here
+    axis: Any = figure.add_subplot(projection="polar")
     axis.set_theta_zero_location("N")
     axis.set_theta_direction(-1)
     axis.bar(np.radians(total.index.to_numpy(float) * 360 / SECTORS), 100 * total / total.sum(),
