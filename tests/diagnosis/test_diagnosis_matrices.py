@@ -202,7 +202,7 @@ def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepa
     monkeypatch.setattr(module, "fitted_without_candidates", unsettled)
     found = diagnose(prepared, record(5, gain=("y4", 1.12)))
     assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
-    assert any("did not settle" in note for note in found.notes)
+    assert any("did not converge" in note for note in found.notes)
 
 
 def test_a_fit_that_runs_out_of_steps_is_unexplained_and_not_an_error(prepared, record, monkeypatch):
