@@ -162,12 +162,12 @@ def _alone(path: Path) -> sparse.csc_array:
         if read_text(path)[:14].lower() == "%%matrixmarket":
             from scipy.io import mmread
 
-            return sparse.csc_array(mmread(path))
+            return sparse.csc_array(mmread(path, spmatrix=False))
         return _triplets(path)
     if ending in (".rb", ".rsa", ".rua", ".hb"):
         from scipy.io import hb_read
 
-        return sparse.csc_array(hb_read(path))
+        return sparse.csc_array(hb_read(path, spmatrix=False))
     if ending == ".op4":
         (one,) = _op4(path).values()
         return one
@@ -182,7 +182,7 @@ def _variables(path: Path) -> dict[str, sparse.csc_array]:
     if path.suffix.lower() == ".mat":
         from scipy.io import loadmat
 
-        raw = loadmat(path)
+        raw = loadmat(path, spmatrix=False)
     else:
         from probupdate.io.files import archive_arrays
 

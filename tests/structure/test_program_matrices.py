@@ -33,7 +33,7 @@ def frequencies(K, M):
 def calculix_files(folder, name, K, M, *, nodes=None):
     """What CalculiX writes: upper triangles from 1, and node and direction of each row."""
     for ending, matrix in ((".sti", K), (".mas", M)):
-        own = sparse.coo_array(sparse.triu(matrix))
+        own = sparse.coo_array(np.triu(matrix))
         (folder / f"{name}{ending}").write_text("".join(
             f"{i + 1} {j + 1} {v:.15e}\n" for i, j, v in zip(*own.coords, own.data, strict=True)))
     (folder / f"{name}.dof").write_text("".join(f"{n}.1\n" for n in nodes or range(2, N + 2)))
@@ -80,7 +80,7 @@ def test_a_group_that_is_not_linear_is_refused(tmp_path):
 def written(folder, form, K, M):
     """Files of a form, as scipy, numpy or a few lines write them."""
     def triangle(matrix):
-        return sparse.coo_array(sparse.tril(matrix))
+        return sparse.coo_array(np.tril(matrix))
 
     if form == "market":
         scipy.io.mmwrite(folder / "K.mtx", triangle(K), symmetry="general")
