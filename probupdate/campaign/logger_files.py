@@ -277,8 +277,8 @@ def wav_channels(path: Path) -> list[LoggerChannel]:
     """Channels '1', '2', ...; whole numbers as shares of full scale, whatever their width; a WAV states no start."""
     from scipy.io import wavfile
 
-    said = str(path), "cannot be read as WAV", "export it again as PCM or float"
-    with parsing(*said), warnings.catch_warnings():
+    damaged = str(path), "cannot be read as WAV", "export it again as PCM or float"
+    with parsing(*damaged), warnings.catch_warnings():
         # chunks of notes beside the samples are passed over; what ends early is damaged
         warnings.filterwarnings("ignore", "Chunk .*not understood", wavfile.WavFileWarning)
         warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)

@@ -125,8 +125,10 @@ def test_slow_bending_is_that_of_statics(case, written, validation):
 
 def test_every_hot_spot_has_its_interval_and_what_is_resolved(written):
     spots = pd.read_csv(written / "hot_spots.csv")
-    assert np.all(spots["p05"] <= spots["p50"]) and np.all(spots["p50"] <= spots["p95"])
-    assert np.all(spots["resolved"].between(0, 1)) and set(spots["observable"]) <= {True, False}
+    # x_scf of fatigue.toml, 10 % of a range, is a factor of 1.6 and more on damage of m = 3 between the quantiles
+    assert np.all(spots["p95"] > 1.6 * spots["p05"])
+    assert np.all(spots["resolved"].between(0, 1))
+    assert np.array_equal(spots["observable"], spots["resolved"] >= 0.9) and spots["observable"].nunique() == 2
 
 
 def test_states_that_were_not_measured_are_said(written):
