@@ -91,7 +91,7 @@ def at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) 
     return [*first.values()]
 
 
-def with_hung(
+def with_tuned_mass(
     problem: DiagnosisProblem, part: Part, profile: TimeProfile, size: float
 ) -> tuple[DiagnosisProblem, TunedMass, IncludedEffect]:
     """The problem with a mass on springs, whose frequency is one more of the parameters; that mass in the model, and

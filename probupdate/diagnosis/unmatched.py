@@ -24,7 +24,7 @@ from probupdate.diagnosis.free_form import (
     at_different_places,
     modes_moved,
     tuned,
-    with_hung,
+    with_tuned_mass,
 )
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.mode_numbers import modes_with
@@ -54,7 +54,7 @@ BY_CHANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Hung:
+class TunedMassFit:
     """A mass on springs fitted with a mode that is none of the model's as one more group: ln evidence of all modes."""
 
     part: Part
@@ -150,7 +150,7 @@ def _explained(
 ) -> Unmatched:
     profile = _since(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
-    stepped = hung_at_first_steps(problem.taken(there), _noise(problem).taken(there), parts, runs)
+    stepped = initialise_tuned_mass(problem.taken(there), _noise(problem).taken(there), parts, runs)
     begun = [(parts[k], size) for k in at_different_places(parts, [*stepped], FITTED)
              for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
     shared = problem, _beside(known), profile
@@ -176,7 +176,7 @@ def _explained(
                      content=content and {**content, "complete": True, "adequacy_p": p})
 
 
-def _in_place_of_findings(known: Outcome, problem: DiagnosisProblem, best: Hung) -> tuple[Hung, bool]:
+def _in_place_of_findings(known: Outcome, problem: DiagnosisProblem, best: TunedMassFit) -> tuple[TunedMassFit, bool]:
     """The mass with what was found beside it, or by itself where that is as probable: a row of the catalogue may have
     stood for what the mass does to the other modes."""
     beside = best.fitted.included[:-1]
@@ -234,7 +234,7 @@ def _noise(problem: DiagnosisProblem) -> Noise:
     return noise_of(problem, tuple(np.where(used[:, None], y, 0.0) for y, used in zip(*problem.measured, strict=True)))
 
 
-def hung_at_first_steps(
+def initialise_tuned_mass(
     problem: DiagnosisProblem, noise: Noise, parts: Sequence[Part], runs: Executor = SERIAL
 ) -> dict[int, float]:
     """Numbers of masses on springs that are there throughout, by what the first steps of a fit with each of them
@@ -281,7 +281,7 @@ def _stepped(
     """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
     modes there."""
     constant = next(profile for profile in problem.time_profiles if profile.kind == "constant")
-    alone, hung, n = with_hung(problem, part, constant, BEGUN_AT * part[0].prior_scale)
+    alone, hung, n = with_tuned_mass(problem, part, constant, BEGUN_AT * part[0].prior_scale)
     try:
         theta, (n,), misfit = first_steps(alone, np.array(alone.predictor.parameters.initial), [n], noise, count)
     except ConvergenceError:
@@ -292,15 +292,15 @@ def _stepped(
 def _fitted(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], profile: TimeProfile, part: Part, size: float,
     theta: np.ndarray | None = None,
-) -> Hung | None:
+) -> TunedMassFit | None:
     """From theta, or where the prior expects the parameters; None where the model has no modes on the way."""
-    wider, _, n = with_hung(problem, part, profile, size)
+    wider, _, n = with_tuned_mass(problem, part, profile, size)
     try:
         fitted = fitted_without_candidates(wider, wider.predictor.parameters.initial if theta is None else theta,
                                            (*included, n))
     except ConvergenceError:
         return None
-    return Hung(part=part, problem=wider, fitted=fitted, log_evidence=log_evidence(wider, fitted))
+    return TunedMassFit(part=part, problem=wider, fitted=fitted, log_evidence=log_evidence(wider, fitted))
 
 
 def anywhere(problem: DiagnosisProblem, noise: Noise, number: int) -> float:
@@ -333,7 +333,7 @@ def anywhere(problem: DiagnosisProblem, noise: Noise, number: int) -> float:
 
 
 def _content(
-    known: Outcome, best: Hung, record: ModeRecord, value: dict[PartKey, float], where: dict[PartKey, str]
+    known: Outcome, best: TunedMassFit, record: ModeRecord, value: dict[PartKey, float], where: dict[PartKey, str]
 ) -> dict:
     """What `free_form` says of elementary parts, of the mass on springs that has a mode; what it gains in the modes
     that the model has. `where`: words for the places."""

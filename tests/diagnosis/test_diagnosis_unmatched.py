@@ -206,9 +206,9 @@ def test_masses_on_springs_with_which_no_fit_can_begin_are_left_out(pictured_fra
     data, _ = hung(9, mass=150.0, storey=4, from_block=0)
     problem, _ = diagnosis_problem(pictured_frame, data)
     parts = elementary(pictured_frame.small, str, heights=2)
-    assert unmatched.hung_at_first_steps(problem, _noise(problem), parts)
+    assert unmatched.initialise_tuned_mass(problem, _noise(problem), parts)
     monkeypatch.setattr(unmatched, "first_steps", no_modes)
-    assert not unmatched.hung_at_first_steps(problem, _noise(problem), parts)
+    assert not unmatched.initialise_tuned_mass(problem, _noise(problem), parts)
 
 
 def test_first_steps_are_made_at_the_heading_known_best(pictured_frame):
