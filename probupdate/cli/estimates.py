@@ -71,7 +71,9 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 def run_compare(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    if Path(a.update).is_dir() or Path(a.posterior).is_dir():
+    # a file beside a directory is a mistake that `compare` names
+    if not (Path(a.update).is_file() or Path(a.posterior).is_file()) and (
+            Path(a.update).is_dir() or Path(a.posterior).is_dir()):
         between = probupdate.compare_runs(a.update, a.posterior)
         answer(a, between, [between.write(a.out)], first=False)
         return
