@@ -30,7 +30,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import StateRule, block_conditions, renaming, with_rated_power
+from probupdate.campaign.scada import StateRule, block_conditions, renaming, turning_range, with_rated_power
 from probupdate.campaign.scada_time import record_rows, time_findings
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
@@ -190,7 +190,7 @@ def compare_block(
 
 def _rotor_bands(conditions: Mapping) -> np.ndarray:
     """(n_band, 2) Hz that the rotor's harmonics sweep during a block."""
-    low, high = (conditions.get(f"rotor_speed_rpm_{end}", np.nan) for end in ("min", "max"))
+    low, high = turning_range(conditions)
     if not (np.isfinite(low) and np.isfinite(high) and high > 3):
         return np.zeros((0, 2))
     return np.array([[n * low / 60 - 0.05, n * high / 60 + 0.05] for n in (1, *range(3, 19, 3))])

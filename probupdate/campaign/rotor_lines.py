@@ -15,6 +15,7 @@ from scipy import fft
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.scada import SLOWEST_RPM
 from probupdate.runtime.progress import Progress, silent
 
 ROW_S = 600.0
@@ -23,8 +24,8 @@ SHORTEST_S = 60.0
 HARMONICS = (1, 3, 6, 9)
 # the ratio is sought from a half to twice, in steps of 0.05 %
 RATIOS = np.exp(np.arange(np.log(0.45), np.log(2.2), 5e-4))
-# a rotor that turns slower than this (rpm) or less steadily (standard deviation in ten minutes over mean) makes no line
-SLOWEST_RPM, STEADIEST = 3.0, 0.06
+# a rotor that turns less steadily (standard deviation in ten minutes over mean) makes no line
+STEADIEST = 0.06
 # mean height above the neighbouring frequencies (natural logarithm of power) that lines must have, and lead over any
 # other ratio
 HEIGHT, LEAD = 0.7, 1.5

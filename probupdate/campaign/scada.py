@@ -25,6 +25,11 @@ EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-0
 # a block's state is that of its rows, if more than this share of them have one
 MOST_ROWS_KNOWN = 0.5
 STATES = ("idling", "below rated", "rated")
+# a rotor slower than this (rpm) excites nothing at its multiples
+SLOWEST_RPM = 3.0
+# a row's variance over the largest that its mean and ends allow (Bhatia-Davis), from which the rotor stood and turned
+# in it; where it passed all speeds alike the share is a third
+AT_ENDS = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +174,8 @@ def block_conditions(
     """What the turbine and the weather did during a block: the rows that begin in it, or the one in which it lies.
 
     Means under the columns' own names (compass angles on the circle); `<column>_max` and `_min` the extremes, taken
-    from those columns where recorded, else from the means; `<column>_range` for pitch and heading; `state`: the rows'
+    from those columns where recorded, else from the means; `<column>_range` for pitch and heading;
+    `rotor_speed_rpm_turning_min` and `_max`: between which the rotor turned, where it stood too; `state`: the rows'
     common state, 'mixed' where they differ, 'unknown' where most have no power; `scada_rows`, `scada_coverage`.
     """
     wanted = max(int(minutes // ROW_MINUTES), 1)
@@ -209,8 +215,47 @@ def block_conditions(
         found |= ends
         if column == "pitch_deg":
             found["pitch_deg_range"] = ends["pitch_deg_max"] - ends["pitch_deg_min"]
+    turning = _turning(scada, first, last) if "rotor_speed_rpm" in rows else []
+    if turning:
+        span = {"min": min(low for low, _ in turning), "max": max(high for _, high in turning)}
+        found |= {f"rotor_speed_rpm_turning_{end}": x for end, x in span.items() if x != found[f"rotor_speed_rpm_{end}"]}
     states = set(row_states(rows, rule)) if rule.rated_power_kw is not None else {"unknown"}
     if len(states) > 1 and np.mean(row_states(rows, rule) != "unknown") > MOST_ROWS_KNOWN:
         states.discard("unknown")
     found["state"] = states.pop() if len(states) == 1 else "mixed"
     return found
+
+
+def turning_range(conditions: Mapping[str, float | str]) -> tuple[float, float]:
+    """Lowest and highest speed (rpm) at which the rotor turned in a block by its conditions, NaN where not recorded."""
+    ends = (conditions.get(f"rotor_speed_rpm_turning_{end}", conditions.get(f"rotor_speed_rpm_{end}"))
+            for end in ("min", "max"))
+    low, high = (float(x) if x is not None else np.nan for x in ends)
+    return low, high
+
+
+def _turning(scada: pd.DataFrame, first: int, last: int) -> list[tuple[float, float]]:
+    """Speeds (lowest, highest) at which the rotor turned, of each row from first to last in which it did. A row of
+    starting or stopping that states a mean alone, at which the rotor never turned, takes the speed beside it."""
+    before = max(first - 1, 0)
+    rows = scada.iloc[before: last + 1]
+    mean = rows["rotor_speed_rpm"].to_numpy(float)
+
+    def recorded(ending: str) -> np.ndarray:
+        name = f"rotor_speed_rpm_{ending}"
+        return rows[name].to_numpy(float) if name in rows else np.full(len(mean), np.nan)
+
+    low, high, std = np.fmin(recorded("min"), mean), np.fmax(recorded("max"), mean), recorded("std")
+    spans = []
+    for k in np.flatnonzero(high[first - before: last - before] >= SLOWEST_RPM) + first - before:
+        beside = [mean[j] for j in (k - 1, k + 1) if 0 <= j < len(mean) and np.isfinite(mean[j])]
+        turned = max((x for x in beside if x > mean[k]), default=np.nan)
+        stood = low[k] < SLOWEST_RPM or (np.isnan(recorded("min")[k]) and min(beside, default=np.inf) < SLOWEST_RPM)
+        if stood and std[k] ** 2 >= AT_ENDS * (high[k] - mean[k]) * (mean[k] - low[k]) > 0:
+            # at the lowest for a share of the time and at one speed else: what that speed is by mean and variance
+            spans.append((min(mean[k] + std[k] ** 2 / (mean[k] - low[k]), high[k]), high[k]))
+        elif stood and np.isnan(std[k]) and np.isfinite(turned):
+            spans.append((turned, max(turned, high[k])))
+        else:
+            spans.append((max(low[k], SLOWEST_RPM), high[k]))
+    return spans

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from probupdate.campaign.scada import turning_range
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.settings import CONSTANTS
@@ -192,8 +193,7 @@ def _stability(poles: PoleStack, similarity: np.ndarray, paired: np.ndarray) -> 
 
 def rotor_bands(conditions: Mapping[str, float | str], settings: ClassifierSettings) -> np.ndarray:
     """(n_harmonic, 2) frequencies in Hz that the multiples of the rotor speed swept in a block; empty without SCADA."""
-    swept = [conditions.get(f"rotor_speed_rpm_{end}") for end in ("min", "max")]
-    low, high = (float(x) if x is not None else np.nan for x in swept)
+    low, high = turning_range(conditions)
     if not np.isfinite([low, high]).all():
         return np.zeros((0, 2))
     range_hz = np.array([low * (1 - settings.harmonic_tolerance), high * (1 + settings.harmonic_tolerance)]) / 60

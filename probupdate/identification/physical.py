@@ -285,8 +285,8 @@ def physical_modes(
     """Modes out of what comes back in `n_block` blocks.
 
     state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
-    multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
-    speed a line is indistinguishable from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it
+    multiples of the rotor's speed swept in each: what moves with them is left out; where they pass in nearly every
+    block a line is indistinguishable from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it
     was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked,
     counter-clockwise from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the
     band that the record's rate passes. Raises InputError where nothing comes back.
@@ -304,8 +304,9 @@ def physical_modes(
                           key=lambda x: x.ln_frequency):
         if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
             notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is no mode: left out")
-    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
-              "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies where multiples of the rotor's speed pass in nearly every "
+              "block: it may be its line" for one in sorted(found, key=lambda x: x.ln_frequency)
+              if swept[one.rows].mean() > FOLLOWS]
     found = _of_the_structure(candidates, found, wave_hz, highest_hz, notes)
     angle = np.array(angle_deg, float) if angle_deg is not None else None
     groups, doubles = _grouped(candidates, found, block_seconds,

@@ -97,11 +97,10 @@ def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
 
 
 def _refuse_odd(where: str, environment: Mapping) -> None:
-    """Conditions are numbers or words; an infinite one is a failed computation."""
+    """Conditions are numbers or words; an infinite one is a failed computation, one beyond LARGEST a filler."""
     for key, value in environment.items():
-        plain = value is None or isinstance(value, str | int) or (isinstance(value, float) and np.isfinite(value))
-        if not plain:
-            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a number nor a word",
+        if not (value is None or isinstance(value, str) or (isinstance(value, int | float) and abs(value) <= LARGEST)):
+            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a word nor a number up to {LARGEST:g}",
                              "mend it or leave it out")
 
 

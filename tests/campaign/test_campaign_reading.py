@@ -5,7 +5,14 @@ import pandas as pd
 import pytest
 
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.scada import StateRule, block_conditions, read_scada, row_states, with_rated_power
+from probupdate.campaign.scada import (
+    StateRule,
+    block_conditions,
+    read_scada,
+    row_states,
+    turning_range,
+    with_rated_power,
+)
 from probupdate.errors import InputError
 
 
@@ -170,3 +177,26 @@ def test_conditions_without_rows_or_power_are_unknown():
     assert block_conditions(None, late, 30, StateRule())["state"] == "unknown"
     assert block_conditions(table, late, 30, StateRule())["scada_rows"] == 0
     assert block_conditions(table, table.index[0], 30, StateRule())["state"] == "unknown"
+
+
+def _speeds(share: float) -> dict[str, list[float]]:
+    """Middle row of three: the rotor stands (0.1 rpm) for a share of it and turns at 12 rpm, else."""
+    speed = np.where(np.arange(600) < 600 * share, 0.1, 12.0)
+    return {"": [0.1, float(speed.mean()), 12.0], "_min": [0.1, 0.1, 11.8], "_max": [0.1, 12.0, 12.2],
+            "_std": [0.0, float(speed.std()), 0.05]}
+
+
+@pytest.mark.parametrize("share", (0.2, 0.5, 0.7))
+@pytest.mark.parametrize("recorded", (("",), ("", "_min", "_max"), ("", "_min", "_max", "_std")))
+@pytest.mark.parametrize("rows", ((0, 3), (1, 1)))
+def test_a_rotor_that_stood_and_turned_has_the_speed_at_which_it_turned(share, recorded, rows):
+    table = scada(**{f"rotor_speed_rpm{end}": _speeds(share)[end] for end in recorded})
+    found = block_conditions(table, table.index[rows[0]], 10 * rows[1], StateRule())
+    low, high = turning_range(found)
+    assert found["rotor_speed_rpm_min"] < 11.7 and 11.7 < low <= high < 12.3
+
+
+def test_a_rotor_that_passed_every_speed_turned_at_all_of_them():
+    table = scada(rotor_speed_rpm=[6.0, 6.0], rotor_speed_rpm_min=[0.0, 0.0], rotor_speed_rpm_max=[12.0, 12.0],
+                  rotor_speed_rpm_std=[12 / np.sqrt(12)] * 2)
+    assert turning_range(block_conditions(table, table.index[0], 10, StateRule())) == (3.0, 12.0)
