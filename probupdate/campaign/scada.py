@@ -218,7 +218,8 @@ def block_conditions(
     turning = _turning(scada, first, last) if "rotor_speed_rpm" in rows else []
     if turning:
         span = {"min": min(low for low, _ in turning), "max": max(high for _, high in turning)}
-        found |= {f"rotor_speed_rpm_turning_{end}": x for end, x in span.items() if x != found[f"rotor_speed_rpm_{end}"]}
+        found |= {f"rotor_speed_rpm_turning_{end}": x for end, x in span.items()
+                  if x != found[f"rotor_speed_rpm_{end}"]}
     states = set(row_states(rows, rule)) if rule.rated_power_kw is not None else {"unknown"}
     if len(states) > 1 and np.mean(row_states(rows, rule) != "unknown") > MOST_ROWS_KNOWN:
         states.discard("unknown")
