@@ -57,6 +57,8 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     from probupdate.identification.settings import IdentificationSettings
     from probupdate.runtime.executors import executor
 
+    if a.choice and (a.shard or len(a.campaign) > 1):
+        raise InputError("--choice", "is of the poles of one campaign", "identify that campaign alone, without --shard")
     if a.shard and len(a.campaign) > 1:
         raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
     settings = IdentificationSettings(
@@ -68,7 +70,7 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
             answer(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, **options))
             return
         if len(a.campaign) == 1:
-            result = probupdate.identify(a.campaign[0], a.model, **options)
+            result = probupdate.identify(a.campaign[0], a.model, choice=a.choice, **options)
         else:
             result = probupdate.identify_setups(a.campaign, a.model, **options)
         answer(a, result, result.write(a.out))
@@ -146,6 +148,8 @@ def _of_records(verb: AddCommand) -> None:
                    help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; "
                    "without, all three are proposed from the record and said)")
+    p.add_argument("--choice", metavar="FILE", help="poles picked by hand in a page of `explore`: they are the modes "
+                   "then; order, block rows and rate are the choice's")
     p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: "
                    "take the rotor's multiples out of records in which its angle can be followed; each block says what "
                    "was done")

@@ -65,8 +65,10 @@ class BlockPoles:
     where the block was excluded, with the reason in `excluded`.
 
     rms: root mean square over samples and channels of the motion about its mean, in SI units of `quantity`; line_hz
-    and spectrum (n_line,): one-sided power spectral density summed over channels, at the rate of identification.
-    unmeasured (3, n_channel): shares of samples that are lost, repeated and filled (`Block`); (3, 0) where not known.
+    and spectrum (n_line,): one-sided power spectral density summed over channels, at the rate of identification;
+    singular (n_value, n_line): the largest singular values of the spectral matrix, in its unit; (0, 0) where they were
+    not kept. unmeasured (3, n_channel): shares of samples that are lost, repeated and filled (`Block`); (3, 0) where
+    not known.
     """
 
     id: str
@@ -81,6 +83,7 @@ class BlockPoles:
     line_hz: np.ndarray
     spectrum: np.ndarray
     unmeasured: np.ndarray = field(default_factory=lambda: frozen_array(np.zeros((3, 0))))
+    singular: np.ndarray = field(default_factory=lambda: frozen_array(np.zeros((0, 0))))
 
     @property
     def every_order(self) -> tuple[Poles, ...]:
@@ -120,11 +123,13 @@ def identify_block(
     record, remark = _prepared(block, campaign, settings, rotor_rpm)
     found = _identified(record, block, settings, sub_records=0)
     line, spectrum = record.summed_spectrum()
+    _, singular = record.singular_spectrum()
     return BlockPoles(
         id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded="",
         notes=(*block.notes, *remark), rms=rms, poles=found.poles,
         others=tuple(p for p in found.by_order if p.order != settings.order),
-        line_hz=line, spectrum=spectrum, unmeasured=frozen_array([block.missing, block.repeated, block.filled]),
+        line_hz=line, spectrum=spectrum, singular=singular,
+        unmeasured=frozen_array([block.missing, block.repeated, block.filled]),
     )
 
 
@@ -155,13 +160,18 @@ def identify_factors(
 
 
 def _same(before: Poles, index: int, now: Poles, where: str) -> int:
-    """The pole again, among those of another pass over the same record, which differ by rounding."""
     f, zeta = before.frequency_hz[index], before.damping_ratio[index]
-    away = np.abs(now.frequency_hz / f - 1) + np.abs(now.damping_ratio - zeta)
-    if not np.min(away) < 1e-4:
+    found = same_pole(now, f, zeta)
+    if found is None:
         raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is not found again",
                          "do not change records meanwhile")
-    return int(np.argmin(away))
+    return found
+
+
+def same_pole(poles: Poles, frequency_hz: float, damping_ratio: float) -> int | None:
+    """The pole of these values among those of another pass over the same record, which differ by rounding."""
+    away = np.abs(poles.frequency_hz / frequency_hz - 1) + np.abs(poles.damping_ratio - damping_ratio)
+    return int(np.argmin(away)) if np.min(away, initial=1.0) < 1e-4 else None
 
 
 def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:

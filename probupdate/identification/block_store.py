@@ -168,7 +168,7 @@ class BlockStore:
                 todo.append(start)
                 continue
             before = _read_sources(path)
-            now = self._origin(start)
+            now = self.origin(start)
             if before == now:
                 continue
             gone = [text for text in before if text not in now]
@@ -229,7 +229,8 @@ class BlockStore:
     def _rotor(self, start: pd.Timestamp) -> tuple[float, float] | None:
         return rotor_range(self._campaign, start) if self._settings.harmonics == "remove" else None
 
-    def _origin(self, start: pd.Timestamp) -> list[str]:
+    def origin(self, start: pd.Timestamp) -> list[str]:
+        """The records that a block is made of, as they are now, in words."""
         return [*sources(self._files[start]), *_rotor_words(self._rotor(start))]
 
     def _run(self, what: str, function, tasks: list, total: int, jobs: int | Executor, progress: Progress) -> None:
@@ -240,6 +241,15 @@ class BlockStore:
         # the last of a killed run's processes may have gone since
         remove_stale(self.folder)
 
+    def identify_one(self, start: pd.Timestamp) -> BlockPoles:
+        """One block alone, where it is not stored yet."""
+        _make_poles(self.folder / (self._stem(start) + POLES), *self._task(start))
+        return self.read(start)
+
+    def hash_of(self, start: pd.Timestamp) -> str:
+        """The hash of a block's stored poles."""
+        return _hash_and_sources(self.folder / (self._stem(start) + POLES))[0]
+
     def read(self, start: pd.Timestamp) -> BlockPoles:
         return read_block_poles(self.folder / (self._stem(start) + POLES))
 
@@ -249,6 +259,31 @@ class BlockStore:
 
 def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
     """The block of that id in a folder of blocks; None where there is none, or the id is no time."""
+    path = _path_of(folder, block_id)
+    return None if path is None else read_block_poles(path)
+
+
+def stored_ids(folder: Path) -> tuple[str, ...]:
+    """Ids of the blocks in a folder that have poles, in the order of time."""
+    blocks = (read_block_poles(path) for path in sorted(folder.glob(f"*{POLES}")))
+    return tuple(block.id for block in blocks if block.poles is not None)
+
+
+def choice_head(folder: Path, ids: Sequence[str]) -> dict:
+    """What a choice among the poles of a folder of blocks carries beside them: its channels, settings and of each of
+    these blocks its id, the hash of its poles and the records that it was made of."""
+    head = _read_head(folder / HEAD)
+    blocks = []
+    for block_id in ids:
+        path = _path_of(folder, block_id)
+        if path is None:
+            raise InputError(f"block {block_id}", f"is not kept in {folder}", "name another, or identify anew")
+        digest, records = _hash_and_sources(path)
+        blocks.append({"id": block_id, "poles_hash": digest, "records": records})
+    return {"channels": head.get("channels") or [], "settings": head.get("settings") or {}, "blocks": blocks}
+
+
+def _path_of(folder: Path, block_id: str) -> Path | None:
     try:
         start = pd.Timestamp(block_id)
     except ValueError:
@@ -257,7 +292,7 @@ def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
         return None
     # ids have a fraction where blocks are shorter than a second
     path = folder / (_stem(start, 0.0 if start.microsecond else SECOND_MIN) + POLES)
-    return read_block_poles(path) if path.exists() else None
+    return path if path.exists() else None
 
 
 def forget_changed(folder: Path, files: tuple[RecordFile, ...], changed: Collection[str] = ()) -> int:
@@ -352,6 +387,7 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
         "damping_ratio": _joined([p.damping_ratio for p in every]),
         "shape": np.concatenate([p.shape.T for p in every]).astype(np.complex64) if every else np.zeros((0, 0)),
         "line_hz": block.line_hz, "spectrum": block.spectrum.astype(np.float32),
+        "singular": block.singular.astype(np.float32),
     }
     write_arrays(path, content | {CHECKSUM: _checksum(content)})
 
@@ -386,6 +422,8 @@ def read_block_poles(path: Path) -> BlockPoles:
             rms=np.nan if head["rms"] is None else head["rms"],
             poles=every[0] if every else None, others=tuple(every[1:]),
             line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
+            # blocks from before these were kept have none
+            singular=frozen_array(content["singular"] if "singular" in content else np.zeros((0, 0))),
             unmeasured=frozen_array(head["unmeasured"]),
         )
 
@@ -406,6 +444,11 @@ def _joined(arrays: list[np.ndarray]) -> np.ndarray:
 
 def _head_of(content: Mapping) -> dict:
     return json.loads(content["head"].tobytes().decode())
+
+
+def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
+    with _opened(path) as content:
+        return content[CHECKSUM].tobytes().hex(), list(_head_of(content)["sources"])
 
 
 def _read_sources(path: Path) -> list[str]:

@@ -22,6 +22,8 @@ from probupdate.identification.block_poles import BlockPoles, BlockSettings
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
 from probupdate.identification.environment import environment_of, fore_aft_deg
+from probupdate.identification.hand_picked import HandPicked
+from probupdate.identification.order_average import alone
 from probupdate.identification.physical import PhysicalModes
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
@@ -90,7 +92,7 @@ class ChosenPoles:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FollowedModes:
     """Every block, those that can be used, the modes' paths through these, what stands for the modes in each by its
-    start, and how a block's stored poles are judged once more."""
+    start, how a block's stored poles are judged once more, and what was picked by hand."""
 
     found: list[StoredBlock]
     usable: list[StoredBlock]
@@ -98,14 +100,16 @@ class FollowedModes:
     picked: dict[pd.Timestamp, ChosenPoles]
     judge: Callable[[StoredBlock], JudgedBlock]
     order: int
+    hand: HandPicked | None = None
 
 
 def follow(
     blocks: BlockStore, campaign: Campaign, physical: PhysicalModes, reference: ReferenceModes | None, *,
-    settings: SSISettings, rule: StateRule, progress: Progress,
+    settings: SSISettings, rule: StateRule, progress: Progress, hand: HandPicked | None = None,
 ) -> FollowedModes:
+    """`hand`: poles that stand for the modes because they were picked, and those that may not."""
     # a year's poles are gigabytes: a block is held against the modes twice, for its votes and for its choice
-    judge = partial(_held_against, blocks, campaign, physical.modes, reference, settings)
+    judge = partial(_held_against, blocks, campaign, physical.modes, reference, settings, hand)
     found, votes = [], []
     for number, start in enumerate(blocks.starts):
         progress("classifying modes", number, 2 * len(blocks.starts))
@@ -122,17 +126,21 @@ def follow(
     for number, (one, row) in enumerate(zip(usable, centre, strict=True)):
         progress("classifying modes", len(found) + number, len(found) + len(usable))
         judged = judge(one)
-        choice = tracking.choose(judged.poles, row, settings.classifier)
-        picked[one.block.start] = _picked(judged, choice, settings.order)
+        choice, start = tracking.choose(judged.poles, row, settings.classifier), one.block.start
+        by_hand = hand is not None and start in hand.picked
+        if hand is not None:
+            choice = hand.chosen(start, judged.poles, choice)
+        picked[start] = _picked(judged, choice, settings.order, by_hand)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
     tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
                       centre_hz=frozen_array(centre), support=frozen_array(support))
-    return FollowedModes(found=found, usable=usable, tracked=tracked, picked=picked, judge=judge, order=settings.order)
+    return FollowedModes(found=found, usable=usable, tracked=tracked, picked=picked, judge=judge, order=settings.order,
+                         hand=hand)
 
 
 def _held_against(
     blocks: BlockStore, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
-    one: StoredBlock, block: BlockPoles | None = None,
+    hand: HandPicked | None, one: StoredBlock, block: BlockPoles | None = None,
 ) -> JudgedBlock:
     """`block` if it was read already."""
     block = block or blocks.read(one.block.start)
@@ -144,6 +152,8 @@ def _held_against(
         id=block.id, poles=stack, comparison=like, bands=bands, reference=here,
         verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
+    if hand is not None:
+        judged = hand.judged(one.block.start, judged)
     single = like if model is None else rules.comparison(stack, model, like.stability)
     paper = rules.paper_criteria(stack, single, bands, settings.classifier)
     return JudgedBlock(poles=judged, single=single, paper=paper)
@@ -154,7 +164,8 @@ def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
     return rules.stacked((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
 
 
-def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int) -> ChosenPoles:
+def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int, by_hand: bool = False) -> ChosenPoles:
+    """`by_hand`: the poles stand for themselves, not for an average over orders."""
     poles, like = judged.poles.poles, judged.poles.comparison
     n_mode = len(choice.pole)
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
@@ -163,11 +174,13 @@ def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int) -> ChosenPol
     taken = choice.pole[there]
     frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
     shape[:, there] = unit_largest(poles.shape[:, taken])
-    keys = {(int(poles.order[p]), int(p - np.argmax(poles.order == poles.order[p]))): int(p) for p in taken}
+    index = {int(p): int(p - np.argmax(poles.order == poles.order[p])) for p in taken}
+    keys = {(int(poles.order[p]), alone(k) if by_hand else k): p for p, k in index.items()}
     # the number of the mode that a pole stands for, else of the one that it is most like, marked by a minus
     mode = -1 - judged.single.best_mode
     mode[taken] = there
-    shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT)
+    rejected = np.array([str(text).startswith(rules.REJECTED) for text in choice.criterion], bool)
+    shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT) | rejected
     rows = {
         "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
         "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
@@ -183,14 +196,16 @@ def without_uncertain(
     blocks: BlockStore, first: FollowedModes, settings: ClassifierSettings, jobs: int | Executor, progress: Progress,
 ) -> dict[pd.Timestamp, ChosenPoles]:
     """What stands again in blocks where a chosen pole's standard deviations are beyond the classifier's limits, by
-    start.
+    start; what was picked by hand stands whatever they are.
 
     Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends: a round that
     takes none, and one whose standard deviations are no numbers, is an error of the program.
     """
     place = {one.block.start: k for k, one in enumerate(first.usable)}
+    by_hand = {} if first.hand is None else {s: first.picked[s] for s in first.hand.picked if s in first.picked}
+    blocks.fill_factors(all_wanted(by_hand), jobs=jobs, progress=progress)
     known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
-    todo, again = dict(first.picked), {}
+    todo, again = {start: stands for start, stands in first.picked.items() if start not in by_hand}, {}
     while todo:
         wanted = all_wanted(todo)
         blocks.fill_factors(wanted, jobs=jobs, progress=progress)
@@ -216,7 +231,8 @@ def without_uncertain(
             verdict = rules.block_criteria(judged.poles.poles, judged.poles.comparison, judged.poles.reference,
                                            settings,
                                            ln_frequency_std=std[0], damping_std=std[1])
-            judged = replace(judged, poles=replace(judged.poles, verdict=verdict))
+            poles = replace(judged.poles, verdict=verdict)
+            judged = replace(judged, poles=poles if first.hand is None else first.hand.judged(start, poles))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
             again[start] = todo[start] = _picked(judged, choice, first.order)
     return again

@@ -28,6 +28,8 @@ KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (
 HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
     "harmonic", "cluster", "duplicate", "unstable", "other order",
 )
+# with the reason after it: not by a criterion, but by hand
+REJECTED = "rejected: "
 STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
     CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,
 )

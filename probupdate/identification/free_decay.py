@@ -47,6 +47,10 @@ class DecayRecord:
         """As of any record."""
         return WholeRecord(data=self.data, target_hz=self.target_hz).summed_spectrum()
 
+    def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """As of any record."""
+        return WholeRecord(data=self.data, target_hz=self.target_hz).singular_spectrum()
+
 
 def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> DecayRecord | None:
     """The record as a free decay; None where it is none, or too short to be judged.

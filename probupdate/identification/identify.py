@@ -30,6 +30,7 @@ from probupdate.identification.chosen_poles import (
     without_uncertain,
 )
 from probupdate.identification.environment import environment_of
+from probupdate.identification.hand_picked import HandPicked, hand_picked, opened_choice, refuse_other_records
 from probupdate.identification.naming import name_modes, with_independence
 from probupdate.identification.physical import (
     PersistenceSettings,
@@ -46,6 +47,7 @@ from probupdate.identification.summary import summarise
 from probupdate.identification.tracking import Tracked
 from probupdate.io.files import write_table
 from probupdate.io.result_table import table_of
+from probupdate.modal.mode_choice import ModeChoice
 from probupdate.modal.modes import ModalData, StoredFactors, write_modes
 from probupdate.runtime.executors import Executor, Shard, executor
 from probupdate.runtime.progress import Progress, silent
@@ -102,6 +104,7 @@ def identify(
     others: ReferenceModes | None = None,
     settings: SSISettings | None = None,
     state_rule: StateRule | None = None,
+    choice: str | Path | ModeChoice | None = None,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -113,7 +116,8 @@ def identify(
     which the poles of each block are kept as they are found; a run that was killed goes on there, and another model
     takes the poles from there, and the result reads its covariance factors there when asked for them, so that a year
     fits into memory. None: blocks are kept while this runs. jobs: processes, or an executor; the modes are the same on
-    any. Raises InputError where no block can be used, and where nothing comes back.
+    any. choice: poles that were picked by hand, which are the modes then, whatever comes back. Raises InputError where
+    no block can be used, where nothing comes back, and for a choice that was made on other records.
     """
     settings = settings or SSISettings()
     if reference is not None and reference.shape.shape[0] != len(campaign.sensors):
@@ -123,10 +127,16 @@ def identify(
     rule = with_rated_power(rule, campaign.scada)
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         blocks = BlockStore(folder, campaign, settings.of_blocks)
+        picked, where = (None, "") if choice is None else opened_choice(choice)
+        if picked is not None:
+            refuse_other_records(picked, blocks, campaign, settings.of_blocks, where)
         blocks.fill(jobs=runs, progress=progress)
-        found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
-        result = classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=runs,
-                            progress=progress)
+        hand = None if picked is None else hand_picked(picked, blocks, where)
+        found = hand.physical if hand is not None else physical_of(blocks, campaign, settings=settings, rule=rule,
+                                                                   progress=progress)
+        result = classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, hand=hand,
+                            every=hand is not None, jobs=runs, progress=progress)
+        result = replace(result, data=replace(result.data, choice=picked))
         return in_memory(result) if store is None else result
 
 
@@ -238,13 +248,14 @@ def classified(
     settings: SSISettings,
     rule: StateRule,
     others: ReferenceModes | None = None,
+    hand: HandPicked | None = None,
     every: bool = False,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
     """The second pass: from stored poles to the modes that were found in them, their standard deviations, and their
     names. every: a column for each, also for one that stands in no block (one setup of several)."""
-    first = follow(blocks, campaign, physical, reference, settings=settings, rule=rule, progress=progress)
+    first = follow(blocks, campaign, physical, reference, settings=settings, rule=rule, progress=progress, hand=hand)
     found, usable, followed, picked = first.found, first.usable, first.tracked, dict(first.picked)
     if settings.sub_records:
         picked |= without_uncertain(blocks, first, settings.classifier, jobs, progress)

@@ -30,6 +30,8 @@ LEAST_PAIRS = 0.05
 LARGEST_PRODUCTS = 2**25
 # segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
 SPECTRUM_SAMPLES = 512
+# singular values that are kept of its matrix: of more than a few modes at one frequency nothing is seen
+SINGULAR_VALUES = 4
 # distances of samples at which it is asked whether a channel has pairs at all
 NEAR_LAGS = 64
 
@@ -54,6 +56,19 @@ class WholeRecord:
             self.data, fs=self.target_hz, nperseg=min(SPECTRUM_SAMPLES, len(self.data)), axis=0)
         return frozen_array(line), frozen_array(density.sum(axis=1))
 
+    def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (n_line,) in Hz and the largest singular values (n_value, n_line) of the spectral matrix at each,
+        in SI units squared per Hz; of the same windows as `summed_spectrum`."""
+        from scipy import signal
+
+        size = min(SPECTRUM_SAMPLES, len(self.data))
+        line, _, transform = signal.stft(self.data.T, fs=self.target_hz, nperseg=size, boundary=None, padded=False,
+                                         scaling="psd", detrend="constant")
+        # (n_line, n_channel, n_window); of one side: all but the mean and Nyquist's line stand for two
+        value = np.linalg.svd(transform.transpose(1, 0, 2), compute_uv=False) ** 2 / transform.shape[2]
+        value[1 : (size + 1) // 2] *= 2
+        return frozen_array(line), frozen_array(value[:, :SINGULAR_VALUES].T)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LossyRecord:
@@ -71,8 +86,15 @@ class LossyRecord:
 
     def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise (`gaps.zero_filled`)."""
+        return self._filled().summed_spectrum()
+
+    def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """As of a whole record, with what is lost as noise."""
+        return self._filled().singular_spectrum()
+
+    def _filled(self) -> WholeRecord:
         return WholeRecord(data=resampled(zero_filled(self.data), self.rate_hz, self.target_hz),
-                           target_hz=self.target_hz).summed_spectrum()
+                           target_hz=self.target_hz)
 
     def bridged(self) -> np.ndarray:
         """(n_sample, n_channel) at target_hz with straight lines over gaps: good for following a rotor's angle."""

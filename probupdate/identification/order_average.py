@@ -41,7 +41,9 @@ class ModePoles:
 
 def twins(every: Sequence[Poles], order: int, index: int, most: int = MOST) -> tuple[tuple[int, int], ...]:
     """(model order, index) of a pole, and of its twins at lower orders, descending: frequency within 1 % and MAC of
-    0.9; evenly `most` of those that have one."""
+    0.9; evenly `most` of those that have one. An index of -1 - k is pole k by itself (`alone`)."""
+    if index < 0:
+        return ((order, alone(index)),)
     own = next(p for p in every if p.order == order)
     found = []
     for other in sorted(every, key=lambda p: -p.order):
@@ -53,6 +55,11 @@ def twins(every: Sequence[Poles], order: int, index: int, most: int = MOST) -> t
             found.append((other.order, int(np.argmax(alike))))
     some = np.unique(np.linspace(0, len(found) - 1, min(most, len(found))).astype(int))
     return ((order, index), *(found[k] for k in some))
+
+
+def alone(index: int) -> int:
+    """The key of a pole that is to be taken by itself, not averaged, from its index; and back."""
+    return -1 - index
 
 
 def averaged(poles: ModePoles, rows: Sequence[int]) -> ModePoles:

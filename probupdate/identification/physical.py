@@ -562,6 +562,12 @@ def _as_modes(
     return _numbered(c, modes, notes)
 
 
+def stated_modes(c: Candidates, groups: Sequence[np.ndarray], notes: tuple[str, ...]) -> PhysicalModes:
+    """Modes of which it is stated which candidates (rows) each consists of, such as poles that were picked by hand."""
+    return _numbered(c, [_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows])[:, None])[:, 0])
+                         for rows in groups], notes)
+
+
 def _real(shape: np.ndarray) -> np.ndarray:
     real = np.real(rotate_to_real(shape))
     return real / np.linalg.norm(real, axis=0)

@@ -19,6 +19,7 @@ from probupdate.io.result_table import plural
 from probupdate.io.schema import LARGEST
 from probupdate.modal.conditions import KNOWN, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
+from probupdate.modal.mode_choice import ModeChoice, choice_of
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
@@ -146,7 +147,7 @@ HIGHEST_HZ = 1e8
 # what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
 CLOCK = 1e-7
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only",
-             "gravity"}
+             "gravity", "choice"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
     "environment",
@@ -205,7 +206,18 @@ def _read_modes(path: Path) -> ModalData:
         records=_records(path, content, "mode_records", ModeRecord),
         gravity=_gravity(path, content, len(channels)),
         model_only=_records(path, content, "model_only", ModelMode),
+        choice=_choice(path, content),
     )
+
+
+def _choice(path: Path, content: Mapping) -> ModeChoice | None:
+    """What was picked by hand, where it was."""
+    table = content.get("choice")
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        raise InputError(f"{path}, choice", f"{table!r:.60} is no table", "identify again, or leave the key out")
+    return choice_of(table, f"{path}, choice")
 
 
 def _gravity(path: Path, content: Mapping, n_channel: int) -> tuple[bool, ...]:
@@ -406,6 +418,8 @@ def write_modes(data: ModalData, path: str | Path) -> None:
         if rows:
             content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
                              for name, x in asdict(row).items()} for row in rows]
+    if data.choice is not None:
+        content["choice"] = asdict(data.choice)
     tail = {}
     with_factors = {s.id: s.covariance_factors for s in data.sets if s.covariance_factors is not None}
     if with_factors:

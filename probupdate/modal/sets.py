@@ -16,6 +16,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
+from probupdate.modal.mode_choice import ModeChoice
 from probupdate.runtime.arrays import frozen_array
 
 if TYPE_CHECKING:
@@ -314,7 +315,8 @@ class ModalData:
     also a record a mode, and the modes of the model that it did not find.
 
     Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...). `gravity` (n_channel,):
-    whether the channels' readings hold gravity (see `Sensor`); () where it is not stated.
+    whether the channels' readings hold gravity (see `Sensor`); () where it is not stated. `choice`: the poles that were
+    picked as modes by hand, where they were.
     """
 
     channels: tuple[str, ...]
@@ -324,6 +326,7 @@ class ModalData:
     records: tuple[ModeRecord, ...] = ()
     model_only: tuple[ModelMode, ...] = ()
     gravity: tuple[bool, ...] = ()
+    choice: ModeChoice | None = None
 
     @property
     def felt(self) -> dict[str, bool]:

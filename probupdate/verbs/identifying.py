@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from probupdate.campaign.scada import StateRule, read_scada
 from probupdate.errors import InputError, names_files
 from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
+from probupdate.identification.hand_picked import opened_choice
 from probupdate.identification.identify import Identification, ShardOfBlocks, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.identify import identify_shard as identify_campaign_shard
@@ -27,6 +28,7 @@ from probupdate.identification.setups import identify_setups as identify_campaig
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
 from probupdate.modal.matching import reading
+from probupdate.modal.mode_choice import ModeChoice
 from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
@@ -56,6 +58,7 @@ def identify(
     parameters: str | Path | None = None,
     lowest: int | None = None,
     settings: IdentificationSettings = GIVEN,
+    choice: str | Path | ModeChoice | None = None,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -65,16 +68,20 @@ def identify(
     numbers.
 
     settings: what of order, block rows and sampling rate is not given is as in the paper with a turbine's model, and
-    without one proposed from the record, which the summary says.
+    without one proposed from the record, which the summary says. choice: poles picked by hand in a page of `explore`:
+    they are the modes then, and its settings those that are not given.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes, or an executor (`probupdate.runtime.executors`). A script that asks for several
     processes needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
     sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
-    chosen, said = ssi_settings([opened], model, settings, sought.modes)
-    found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, store=store, jobs=jobs,
-                              progress=progress)
+    if choice is None:
+        chosen, said = ssi_settings([opened], model, settings, sought.modes)
+    else:
+        chosen, said = _settings_of(choice, settings), []
+    found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
+                              jobs=jobs, progress=progress)
     said = [*sought.notes, *said]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
@@ -163,6 +170,21 @@ def ssi_settings(
                     + (f"from {kept} parts of each" if kept else "cannot be estimated, longer blocks would have them"))
         settings = replace(settings, sub_records=kept)
     return settings, said
+
+
+def _settings_of(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:
+    """The settings that a choice was made with. Raises InputError where others are stated."""
+    opened, where = opened_choice(choice)
+    made, low = opened.settings, min(pole.order for pole in (*opened.picked, *opened.rejected))
+    for name, value, own in (("order", stated.order, made.order), ("block rows", stated.block_rows, made.block_rows),
+                             ("rate", stated.rate_hz, made.target_rate_hz),
+                             ("harmonics", stated.harmonics if stated.harmonics != GIVEN.harmonics else None,
+                              made.harmonics)):
+        if value is not None and value != own:
+            raise InputError(where, f"was made with {name} {own}, and {value} is stated",
+                             "leave the option out, or choose anew in a page that `probupdate explore` writes with it")
+    # poles of low orders can be picked too
+    return SSISettings(**asdict(made), below=max(SSISettings.below, made.order - low))
 
 
 def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, str, str]:

@@ -131,6 +131,20 @@ def diagnosis(folder: Path) -> Made:
     return [path], lambda: read_diagnosis(path)
 
 
+def choice(folder: Path) -> Made:
+    from probupdate.modal.mode_choice import read_choice
+
+    pole = {"block": "2026-01-01T00:00Z", "order": 20, "index": 3, "frequency_hz": 1.66, "damping_ratio": 0.01}
+    path = folder / "choice.json"
+    path.write_text(json.dumps({
+        "format": 1, "channels": ["a [acceleration, m/s2]"], "blocks": [{
+            "id": "2026-01-01T00:00Z", "poles_hash": "0a" * 16, "records": ["b0.h5, 12000 samples"]}],
+        "settings": {"order": 20, "block_rows": 20, "target_rate_hz": 20.0, "spread": 16, "sub_records": 30,
+                     "harmonics": "keep"},
+        "picked": [pole], "rejected": [pole | {"index": 4, "reason": "machine"}]}))
+    return [path], lambda: read_choice(path)
+
+
 def criteria(folder: Path) -> Made:
     from probupdate.identification.criteria import read_criteria
 
@@ -646,6 +660,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "uff_modes": (uff("modes"), ("campaign.uff_file.read_uff_modes",)),
     "uff_records": (uff("records"), ("campaign.uff_file.read_uff_records",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
+    "choice": (choice, ("modal.mode_choice.read_choice",)),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
     "block_poles": (block_poles, ("identification.block_store.read_block_poles",)),
