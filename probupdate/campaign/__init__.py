@@ -7,5 +7,6 @@
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "between_setups", "blocks", "checking", "converting", "describing", "findings", "gaps", "heading", "plausible",
-    "quantity", "reading", "rigid_bodies", "rotor_lines", "samples", "scada", "sensor_findings", "universal", "usable",
+    "pole_tables", "quantity", "reading", "rigid_bodies", "rotor_lines", "samples", "scada", "sensor_findings",
+    "universal", "usable",
 ]

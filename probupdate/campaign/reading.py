@@ -129,6 +129,12 @@ class CampaignHead:
         return tuple(s.channel for s in self.sensors)
 
 
+def campaign_toml(place: str | Path) -> Path:
+    """That of a campaign's folder, or the file itself."""
+    path = Path(place)
+    return path / "campaign.toml" if path.is_dir() else path
+
+
 def read_head(path: str | Path) -> CampaignHead:
     """Read campaign.toml. Raises InputError where a key, a unit or a number is not what the campaign's layout says."""
     path = Path(path)

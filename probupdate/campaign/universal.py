@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.campaign.blocks import blocks
-from probupdate.campaign.reading import read_campaign, read_head
+from probupdate.campaign.reading import campaign_toml, read_campaign, read_head
 from probupdate.campaign.uff_file import read_uff_modes, write_uff_modes, write_uff_records
 from probupdate.errors import InputError
 from probupdate.io.result_table import files_table
@@ -41,8 +41,7 @@ class Translation:
 
 def sensors_of(place: str | Path) -> tuple[Sensor, ...]:
     """Those of a campaign's folder, or of a campaign.toml."""
-    path = Path(place)
-    return read_head(path / "campaign.toml" if path.is_dir() else path).sensors
+    return read_head(campaign_toml(place)).sensors
 
 
 def modes_from_universal(source: str | Path, out: str | Path, *, sensors: str | Path | None = None) -> Translation:

@@ -109,19 +109,20 @@ def add_commands(verb: AddCommand) -> None:
 
 def _of_records(verb: AddCommand) -> None:
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF, "
-             "TDMS, MDF, miniSEED, SAC, WAV) into a campaign; "
-             "modes and records from and to universal files")
+             "TDMS, MDF, miniSEED, SAC, WAV) into a campaign; modes and poles of other programs into a "
+             "modes.json; both to universal files")
     p.add_argument("sources", metavar="SOURCES", nargs="?", help="folder of the files to convert; with --to modes a "
-                   ".uff, with --to uff a modes.json or a campaign")
+                   "table of modes or poles (.csv, .npz, .mat, .uff) or a folder of them, with --to uff a modes.json or "
+                   "a campaign")
     p.add_argument("out", metavar="OUT", nargs="?", default=argparse.SUPPRESS, help="campaign directory with "
                    "campaign.toml and convert.toml (an interrupted conversion goes on where it stopped); "
                    "with --to modes.json, .uff, or a folder of them")
     p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
-                   "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
+                   "(default); modes: a modes.json; uff: a universal file")
     p.add_argument("--describe", metavar="RAW", help="write --out campaign.toml, and convert.toml beside it, to fill "
                    "in, from what the files of RAW say: channels, units, rate, start")
     p.add_argument("--out", help="with --describe: campaign.toml")
-    p.add_argument("--description", help="convert.toml (default: the campaign's)")
+    p.add_argument("--description", help="convert.toml (default: the campaign's); with --to modes a poles.toml")
     p.add_argument("--sensors", metavar="CAMPAIGN", help="its campaign.toml says where the channels of modes are")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")

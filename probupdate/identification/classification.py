@@ -30,6 +30,15 @@ HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
 )
 # with the reason after it: not by a criterion, but by hand
 REJECTED = "rejected: "
+# criterion of modes.poles.csv -> what it says of a pole
+POLE_WORDS = {
+    "kept": "was taken for a mode", "harmonic": "follows the rotor's speed", "damping": "is damped too strongly or not",
+    "duplicate": "is second best for its mode", "mac": "has the shape of no mode",
+    "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
+    "frequency": "lies too far from its mode of the model",
+    "other order": "stands for a mode that a pole of another order was taken for",
+    "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a standard deviation",
+}
 STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
     CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,
 )

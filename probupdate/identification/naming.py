@@ -41,7 +41,7 @@ class NamedModes:
 
 def name_modes(
     sets: list[ModalSet], physical: PhysicalModes, reference: ReferenceModes | None, others: ReferenceModes | None,
-    campaign: Campaign, *, settings: ClassifierSettings, highest_hz: float, every: bool,
+    campaign: Campaign | None, *, settings: ClassifierSettings, highest_hz: float, every: bool,
 ) -> NamedModes:
     """The campaign's modes matched with the model's, once, and given their names. highest_hz: up to where modes of the
     model can be missed; every: a column for each mode, also for one that stands in no block."""
@@ -55,7 +55,7 @@ def name_modes(
     seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})
     wanted: tuple[str, ...] = ()
     matched = None
-    if reference is not None:
+    if reference is not None and campaign is not None:
         wanted = reference.labels
         model = reference if others is None else reference.joined(others)
         matched = _matched(sets, physical, seen, model, len(wanted), campaign)

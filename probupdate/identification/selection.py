@@ -200,7 +200,7 @@ def _with_rounding(chosen: Sequence[ModalSet], sets: Sequence[ModalSet]) -> list
 def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
     """Frequency, damping and shapes with the scatter over the campaign; where it cannot be estimated (one block alone),
     what a set came with stays."""
-    spread = np.array([_std(column) for column in np.array([s.damping_ratio for s in sets]).T])
+    spread = np.array([scatter_of(column) for column in np.array([s.damping_ratio for s in sets]).T])
     shape = shape_scatter(good, pairs)
     return [replace(
         s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
@@ -320,7 +320,7 @@ def _angle_of_rounding(shapes: np.ndarray) -> float:
     return max(rounding_std(shapes.ravel()) * np.sqrt(shapes.shape[1]) / size, np.sqrt(np.finfo(float).eps))
 
 
-def _std(values: np.ndarray) -> float:
+def scatter_of(values: np.ndarray) -> float:
     """Scatter of values, that of their rounding at least; NaN from fewer than two, and where all are one to the last
     digit: copies of one number say nothing of its scatter."""
     values = np.asarray(values, float)
@@ -332,7 +332,7 @@ def _std(values: np.ndarray) -> float:
 
 
 def _cov(values) -> float:
-    return _std(values) / float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+    return scatter_of(values) / float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
 
 def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray) -> pd.DataFrame:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from probupdate.identification.classification import POLE_WORDS
 from probupdate.identification.counterparts import unmatched_sentences
 from probupdate.identification.summary import harmonics_removed
 from probupdate.modal.matching import close_clusters
@@ -42,15 +43,6 @@ STATES_ORDER = ("idling", "below rated", "rated", "mixed")
 CRITERIA_ORDER = (
     "no data", "no SCADA", "yawing", "pitching", "not idling", "modes not identified", "planes not perpendicular",
 )
-# criterion of modes.poles.csv -> what it says of a pole
-POLE_WORDS = {
-    "kept": "was taken for a mode", "harmonic": "follows the rotor's speed", "damping": "is damped too strongly or not",
-    "duplicate": "is second best for its mode", "mac": "has the shape of no mode",
-    "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
-    "frequency": "lies too far from its mode of the model",
-    "other order": "stands for a mode that a pole of another order was taken for",
-    "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a standard deviation",
-}
 
 
 def measured_section(run: Run) -> Section:

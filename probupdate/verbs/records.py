@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from probupdate.campaign.between_setups import SetupComparison, compare_setups
 from probupdate.campaign.converting import Conversion
 from probupdate.campaign.converting import convert as convert_files
-from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.reading import campaign_toml, read_campaign, read_head
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     from probupdate.campaign.universal import Translation
+    from probupdate.identification.imported_modes import ImportedModes
 
 
 def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent) -> SetupComparison:
@@ -35,12 +36,13 @@ def setup_names(paths: Sequence[Path]) -> list[str]:
 def convert(
     sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
     sensors: str | Path | None = None, progress: Progress = silent,
-) -> Conversion | Translation:
+) -> Conversion | Translation | ImportedModes:
     """Records of other programs (tables, arrays, UFF, files of loggers) into a campaign's layout, as its convert.toml
     says.
 
-    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file,
-    or a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says
+    to 'modes': modes and poles of other programs into a modes.json, followed over their blocks as `description`, a
+    poles.toml, says (`campaign.pole_tables`), a universal file's modes (dataset 55) without one by their numbers;
+    'uff': a modes.json into a universal file, or a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says
     where the channels of a modes.json are. to 'description': campaign.toml (`out`) and convert.toml beside it, to fill
     in, from what the files say."""
     if to == "description":
@@ -51,12 +53,24 @@ def convert(
         return convert_files(sources, out, description=description, progress=progress)
     if to not in ("modes", "uff"):
         raise InputError("to", f"'{to}' is unknown", "choose from campaign, description, modes, uff")
-    from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
+    from probupdate.campaign import universal
 
     if to == "modes":
-        return modes_from_universal(sources, out, sensors=sensors)
+        if description is None and Path(sources).suffix.lower() in (".uff", ".unv"):
+            return universal.modes_from_universal(sources, out, sensors=sensors)
+        return _followed(sources, out, description, sensors)
     if Path(sources).is_dir():
-        return records_to_universal(sources, out, progress=progress)
+        return universal.records_to_universal(sources, out, progress=progress)
     if sensors is None:
         raise InputError(str(sources), "does not say where its channels are", "name the campaign (--sensors)")
-    return modes_to_universal(sources, out, sensors=sensors)
+    return universal.modes_to_universal(sources, out, sensors=sensors)
+
+
+def _followed(
+    sources: str | Path, out: str | Path, description: str | Path | None, sensors: str | Path | None
+) -> ImportedModes:
+    from probupdate.campaign.pole_tables import read_pole_tables
+    from probupdate.identification.imported_modes import modes_of_poles
+
+    head = None if sensors is None else read_head(campaign_toml(sensors))
+    return modes_of_poles(read_pole_tables(sources, description=description, head=head)).write(out)

@@ -413,6 +413,30 @@ def uff(kind: str):
     return make
 
 
+def pole_tables(suffix: str):
+    def make(folder: Path) -> Made:
+        from scipy.io import savemat
+
+        from probupdate.campaign.pole_tables import read_pole_tables
+
+        arrays = {"f": np.array([0.8, 2.1, 3.4]), "xi": np.full(3, 0.01), "phi": SHAPE.real[:4]}
+        path, toml = folder / f"poles{suffix}", folder / "poles.toml"
+        words, rows = 'shape = "phi"\n', "[channels]\na = 1\nb = 3\n"
+        if suffix == ".csv":
+            words, rows = 'block = "k"\ncomponents = "real and imaginary"\n', '[channels]\na = ["a", "b"]\nb = "c"\n'
+            pd.DataFrame({"k": [1, 1, 2], "f": arrays["f"], "xi": arrays["xi"], **dict(zip("abcd", arrays["phi"],
+                          strict=True))}).to_csv(path, index=False)
+        elif suffix == ".npz":
+            np.savez(path, **arrays)
+        else:
+            savemat(path, arrays)
+        toml.write_text('frequency = "f"\nfrequency_unit = "Hz"\ndamping = "xi"\ndamping_unit = "ratio"\n'
+                        + words + rows)
+        return [path, toml], lambda: read_pole_tables(path, description=toml)
+
+    return make
+
+
 def virtual_turbine(folder: Path) -> Made:
     from probupdate.virtual.turbine_file import read_turbine
 
@@ -659,6 +683,9 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
     "uff_modes": (uff("modes"), ("campaign.uff_file.read_uff_modes",)),
     "uff_records": (uff("records"), ("campaign.uff_file.read_uff_records",)),
+    "poles_csv": (pole_tables(".csv"), ("campaign.pole_tables.read_pole_tables",)),
+    "poles_npz": (pole_tables(".npz"), ("campaign.pole_tables.read_pole_tables",)),
+    "poles_mat": (pole_tables(".mat"), ("campaign.pole_tables.read_pole_tables",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "choice": (choice, ("modal.mode_choice.read_choice",)),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
