@@ -112,8 +112,8 @@ def _of_records(verb: AddCommand) -> None:
              "TDMS, MDF, miniSEED, SAC, WAV) into a campaign; modes and poles of other programs into a "
              "modes.json; both to universal files")
     p.add_argument("sources", metavar="SOURCES", nargs="?", help="folder of the files to convert; with --to modes a "
-                   "table of modes or poles (.csv, .npz, .mat, .uff) or a folder of them, with --to uff a modes.json or "
-                   "a campaign")
+                   "table of modes or poles (.csv, .npz, .mat, .uff) or a folder of them, with --to uff a "
+                   "modes.json or a campaign")
     p.add_argument("out", metavar="OUT", nargs="?", default=argparse.SUPPRESS, help="campaign directory with "
                    "campaign.toml and convert.toml (an interrupted conversion goes on where it stopped); "
                    "with --to modes.json, .uff, or a folder of them")

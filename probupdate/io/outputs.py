@@ -16,7 +16,7 @@ MODES_BESIDE = (".deviations.h5", ".poles.csv")
 # what the verbs write beside --out, by the end of its name after the stem
 WRITTEN_BESIDE = {
     "identify": (*MODES_BESIDE, ".setups.csv"), "select": (".deviations.h5", ".selection.csv", ".selection.cov.csv"),
-    "check": (".channels.csv",), "diagnose": (".model.toml", ".model.npz"),
+    "check": (".channels.csv",), "convert": (".poles.csv",), "diagnose": (".model.toml", ".model.npz"),
 }
 CAMPAIGN_FILES = ("campaign.toml", "scada.csv", "convert.toml", "truth.toml")
 

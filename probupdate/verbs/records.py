@@ -41,10 +41,10 @@ def convert(
     says.
 
     to 'modes': modes and poles of other programs into a modes.json, followed over their blocks as `description`, a
-    poles.toml, says (`campaign.pole_tables`), a universal file's modes (dataset 55) without one by their numbers;
-    'uff': a modes.json into a universal file, or a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says
-    where the channels of a modes.json are. to 'description': campaign.toml (`out`) and convert.toml beside it, to fill
-    in, from what the files say."""
+    poles.toml, says (`campaign.pole_tables`); a universal file's modes (dataset 55) without one by their numbers.
+    'uff': a modes.json into a universal file, or a campaign's blocks into a folder of them (dataset 58). `sensors`:
+    the campaign, or campaign.toml, that says where the channels of a modes.json are. 'description': campaign.toml
+    (`out`) and convert.toml beside it, to fill in, from what the files say."""
     if to == "description":
         from probupdate.campaign.describing import describe_records
 
@@ -72,5 +72,7 @@ def _followed(
     from probupdate.campaign.pole_tables import read_pole_tables
     from probupdate.identification.imported_modes import modes_of_poles
 
+    if Path(sources).is_dir() and Path(out).resolve().is_relative_to(Path(sources).resolve()):
+        raise InputError(str(out), "lies among the tables that are read", "name a file elsewhere")
     head = None if sensors is None else read_head(campaign_toml(sensors))
     return modes_of_poles(read_pole_tables(sources, description=description, head=head)).write(out)

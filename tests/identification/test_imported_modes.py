@@ -9,6 +9,7 @@ from scipy.io import savemat
 
 import probupdate
 from probupdate.campaign.pole_tables import read_pole_tables
+from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.identification.imported_modes import modes_of_poles
 from probupdate.modal.modes import mac, read_modes
@@ -292,3 +293,13 @@ def test_poles_that_are_incomplete_are_counted_by_reason(tmp_path):
     assert dict(tables.incomplete) == {"without a frequency": 1, "with a frequency not above zero": 1,
                                        "with a component of the shape missing": 1}
     assert sum("dropped 1" in note for note in modes_of_poles(tables).notes) == 3
+
+
+@pytest.mark.parametrize("source", ["modes.poles.csv", "."])
+def test_the_source_is_not_written_over(tmp_path, capsys, source):
+    written(tmp_path, table(), "modes.poles.csv")
+    (tmp_path / "poles.toml").write_text(COLUMNS, encoding="utf-8")
+    before = (tmp_path / "modes.poles.csv").read_bytes()
+    assert main(["convert", str(tmp_path / source), str(tmp_path / "modes.json"), "--to", "modes", "--description",
+                 str(tmp_path / "poles.toml")]) == 2
+    assert "name" in capsys.readouterr().err and (tmp_path / "modes.poles.csv").read_bytes() == before
