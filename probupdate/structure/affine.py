@@ -16,7 +16,7 @@ from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ModelUncertainty
 from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.eigen import available_modes, cluster_coupling, lowest_modes, mode_derivatives
+from probupdate.structure.eigen import DENSE_BELOW, available_modes, cluster_coupling, lowest_modes, mode_derivatives
 from probupdate.structure.moved_channels import MovedChannels, moved_to
 from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
 
@@ -104,7 +104,7 @@ class AffineModel:
     def matrices(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
         """K and M at theta (n_param,)."""
         cK, cM = self.coefficients(self._theta(theta))
-        return self._sums[0](cK), self._sums[1](cM)
+        return sparse.csc_array(self._sums[0](cK)), sparse.csc_array(self._sums[1](cM))
 
     @cached_property
     def _sums(self) -> tuple[_WeightedSum, _WeightedSum]:
@@ -116,7 +116,7 @@ class AffineModel:
         felt = () if self.gravity is None else tuple(column for column, _ in self.gravity.reversed_by)
         return (*(m.column for m in self.moved), *felt)
 
-    @property
+    @cached_property
     def rows(self) -> sparse.csr_array:
         """(n_channel, n_dof) motion of the channels as described or, where it is known, (2 n_channel, n_dof) with their
         tilt below it."""
@@ -152,7 +152,8 @@ class AffineModel:
         theta = self._theta(theta)
 
         def solved():
-            value, phi = lowest_modes(*self.matrices(theta), n_mode, self._where(theta))
+            matrices = [total(c) for total, c in zip(self._sums, self.coefficients(theta), strict=True)]
+            value, phi = lowest_modes(*matrices, n_mode, self._where(theta))
             return frozen_array(value), frozen_array(phi)
 
         return self._remembered["modes"]((theta.tobytes(), n_mode), solved)
@@ -259,8 +260,8 @@ class _Recent:
         if found is None:
             found = compute()
             most = max(REMEMBERED_LEAST, int(REMEMBERED / sum(a.nbytes for a in found)))
-            for oldest in list(self._kept)[: max(0, len(self._kept) - most + 1)]:
-                self._kept.pop(oldest, None)
+            while len(self._kept) >= most:
+                del self._kept[next(iter(self._kept))]
             self._kept[key] = found
         return found
 
@@ -271,8 +272,9 @@ class _Recent:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _WeightedSum:
-    """weight (n_term,) -> sum of weight times constant matrices: all their entries in one list, as hundreds of sparse
-    additions cost more. Entry k of the list belongs to term[k] and to place slot[k] of the joint pattern."""
+    """weight (n_term,) -> sum of weight times constant matrices, an array where it is solved as one (`eigen`): all
+    their entries in one list, as hundreds of sparse additions cost more. Entry k of the list belongs to term[k] and to
+    place slot[k] of the joint pattern."""
 
     value: np.ndarray
     term: np.ndarray
@@ -292,9 +294,17 @@ class _WeightedSum:
             slot=slot, indices=joint % n, indptr=np.searchsorted(joint, n * np.arange(n + 1)),
         )
 
-    def __call__(self, weight: np.ndarray) -> sparse.csc_array:
+    @cached_property
+    def column(self) -> np.ndarray:
+        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
+
+    def __call__(self, weight: np.ndarray) -> sparse.csc_array | np.ndarray:
         n = len(self.indptr) - 1
         data = np.bincount(self.slot, weights=self.value * weight[self.term], minlength=len(self.indices))
+        if n < DENSE_BELOW:
+            matrix = np.zeros((n, n))
+            matrix[self.indices, self.column] = data
+            return matrix
         matrix = sparse.csc_array((data, self.indices.copy(), self.indptr.copy()), shape=(n, n))
         matrix.eliminate_zeros()
         return matrix

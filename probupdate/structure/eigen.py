@@ -49,19 +49,22 @@ def lowest_modes(
     matrices, a dense solution; solved again by subspace iteration where that is not accurate. Raises InputError where
     K is singular or indefinite, or a mode's error |lambda K^-1 M phi - phi| stays above `refused`, in the norm of M.
     """
-    n = K.shape[0]
+    n, dense = K.shape[0], _solved_dense(K)
     # Lanczos leaves two modes out, a dense solution none
-    if n_mode > (n if _solved_dense(K) else n - 2):
+    if n_mode > (n if dense else n - 2):
         raise InputError(where, f"{n_mode} modes asked of {n} degrees of freedom", "ask for fewer")
+    if dense:
+        # of twenty degrees of freedom the bookkeeping of sparse arrays takes ten times as long as the solution
+        K, M = _array(K), _array(M)
     # powers of four: exact, and no product overflows in whatever units the matrices are
     scales = _power_of_four(K, where, "stiffness"), _power_of_four(M, where, "mass")
     K, M = K / scales[0], M / scales[1]
-    if _is_full(K):
+    if dense:
         value, phi = _dense(K, M, n_mode, where)
         solve = _cholesky(K)
     else:
         factor = _definite_factor(K, where)
-        value, phi = _dense(K, M, n_mode, where) if n < DENSE_BELOW else _lanczos(K, M, n_mode, factor, where)
+        value, phi = _lanczos(K, M, n_mode, factor, where)
         solve = factor.solve
     value, phi = _normalised(value, phi, M)
     _refuse_rounding(K, value, phi, where)
@@ -242,8 +245,9 @@ def _indefinite(where: str) -> InputError:
 
 
 def _cholesky(K):
-    factor = linalg.cho_factor(_array(K))
-    return lambda force: linalg.cho_solve(factor, force)
+    factor, _ = linalg.cho_factor(K)
+    # without the checks of cho_solve, which take longer than a small solution
+    return lambda force: linalg.lapack.dpotrs(factor, force)[0]
 
 
 def _lanczos(K, M, n_mode: int, factor, where: str):
@@ -263,7 +267,6 @@ def _lanczos(K, M, n_mode: int, factor, where: str):
 def _dense(K, M, n_mode: int, where: str):
     """M phi = mu K phi with mu = 1 / lambda: K is positive definite, M need not be (massless degrees of freedom)."""
     n = K.shape[0]
-    K, M = _array(K), _array(M)
     try:
         mu, phi = linalg.eigh(M, K, subset_by_index=(n - n_mode, n - 1))
     except linalg.LinAlgError:
@@ -295,7 +298,7 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
         cluster_of[j] = tuple(sorted({*own, *equal.tolist()}))
     d_value = np.empty((n_mode, dK_phi.shape[2]))
     d_phi = np.empty((n, n_mode, dK_phi.shape[2]))
-    full = n < DENSE_BELOW or _is_full(K)
+    full = _solved_dense(K)
     if full:
         K, M = _array(K), _array(M)
     for j in range(n_mode):
