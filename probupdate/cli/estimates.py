@@ -29,7 +29,7 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
     return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
         modes=tuple(a.only) if a.only else None, fix=fixed(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
-        tolerances=a.tolerances)}
+        tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", None) or ()))}
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
@@ -101,11 +101,18 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
     answer(a, result, [a.out], first=False)
 
 
+def baseline_option(p: argparse.ArgumentParser) -> None:
+    p.add_argument("--baseline", nargs="+", metavar="RUN", action="extend",
+                   help="runs of other states of this structure (directory, update.json or posterior.nc): what they "
+                   "showed of the model's error is known here")
+
+
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
     p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
     on_modes(p)
     on_every_mode(p)
+    baseline_option(p)
     p.add_argument("--alpha", type=alpha_option, default=1.0,
                    help="regularisation coefficient of Eq. 6 (1), or the rule that chooses it: l-curve, discrepancy, "
                    "evidence")
@@ -118,6 +125,7 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
     on_every_mode(p)
+    baseline_option(p)
     p.add_argument("--ess", type=positive(int, "draws"), default=1000,
                    help="effective draws of the worst parameter (1000)")
     on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)

@@ -15,16 +15,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import Model
+from probupdate.model.uncertainty import marginal_root
+from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import stated
+from probupdate.updating.baseline import LearntError, Rows
+from probupdate.updating.baseline_file import Baseline, read_baseline
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori, prior_residual
 from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
 from probupdate.updating.responses import FORM_FREQUENCY_COV, FORM_SHAPE_STD, SHAPE_FACTOR
-from probupdate.updating.scales import MOST, LearntScales, hyper_scales, learn_scales
+from probupdate.updating.scales import MOST, Evidence, LearntScales, hyper_scales, learn_scales
 from probupdate.updating.set_likelihoods import Coordinates
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import GaussianPrior, shared_error
@@ -50,6 +55,8 @@ class LikelihoodSettings:
     modes: tuple[str, ...] | None = stated(
         None, "-", "labels of the modes that are compared, or their numbers from 1; None: those of interest")
     fix: Mapping[str, float] | None = stated(None, "-", "parameters that are held, name -> value")
+    baseline: tuple[Baseline, ...] = stated(
+        (), "-", "runs of other states of the structure, whose model's error is this one's: directories or files")
 
     @property
     def joint_covariance(self) -> bool:
@@ -62,6 +69,7 @@ class LikelihoodSettings:
         """As plain numbers, of this set (the reference set where None)."""
         chosen = stated_weights(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
                                 tolerances=self.tolerances)
+        chosen = replace(chosen, baseline=tuple(read_baseline(one) for one in self.baseline))
         discrepancy = self.discrepancy
         if discrepancy is None:
             own = isinstance(self.weights, str) and self.weights in ("measured", "covariance")
@@ -97,7 +105,7 @@ def state_model_error(
     if chosen.tolerances and getattr(model, "uncertainty", None) is not None:
         for step in range(2):
             progress("model error", step, 2)
-            problem = build_problem(model, data, set_id=set_id, weights=chosen)
+            problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, baseline=()))
             start = update(problem, penalty="prior").theta[-1] if chosen.at is None else np.array(chosen.at)
             chosen = replace(chosen, at=_place(model, maximum_a_posteriori(problem, [start]).theta))
     if discrepancy == "auto":
@@ -157,9 +165,10 @@ def estimate_discrepancy(
     """The weights with `scales`: what the model misses of frequencies, of shapes and by mixing of modes, at nodes where
     the posterior of these has its mass, the parameters integrated out with responses linear about the maximum. Raises
     InputError where no share below MOST explains the misfit."""
-    first = build_problem(model, data, set_id=set_id, weights=weights, clusters=clusters)
+    baseline = weights.baseline
+    first = build_problem(model, data, set_id=set_id, weights=replace(weights, baseline=()), clusters=clusters)
     hyper = hyper_scales(first)
-    plain = replace(weights, discrepancy=hyper[0], shape_discrepancy=hyper[1], mixing=hyper[2], scales=())
+    plain = replace(first.weights, discrepancy=hyper[0], shape_discrepancy=hyper[1], mixing=hyper[2], scales=())
     progress("model discrepancy", 0, 3)
     problem = build_problem(model, data, set_id=set_id, weights=plain, clusters=clusters)
     start = update(problem, penalty="prior").theta[-1]
@@ -167,15 +176,16 @@ def estimate_discrepancy(
     chosen = plain
     for step in range(2):
         progress("model discrepancy", step + 1, 3)
-        start = maximum_a_posteriori(problem, [start]).theta
+        known = replace(problem, weights=replace(problem.weights, baseline=baseline)).with_baseline()
+        start = maximum_a_posteriori(known, [start]).theta
         if weights.at is None and problem.mixing is not None:
             # modes mix where they are, not where the initial model has them
             plain = replace(plain, at=_place(model, start))
             problem = problem.with_mixing(np.array(plain.at))
-        chosen = _learnt(problem, start, plain)
+        chosen = _learnt(problem, start, plain, known.known)
         problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, scales=()), clusters=clusters)
     progress("model discrepancy", 3, 3)
-    return chosen
+    return replace(chosen, baseline=baseline)
 
 
 def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: np.ndarray, set_id) -> None:
@@ -191,11 +201,13 @@ def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: 
     raise error if likely is None else with_mistake(error, likely)
 
 
-def _learnt(problem: Problem, theta: np.ndarray, plain: Weights) -> Weights:
-    """Nodes over the scales about the maximum theta (n_param,), and the numbers that stand for them."""
+def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | None) -> Weights:
+    """Nodes over the scales about the maximum theta (n_param,), and the numbers that stand for them; known: what a
+    baseline says of the error."""
     as_they_are = Coordinates(logarithmic=np.zeros(len(theta), bool), scale=problem.parameters.std)
     error = shared_error([problem], theta[None], as_they_are, alone=True)
-    found = learn_scales(error, _prior_about(problem, theta))
+    found = learn_scales(error, _prior_about(problem, theta),
+                         evidence=None if known is None else _evidence(problem, said_of(problem, theta).below([known])))
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
@@ -208,6 +220,67 @@ def _learnt(problem: Problem, theta: np.ndarray, plain: Weights) -> Weights:
     mixes = float(np.exp(found.marginal[4] @ np.log(found.axes[4]))) if problem.mixing is not None else 0.0
     return replace(plain, discrepancy=central[0], shape_discrepancy=central[1], mixing=mixes, scales=scales,
                    discrepancy_by=words)
+
+
+def _evidence(problem: Problem, rows: Rows) -> Evidence:
+    """Of the scales, by all that is known of the error."""
+    def of_scales(new: tuple[float, float], shared: np.ndarray) -> np.ndarray:
+        return np.array([rows.log_evidence(replace(problem, scales=(*new, float(s[2]))).error_covariance)
+                         for s in shared])
+    return of_scales
+
+
+def said_of(problem: Problem, theta: np.ndarray) -> Rows:
+    """What the measured responses say of the model's error, the parameters' prior integrated out with responses linear
+    about theta (n_param,)."""
+    bare = problem.bare or problem
+    response, slope = bare.sensitivity(theta)
+    centre, precision = _prior_about(bare, theta)
+    spread = np.linalg.inv(np.linalg.cholesky(precision)).T
+    root, _ = marginal_root(bare.quiet.unmixed_root, slope @ spread)
+    return Rows(matrix=root, value=root @ (bare.measured - response - slope @ (centre - theta)))
+
+
+def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
+    """The model's error after these data and what a baseline said, about the maximum theta (n_param,); None where none
+    is stated, or shapes count as MACs."""
+    bare = problem.bare or problem
+    if problem.weights.shapes == "mac" or not np.any(bare.error_covariance):
+        return None
+    rows = said_of(problem, theta).below([] if problem.known is None else [problem.known])
+    stated = problem.weights.scales or ((*problem.weights.discrepancies, problem.weights.mixing, 0.0),)
+    priors = [replace(bare, scales=scales[:3]).error_covariance for scales in stated] if problem.weights.scales else [
+        bare.error_covariance]
+    value = np.array([scales[3] for scales in stated]) + [rows.log_evidence(prior) for prior in priors]
+    share = np.exp(value - special.logsumexp(value))
+    found = [rows.posterior(prior) for prior in priors]
+    means = np.array([mean for mean, _ in found])
+    mean = share @ means
+    prior = np.einsum("k,kij->ij", share, np.array(priors))
+    covariance = np.einsum("k,kij->ij", share, np.array([c for _, c in found]))
+    covariance += (share[:, None] * (means - mean)).T @ (means - mean)
+    before = np.diag(prior)
+    left = np.where(before > 1e-9 * before.max(), np.diag(covariance) / np.where(before > 0, before, 1.0), np.nan)
+    earlier, own = problem.weights.baseline, bare.unknowns
+    kinds = ("frequencies", *(("shapes",) if len(own.names) > bare.n_frequency else ()),
+             *(("stiffness",) if bare.mixing is not None else ()))
+    return LearntError(
+        model=problem.model.name, states=(*(s for one in earlier for s in one.states), problem.set_id),
+        data=(*(d for one in earlier for d in one.data), own.data), tolerances=own.tolerances, names=own.names,
+        measured=frozen_array(own.measured), matrix=frozen_array(rows.matrix * own.unit), left=frozen_array(left),
+        value=frozen_array(rows.value), mean=frozen_array(mean / own.unit),
+        covariance=frozen_array(covariance / np.outer(own.unit, own.unit)),
+        scales={name: _ends(np.array([s[k] for s in stated]), share) for k, name in enumerate(kinds)})
+
+
+def _ends(values: np.ndarray, share: np.ndarray) -> tuple[float, float]:
+    """5 and 95 % of nodes with their probabilities."""
+    axis, number = np.unique(values, return_inverse=True)
+    marginal = np.bincount(number, weights=share)
+    if len(axis) == 1:
+        return float(axis[0]), float(axis[0])
+    low, high = (np.exp(np.interp(q, np.cumsum(marginal) - 0.5 * marginal, np.log(axis))) for q in (0.05, 0.95))
+    return float(low), float(high)
 
 
 def _of_ends(ends: tuple[float, float], what: str) -> str:

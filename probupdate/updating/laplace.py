@@ -201,7 +201,9 @@ def _averaged_covariance(problem: Problem, theta: np.ndarray) -> np.ndarray:
     response, slope = problem.sensitivity(theta)
     prior, prior_slope = prior_residual(problem.parameters, theta)
     of_prior = prior_slope.T @ prior_slope, -prior_slope.T @ prior
-    found = [gaussian_at(node, problem.measured - response, slope, *of_prior) for _, node in problem.nodes]
+    # nodes of a baseline expect other errors
+    found = [gaussian_at(node, problem.measured - response + problem.mean - node.mean, slope, *of_prior)
+             for _, node in problem.nodes]
     value = np.array([weight for weight, _ in problem.nodes]) + np.array([f[0] for f in found])
     share = np.exp(value - special.logsumexp(value))
     steps = np.array([f[1] for f in found])

@@ -19,6 +19,7 @@ from probupdate.io.hdf5_file import refuse_unsafe
 from probupdate.io.result_table import table_of
 from probupdate.io.schema import checked
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.baseline import LearntError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +62,7 @@ class Posterior:
     theta (n_walker, n_step, n_param) after burn-in, perhaps thinned; log_likelihood (n_walker, n_step) of all
     responses together; prior (n_draw, n_param) draws; measured, predicted: responses (n_response,) and at some draws
     (n_predicted, n_response); frequency_hz (n_predicted, n_used) of the matched modes there. Text and numbers on how
-    it came about are in `record`.
+    it came about are in `record`. model_error: what these data, and baselines, say of it.
     """
 
     names: tuple[str, ...]
@@ -81,6 +82,7 @@ class Posterior:
     verdict: str
     fingerprint: str
     record: Mapping[str, Any] = field(default_factory=dict)
+    model_error: LearntError | None = None
 
     @property
     def draws(self) -> np.ndarray:
@@ -140,6 +142,9 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
              "frequency_hz_predicted": (("predicted", "mode"), posterior.frequency_hz)},
             coords={"response_label": list(posterior.response_labels), "mode": list(posterior.mode_labels)}),
     }
+    if posterior.model_error is not None:
+        # too long for an attribute
+        groups["observed_data"]["model_error"] = json.dumps(posterior.model_error.to_table())
     head = {
         "format": FORMAT, "names": list(posterior.names), "converged": posterior.converged,
         "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
@@ -176,6 +181,8 @@ def _content_hash(head: Mapping, posterior: Posterior) -> str:
         array = np.asarray(getattr(posterior, name), float)
         digest.update(f"{name} {array.shape}".encode() + np.ascontiguousarray(array, "<f8").tobytes())
     digest.update(json.dumps([posterior.response_labels, posterior.mode_labels]).encode())
+    if posterior.model_error is not None:
+        digest.update(json.dumps(posterior.model_error.to_table()).encode())
     return digest.hexdigest()
 
 
@@ -247,6 +254,8 @@ def _from_groups(path: Path, data) -> Posterior:
         mode_labels=tuple(str(x) for x in observed["mode"].values),
         r_hat=frozen_array(head["r_hat"]), ess=frozen_array(head["ess"]), converged=head["converged"],
         verdict=head["verdict"], fingerprint=head["fingerprint"], record=head["record"],
+        model_error=None if "model_error" not in observed else LearntError.from_table(
+            json.loads(str(observed["model_error"].values))),
     )
     if head.get("format") != 1 and head.get("content") != _content_hash(head, found):
         raise InputError(str(path), "was changed after it was written: its content is not what its own hash says",

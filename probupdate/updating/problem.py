@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
@@ -22,6 +22,8 @@ from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, together
+from probupdate.updating.mixing import mixed
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
 from probupdate.updating.settings import CONSTANTS
 
@@ -32,11 +34,6 @@ SEARCH = CONSTANTS.search
 EQUAL = 1e-7
 # of a response's stated standard deviation: the least that is left where its discrepancy counts elsewhere
 LEAST_NOISE = 1e-3
-# relative gap of two eigenvalues below which their modes mix no more: an error of some percent turns them into any two
-LEAST_GAP = 0.05
-# what a local error does to a frequency over what it does to neighbours' mixing: of waves along a member the mean of
-# sin^4 is 3/8, of sin^2 sin^2 1/4; of stiffness and of mass
-OWN_CHANGE = 0.5 * np.sqrt(3)
 # step of central differences, in standard deviations of the prior
 STEP = 1e-4
 
@@ -77,6 +74,10 @@ class Problem:
     # misses by its form (`Weights.least_frequency_cov`, `least_shape_std`) counts
     scales: tuple[float, float, float] | None = None
     form: bool = True
+    # with a baseline: what it says of these responses, the problem without it, and its nodes
+    known: Rows | None = None
+    bare: Problem | None = None
+    given: tuple[tuple[float, Problem], ...] = ()
 
     @property
     def parameters(self):
@@ -162,8 +163,10 @@ class Problem:
 
     @cached_property
     def whole_std(self) -> np.ndarray:
-        """sigma of each response (n_response,) with what mixing of modes does to it."""
-        return frozen_array(np.sqrt(self.std**2 + np.sum(self.mixing_factor**2, axis=1)))
+        """sigma of each response (n_response,) with what mixing of modes does to it, or a baseline leaves of its error.
+        """
+        learnt = self.factor[:, len(self.error_sources) :]
+        return frozen_array(np.sqrt(self.std**2 + np.sum(self.mixing_factor**2, axis=1) + np.sum(learnt**2, axis=1)))
 
     @property
     def frequency_std_hz(self) -> np.ndarray:
@@ -416,6 +419,58 @@ class Problem:
             error = replace(error, factor=factor)
         return replace(self, error=error, scales=(*new, 0.0), form=alone or not self.form_is_shared)
 
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The error of each response by name, frequencies as shares of themselves."""
+        names, n = [(FREQUENCY, self.mode_labels[j]) for j in self.used], self.n_frequency
+        for matched, g in zip(self.matching.groups, self.groups, strict=True):
+            if g.shapes != "none":
+                modes = "+".join(self.mode_labels[j] for j in matched.measured)
+                names += [(SHAPE, modes, str(k + 1), self.model.channels[c]) for k in range(g.size) for c in g.rows]
+        measured = np.concatenate([*(g.frequency_hz for g in self.groups), self.measured[n:]])
+        unit = np.where(np.arange(len(names)) < n, self.unit_discrepancy, 1.0)
+        return Unknowns(names=tuple(names), measured=measured, unit=unit, data=self.parts()["measured modes"],
+                        tolerances=self.weights.tolerances)
+
+    @cached_property
+    def aligned(self) -> np.ndarray:
+        """What is seen (n_response, n_response) of errors of the responses where shapes are aligned."""
+        return linalg.block_diag(np.eye(self.n_frequency), *(g.across for g in self.groups))
+
+    @property
+    def error_covariance(self) -> np.ndarray:
+        """D (n_response, n_response) of all that the model misses, as far as it is seen."""
+        missed = replace(self, form=self.form and self.form_is_shared).discrepancy_std
+        factor = self.aligned @ np.column_stack([np.diag(missed), self.mixing_factor, self.factor])
+        return factor @ factor.T
+
+    @property
+    def quiet(self) -> Problem:
+        """The same problem with the noise of identification alone."""
+        return replace(self, error=None, mixing=None, mixed_pairs=(), scales=(0.0, 0.0, 0.0), bare=None, given=(),
+                       form=self.form and not self.form_is_shared)
+
+    def with_baseline(self) -> Problem:
+        """The same problem with what other states said of its model's error (`Weights.baseline`)."""
+        if not self.weights.baseline:
+            return self
+        if not np.any(self.error_covariance):
+            raise InputError("baseline", "is of a model's error, and this run states that there is none",
+                             "leave --discrepancy out, or give --discrepancy auto")
+        known = together(self.weights.baseline, self.unknowns)
+        nodes = [(log_weight, replace(self, scales=tuple(scales))) for *scales, log_weight in self.weights.scales]
+        given = tuple((log_weight + known.log_evidence(node.error_covariance), node.with_known(known))
+                      for log_weight, node in nodes)
+        return replace(self.with_known(known), given=given)
+
+    def with_known(self, known: Rows) -> Problem:
+        """With the model's error as its posterior given these rows."""
+        mean, covariance = known.posterior(self.error_covariance)
+        value, vectors = np.linalg.eigh(covariance)
+        error = ResponseError(sources=(), factor=frozen_array(vectors * np.sqrt(np.maximum(value, 0.0))),
+                              mean=frozen_array(self.mean + mean), theta=self.parameters.initial)
+        return replace(self.quiet, error=error, known=known, bare=self)
+
     @property
     def form_is_shared(self) -> bool:
         """Whether `form_std` is an error of the model, the same in all sets, not of what was stated of a measurement.
@@ -456,7 +511,7 @@ class Problem:
     def nodes(self) -> tuple[tuple[float, Problem], ...]:
         """The problem at each of the discrepancy's scales with ln of its weight; itself where none is learnt."""
         if self.scales is not None or not self.weights.scales:
-            return ((0.0, self),)
+            return self.given or ((0.0, self),)
         found = []
         for *scales, log_weight in self.weights.scales:
             node = replace(self, scales=tuple(scales))
@@ -472,6 +527,12 @@ class Problem:
             return constant, np.array([1 / node.std**2 for _, node in self.nodes])
         return constant, np.concatenate([node.root for _, node in self.nodes])
 
+    @cached_property
+    def _shifts(self) -> np.ndarray | float:
+        """Over its noise, by how much what each node expects of the error differs from `mean`: (n_node, n_effective).
+        """
+        return np.array([node.root @ (node.mean - self.mean) for _, node in self.given]) if self.given else 0.0
+
     def log_density(self, response: np.ndarray) -> np.ndarray:
         """ln p(Lambda_S) (n,) where the model answers `response` (n, n_response): Gaussian, averaged over the
         discrepancy's scales where these are learnt."""
@@ -480,7 +541,8 @@ class Problem:
         if self.root is None:
             misfit = residual**2 @ roots.T
         else:
-            misfit = np.sum((residual @ roots.T).reshape(len(residual), len(constant), -1) ** 2, axis=2)
+            white = (residual @ roots.T).reshape(len(residual), len(constant), -1)
+            misfit = np.sum((white - self._shifts) ** 2, axis=2)
         return special.logsumexp(constant - 0.5 * misfit, axis=1)
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
@@ -519,7 +581,8 @@ class Problem:
             "prior": _hash(repr((tuple(self.parameters), None if self.parameters.correlation is None
                                  else self.parameters.correlation.tolist()))),
             "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
-            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes, repr(self.weights.scales)),
+            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes, repr(self.weights.scales),
+                             *(() if self.known is None else (self.known.matrix, self.known.value))),
             "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode,
                                    *(g.measured for g in self.matching.groups if g.mates)))),
         }
@@ -527,35 +590,6 @@ class Problem:
     def fingerprint(self) -> str:
         """A hash of model, prior, data and weights: two chains with the same one sample the same posterior."""
         return _hash(*(text for pair in self.parts().items() for text in pair))
-
-
-def mixed(
-    solution: ModalSolution, clusters: Sequence[tuple[int, ...]]
-) -> tuple[tuple[tuple[int, int], ...], ModalSolution]:
-    """Pairs of modes, the lower first, and the modes with their derivatives with respect to how a local error of
-    stiffness couples two of them, or one with itself, which changes its frequency: one number a pair (n_pair) of which
-    one at least is in `clusters`, scaled so that a relative error of one has a standard deviation of one. First-order
-    perturbation: d phi_i = sum_j k_ij phi_j / (lambda_i - lambda_j) (Fox & Kapoor 1968).
-
-    k_ij of an error that is independent from place to place scatters about zero by its size times f_i f_j, with mass in
-    error too times f_i hypot(f_i, f_j): neighbours mix most. Modes nearer than their own error turn by no more than it.
-    """
-    own = {i: number for number, cluster in enumerate(clusters) for i in cluster}
-    f, shape = solution.frequency_hz, solution.shape
-    # of either sign as solved
-    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)[0]
-    one_way = shape * np.where(largest < 0, -1.0, 1.0)
-    pairs = tuple((i, j) for i in range(len(f)) for j in range(i, len(f))
-                  if (i in own or j in own) and (i == j or own.get(i, -1) != own.get(j, -2)))
-    change, own_change = np.zeros((*shape.shape, len(pairs))), np.zeros((len(f), len(pairs)))
-    for k, (i, j) in enumerate(pairs):
-        if i == j:
-            own_change[i, k] = OWN_CHANGE * f[i]
-            continue
-        gap = f[i] ** 2 - f[j] ** 2
-        rate = np.hypot(f[i], f[j]) / np.copysign(np.hypot(gap, LEAST_GAP * f[i] * f[j]), gap)
-        change[:, i, k], change[:, j, k] = f[i] * rate * one_way[:, j], -f[j] * rate * one_way[:, i]
-    return pairs, replace(solution, shape=one_way, frequency_derivative=own_change, shape_derivative=change)
 
 
 def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
@@ -643,4 +677,6 @@ def build_problem(
     at = model.parameters.initial if weights.at is None else np.array(weights.at)
     if weights.mixing:
         problem = problem.with_mixing(at)
-    return problem.with_error(at) if weights.tolerances else problem
+    if weights.tolerances:
+        problem = problem.with_error(at)
+    return problem.with_baseline()

@@ -25,6 +25,7 @@ from probupdate.errors import InputError
 from probupdate.modal.labels import family, is_bending
 from probupdate.modal.modes import ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.baseline import LearntError
 from probupdate.updating.settings import CONSTANTS
 
 FREQUENCIES = ("hz", "log")
@@ -58,7 +59,8 @@ class Weights:
     the sets decide.
 
     tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
-    at the parameters `at`, or at the initial ones.
+    at the parameters `at`, or at the initial ones. `baseline`: what other states of the structure have shown of the
+    model's error (`updating.baseline`).
     """
 
     frequency_cov: tuple[float, ...] | None = None
@@ -77,6 +79,7 @@ class Weights:
     shared: float = SHARED
     tolerances: bool = False
     at: tuple[float, ...] | None = None
+    baseline: tuple[LearntError, ...] = ()
 
     def __post_init__(self):
         for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):
@@ -94,6 +97,9 @@ class Weights:
             raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
         if self.covariance and self.shapes == "mac":
             raise InputError("weights", "a MAC has one standard deviation, no covariance", "compare shapes as plane")
+        if self.baseline and self.shapes == "mac":
+            raise InputError("baseline", "knows errors of frequencies and of components; a MAC has none that is linear",
+                             "compare shapes as plane, or not at all (--shapes none)")
 
     @property
     def description(self) -> str:
@@ -237,6 +243,14 @@ class ResponseGroup:
     def plane(self) -> np.ndarray:
         """Orthonormal basis of the unweighted plane: what MAC is computed with."""
         return np.linalg.qr(self.basis)[0]
+
+    @cached_property
+    def across(self) -> np.ndarray:
+        """What is left (n k, n k) of components mode by mode when the shapes are aligned."""
+        if self.shapes == "none":
+            return np.zeros((0, 0))
+        taken = self.basis @ np.linalg.pinv(self.scaled_basis) / self.shape_std
+        return np.kron(np.eye(self.size), np.eye(len(self.basis)) - taken)
 
     @cached_property
     def complement(self) -> np.ndarray:

@@ -20,7 +20,9 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
 from probupdate.updating.alpha import AlphaPath, alpha_path, choose
+from probupdate.updating.baseline import LearntError
 from probupdate.updating.components import misfit_by_response, variance_components
+from probupdate.updating.discrepancy import learnt_error
 from probupdate.updating.emulator import Emulator, fit_emulator
 from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
@@ -33,6 +35,7 @@ from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSetti
 from probupdate.updating.surrogate import GaussianApproximation, Proposal, fit_surrogate
 from probupdate.updating.tikhonov import TikhonovUpdate, update
 from probupdate.updating.update_file import (
+    BASELINE,
     SCHEME_NAMES,
     AlphaRecord,
     ComponentsRecord,
@@ -90,6 +93,7 @@ def deterministic_update(
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     modal_set = data.set(set_id)
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    error = learnt_error(problem, laplace.theta)
     likely, seen_hz = _suspected(problem, data, laplace, set_id), [*_unused_hz(problem, modal_set), *seen_hz]
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
@@ -113,13 +117,25 @@ def deterministic_update(
                          prior=runs["prior"].theta[-1], map=laplace.theta),
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": alpha,
-                  "iterations at most": str(settings.iterations), "anchored by": settings.method},
+                  "iterations at most": str(settings.iterations), "anchored by": settings.method,
+                  **_of_baseline(problem, error)},
         map_gradient=laplace.projected_gradient,
         alpha_path=_alpha_record(path),
         components=_components(problem, laplace, seen_hz),
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
         identified_std_hz=_in_data_order(problem, _identified_std_hz(problem), data.n_mode),
+        model_error=error,
     )
+
+
+def _of_baseline(problem: Problem, error: LearntError | None) -> dict[str, str]:
+    """What of earlier states is used, and how much of the model's error all states resolve."""
+    if not problem.weights.baseline or error is None:
+        return {}
+    used = [problem.unknowns.used_words(one) for one in problem.weights.baseline]
+    resolved = f"share of the model's error (variance) that these states resolve: {error.resolved_words()}"
+    return {BASELINE: "; ".join([*used, resolved, "where that is little the intervals hold the error in full; "
+                                 "parameters count as numbers of their own in each state"])}
 
 
 def _both_readings(
@@ -378,6 +394,7 @@ def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng:
     problem, chain, agreement, predicted = found.problem, found.chain, found.agreement, found.predicted
     parameters = problem.parameters
     log_prior = parameters.log_density(found.theta)
+    error = learnt_error(problem, found.laplace.theta)
     return Posterior(
         names=parameters.names,
         theta=frozen_array(found.theta.transpose(1, 0, 2)),
@@ -395,16 +412,16 @@ def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng:
         converged=chain.converged and agreement.agrees,
         verdict=chain.verdict if agreement.agrees else f"NOT converged: {agreement.sentence}",
         fingerprint=problem.fingerprint(),
-        record=_run_record(found, settings),
+        record=_run_record(found, settings, error), model_error=error,
     )
 
 
-def _run_record(found: _Sampled, settings: SamplerSettings) -> dict[str, Any]:
+def _run_record(found: _Sampled, settings: SamplerSettings, error: LearntError | None) -> dict[str, Any]:
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [*_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]),
-                  found.agreement.sentence,
+    statements = [*_of_baseline(problem, error).values(),
+                  *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
     return found.prepared.notes | {

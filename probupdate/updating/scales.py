@@ -9,13 +9,14 @@ from, as in nested Laplace approximations (Rue, Martino & Chopin 2009).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
 
-from probupdate.updating.problem import OWN_CHANGE, Problem
+from probupdate.updating.mixing import OWN_CHANGE
+from probupdate.updating.problem import Problem
 from probupdate.updating.responses import FORM_FREQUENCY_COV, FORM_SHAPE_STD, SHAPE_FACTOR
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import (
@@ -30,6 +31,8 @@ from probupdate.updating.shared_error import (
 )
 
 MOST = CONSTANTS.most_discrepancy
+# ln p of what is new in each set, of frequencies and components, and of shared scales (n, 3): (n,)
+Evidence = Callable[[tuple[float, float], np.ndarray], np.ndarray]
 # axes: new in each set, of frequencies and components; shared, of frequencies, components and mixing
 N_AXIS, NEW = 5, 2
 # scales that are looked at along each axis, from this share of the hyper-prior's on, one axis after another; then of a
@@ -82,9 +85,11 @@ def log_half_cauchy(scale: np.ndarray, hyper: float) -> np.ndarray:
     return np.log(2 / np.pi) + np.log(scale / hyper) - np.log1p((scale / hyper) ** 2)
 
 
-def learn_scales(error: SharedError, prior: GaussianPrior, tau: np.ndarray | None = None) -> LearntScales:
+def learn_scales(
+    error: SharedError, prior: GaussianPrior, tau: np.ndarray | None = None, evidence: Evidence | None = None
+) -> LearntScales:
     """Scales of the discrepancy of several sets at one common u, or each at its own, scattered by `tau` (n_param,); of
-    weights that state a discrepancy, that."""
+    weights that state a discrepancy, that. evidence: of the sets with all else that shows these scales."""
     weights = error.problems[0].weights
     if not (weights.scales or error.alone):
         new, shared = (tuple(float(np.sqrt(part) * x) for x in weights.discrepancies)
@@ -92,7 +97,7 @@ def learn_scales(error: SharedError, prior: GaussianPrior, tau: np.ndarray | Non
         one = Scales(new=new, shared=(*shared, weights.mixing))
         return LearntScales(nodes=(one,), new=new, shared=(one,), learnt=False, marginal=(np.ones(1),) * N_AXIS,
                             axes=tuple(np.array([x]) for x in (*new, *one.shared)))
-    grid = _Grid(error, prior, tau)
+    grid = _Grid(error, prior, tau, evidence)
     axes = grid.scanned()
     for _ in range(ROUNDS):
         value = grid.values(axes)
@@ -131,8 +136,10 @@ def _about(axis: np.ndarray, log_share: np.ndarray, number: int) -> np.ndarray:
 class _Grid:
     """ln posterior of scales over the axes."""
 
-    def __init__(self, error: SharedError, prior: GaussianPrior, tau: np.ndarray | None):
-        self.error, self.prior, self.tau = error, prior, tau
+    def __init__(
+        self, error: SharedError, prior: GaussianPrior, tau: np.ndarray | None, evidence: Evidence | None
+    ):
+        self.error, self.prior, self.tau, self.own_evidence = error, prior, tau, evidence
         frequency, shape, mixing = hyper_scales(error.problems[0])
         self.hyper = (frequency, shape, frequency, shape, mixing)
         has_shapes = any(p.measured.size > p.n_frequency for p in error.problems)
@@ -144,6 +151,8 @@ class _Grid:
 
     def evidence(self, new: tuple[float, float], shared: np.ndarray) -> np.ndarray:
         """(n,) of shared scales (n, 3)."""
+        if self.own_evidence is not None:
+            return self.own_evidence(new, shared)
         if new not in self.kept:
             self.kept[new] = self.error.summed(new) if self.tau is None else total(self.error.each(new, self.tau))
         return self.kept[new].evidence(self.error.common_std(shared), self.prior)

@@ -17,6 +17,7 @@ from probupdate.modal.matching import common_factor_words
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components
+from probupdate.updating.baseline import LearntError
 from probupdate.updating.identifiability import GAUSSIAN, gaussian_width, identifiability, kinds_in_words
 from probupdate.updating.settings import CONSTANTS
 
@@ -34,6 +35,8 @@ SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anch
 UNLIKE = "modes unlike the model's"
 # the one that says which sets the numbers are of, and which are left out
 SETS = "sets"
+# what of earlier states is used, and how much of the model's error all states resolve
+BASELINE = "baseline"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,7 +123,7 @@ class UpdateRecord:
     fitted scales, the chi-square a true model would have. suspected: channels whose exchange or sign would explain why
     the shapes are not the model's, empty where none would. derived: quantity -> {"initial", "step", "prior", "map"}.
     map_gradient: the largest that the bounds leave at the maximum, per posterior standard deviation. identified_std_hz:
-    measured_std_hz without what the model itself may miss.
+    measured_std_hz without what the model itself may miss. model_error: what these data, and baselines, say of it.
     """
 
     model: str
@@ -155,6 +158,7 @@ class UpdateRecord:
     components: ComponentsRecord | None = None
     suspected: str = ""
     identified_std_hz: np.ndarray | None = None
+    model_error: LearntError | None = None
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
@@ -190,8 +194,7 @@ def summary(record: UpdateRecord) -> str:
                      "trusted")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
-    if SETS in record.settings:
-        lines.append(record.settings[SETS])
+    lines += [record.settings[key] for key in (SETS, BASELINE) if key in record.settings]
     if "held" in record.settings:
         lines.append(f"held: {record.settings['held']}")
     for key in ("step", "prior"):
@@ -430,6 +433,8 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
         elif name in ("sets", "alpha_path", "components"):
             names = () if value is None else value.__dataclass_fields__
             content[name] = {k: _plain(getattr(value, k)) for k in names} or None
+        elif name == "model_error":
+            content[name] = None if value is None else value.to_table()
         else:
             content[name] = _plain(value)
     return write_json(path, content)
@@ -507,7 +512,8 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
                     for k, states in content["derived"].items()},
         "map_at_bound": _array(content["map_at_bound"], bool),
-        "identified_std_hz": None if own is None else _array(own)}
+        "identified_std_hz": None if own is None else _array(own),
+        "model_error": LearntError.from_table(error) if (error := content.get("model_error")) else None}
     return UpdateRecord(**values)
 
 

@@ -244,6 +244,9 @@ def sets(
 
     refuse_other_kinds(model, modes)
     refuse_other_value("likelihood", likelihood, LikelihoodSettings)
+    if likelihood.baseline:
+        raise InputError("baseline", "is of one state, and views of several sets learn their error from all of them",
+                         "give it to update or sample")
     whole = compared_modes(modes, only=likelihood.modes)
     # what all sets are weighed by is not learnt from one that is none of them
     kept, _ = without_outliers(whole)

@@ -26,7 +26,8 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.updating.laplace import maximum_a_posteriori
-from probupdate.updating.problem import OWN_CHANGE, Weights, build_problem
+from probupdate.updating.mixing import OWN_CHANGE
+from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.responses import response_group
 from probupdate.updating.scales import learn_scales
 from probupdate.updating.set_likelihoods import coordinates_of

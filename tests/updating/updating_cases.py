@@ -24,7 +24,7 @@ CHAIN_PARAMETERS = Parameters((
 CHAIN_TRUTH = np.array([0.7, 1.06, 0.97, 0.035])
 
 
-def _springs(spring: np.ndarray) -> np.ndarray:
+def chain_springs(spring: np.ndarray) -> np.ndarray:
     """Stiffness (N_LEVEL, N_LEVEL) of springs to the ground and between successive masses."""
     K = np.diag(spring)
     K[:-1, :-1] += np.diag(spring[1:])
@@ -40,7 +40,7 @@ def chain_model(parameters: Parameters = CHAIN_PARAMETERS, *, asymmetry: float =
     top = np.zeros(N_LEVEL)
     top[-1] = 2.0
     terms = {
-        "K": (np.kron(both, _springs(base)), np.kron(both, _springs(upper)), np.kron(swap, _springs(coupling))),
+        "K": (np.kron(both, chain_springs(base)), np.kron(both, chain_springs(upper)), np.kron(swap, chain_springs(coupling))),
         "M": (np.eye(2 * N_LEVEL), np.kron(np.eye(2), np.diag(top))),
     }
     dof = [N_LEVEL * axis + level for axis in (0, 1) for level in LEVELS]

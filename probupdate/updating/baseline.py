@@ -1,0 +1,223 @@
+"""What states of a structure have shown of its model's error, carried from one run to the next.
+
+Responses of a state are y = g(theta) + m + delta + eps with delta ~ N(0, D), one vector of a structure. With theta's
+prior integrated out, linear about the maximum, a state says w = W delta + n, n ~ N(0, 1), whatever D is (Kennedy &
+O'Hagan 2001). Rows of several states, each with parameters of its own, stand below one another. The next state has
+delta's posterior given them as its prior, with the same scales of D.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from probupdate.errors import InputError
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.settings import CONSTANTS
+
+# of an unknown's name
+FREQUENCY, SHAPE = "frequency", "shape"
+# a frequency farther than this factor from the baseline's is another structure's, and so is a shape of less MAC
+FAR, ALIKE = 1.5, CONSTANTS.settling_mac
+# singular values below this share of the largest are none
+NONE = 1e-10
+ARRAYS = ("measured", "matrix", "value", "mean", "covariance", "left")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rows:
+    """w = W delta + n, n ~ N(0, 1): value w (n_row,), matrix W (n_row, n_unknown)."""
+
+    value: np.ndarray
+    matrix: np.ndarray
+
+    def below(self, others: Sequence[Rows]) -> Rows:
+        """All of them, in no more rows than are needed."""
+        every = (self, *others)
+        stacked = np.vstack([np.column_stack([r.matrix, r.value]) for r in every])
+        if len(stacked) > stacked.shape[1]:
+            stacked = np.linalg.qr(stacked, mode="r")
+        return Rows(matrix=stacked[:, :-1], value=stacked[:, -1])
+
+    def log_evidence(self, covariance: np.ndarray) -> float:
+        """ln p(w) up to a constant, delta ~ N(0, covariance)."""
+        root = linalg.cholesky(np.eye(len(self.value)) + self.matrix @ covariance @ self.matrix.T, lower=True)
+        white = linalg.solve_triangular(root, self.value, lower=True)
+        return float(-0.5 * white @ white - np.log(np.diag(root)).sum())
+
+    def posterior(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of delta given w."""
+        across = self.matrix @ covariance
+        inner = linalg.cho_factor(np.eye(len(self.value)) + across @ self.matrix.T, lower=True)
+        return across.T @ linalg.cho_solve(inner, self.value), covariance - across.T @ linalg.cho_solve(inner, across)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LearntError:
+    """delta of a structure after the states that a run was given, as its result file holds it.
+
+    names: of each unknown ("frequency", mode) or ("shape", modes, component, channel); measured (n,): that frequency in
+    Hz, or the component of the measured shape, whose scale the unknown has; frequencies are missed by shares of
+    themselves. matrix (n_row, n), value (n_row,): `Rows`. mean, covariance: of the posterior, averaged over the scales;
+    left (n,): its variance over the prior's, NaN of what has none. scales: 5 and 95 % of each. data: hashes of the
+    states' measured modes; tolerances: stated ones of the model are part of delta. source: the file.
+    """
+
+    model: str
+    states: tuple[str, ...]
+    data: tuple[str, ...]
+    tolerances: bool
+    names: tuple[tuple[str, ...], ...]
+    measured: np.ndarray
+    matrix: np.ndarray
+    value: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    left: np.ndarray
+    scales: Mapping[str, tuple[float, float]]
+    source: str = ""
+
+    def to_table(self) -> dict[str, Any]:
+        """As JSON has it; `source` is where that lies."""
+        table = asdict(self)
+        del table["source"]
+        # the covariance and the rows are most of a file
+        plain = {k: [[float(f"{x:.9g}") for x in row] for row in table[k].tolist()] for k in ("matrix", "covariance")}
+        left = [x if np.isfinite(x) else None for x in self.left.tolist()]
+        return table | {k: table[k].tolist() for k in ("measured", "value", "mean")} | plain | {"left": left}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], source: str = "") -> LearntError:
+        """Raises KeyError, TypeError or ValueError where a part lacks or does not fit."""
+        n = len(table["names"])
+        arrays = {k: np.array([np.nan if x is None else x for x in table[k]], float) for k in ARRAYS if k not in (
+            "matrix", "covariance")}
+        arrays |= {k: np.array(table[k], float).reshape(-1, n) for k in ("matrix", "covariance")}
+        found = cls(**{**table, **{k: frozen_array(v) for k, v in arrays.items()}, "source": source,
+                       "names": tuple(tuple(name) for name in table["names"]), "states": tuple(table["states"]),
+                       "data": tuple(table["data"]), "scales": {k: tuple(v) for k, v in table["scales"].items()}})
+        sizes = [found.measured.shape, found.mean.shape, found.left.shape, (len(found.covariance),)]
+        if any(size != (n,) for size in sizes) or len(found.matrix) != len(found.value):
+            raise ValueError("parts of the model's error do not fit one another")
+        return found
+
+    def resolved_words(self) -> str:
+        """How much of the error the states resolve, by frequency and by shape."""
+        share: dict[str, list[float]] = {}
+        for name, left in zip(self.names, self.left, strict=True):
+            if np.isfinite(left):
+                share.setdefault(name[1] if name[0] == FREQUENCY else f"shape of {name[1]}", []).append(1 - left)
+        return ", ".join(f"{what} {100 * np.mean(each):.0f} %" for what, each in share.items())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Unknowns:
+    """The error of one problem's responses: names and measured as of `LearntError`; unit (n,): what one of a name's
+    unit does to the response; data: hash of the measured modes; tolerances as of `Weights`."""
+
+    names: tuple[tuple[str, ...], ...]
+    measured: np.ndarray
+    unit: np.ndarray
+    data: str
+    tolerances: bool
+
+    def rows_of(self, known: LearntError) -> Rows:
+        """What a baseline says of these. Raises InputError where it is of another structure or states other things."""
+        _refuse_other(self, known)
+        turn = self._turn(known)
+        used = np.any(turn, axis=1)
+        # what is not compared any more may be anything
+        rest = known.matrix[:, ~used]
+        size = np.linalg.norm(rest, axis=0)
+        kept = linalg.null_space((rest[:, size > 0] / size[size > 0]).T, rcond=NONE) if np.any(size > 0) else (
+            np.eye(len(known.value)))
+        return Rows(matrix=kept.T @ known.matrix @ turn, value=kept.T @ known.value)
+
+    def _turn(self, known: LearntError) -> np.ndarray:
+        """Its unknowns (n_known, n) from these responses' errors."""
+        turn = np.zeros((len(known.names), len(self.names)))
+        for k, j in self.common_frequencies(known):
+            turn[j, k] = 1 / self.unit[k]
+        for _, own, theirs in self.common_shapes(known):
+            # their basis is this one turned and scaled, and so are the errors of both
+            back = np.linalg.lstsq(self.measured[own], known.measured[theirs], rcond=None)[0]
+            for to in range(back.shape[1]):
+                for of in range(len(back)):
+                    turn[theirs[:, to], own[:, of]] = back[of, to]
+        return turn
+
+    def common_frequencies(self, known: LearntError) -> list[tuple[int, int]]:
+        """Numbers of each here and in the baseline."""
+        before = {name: j for j, name in enumerate(known.names)}
+        return [(k, before[name]) for k, name in enumerate(self.names) if name[0] == FREQUENCY and name in before]
+
+    def common_shapes(self, known: LearntError) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """Of each shape or plane that both compare: its modes, numbers (n_channel, n_component) here and there."""
+        before, groups = {name: j for j, name in enumerate(known.names)}, {}
+        for k, name in enumerate(self.names):
+            if name[0] == SHAPE and name in before:
+                groups.setdefault(name[1], {}).setdefault(name[3], []).append((k, before[name]))
+        found = [(modes, np.array(list(channels.values()))) for modes, channels in groups.items()]
+        return [(modes, each[..., 0], each[..., 1]) for modes, each in found if each.shape[0] >= each.shape[1]]
+
+    def used_words(self, known: LearntError) -> str:
+        """What of a baseline is used, and what not."""
+        used = np.any(self._turn(known), axis=1)
+        parts: dict[str, list[bool]] = {}
+        for name, there in zip(known.names, used, strict=True):
+            parts.setdefault(name[1] if name[0] == FREQUENCY else f"shape of {name[1]}", []).append(bool(there))
+        whole = [what for what, there in parts.items() if all(there)]
+        some = [f"{what} at {sum(there)} of {len(there)} channels" for what, there in parts.items()
+                if any(there) and not all(there)]
+        nothing = [what for what, there in parts.items() if not any(there)]
+        text = (f"baseline {known.source or known.model}: the model's error as {', '.join(known.states)} showed it, of "
+                f"{', '.join([*whole, *some])}")
+        return text + (f"; not used, as these data do not compare it: {', '.join(nothing)}" if nothing else "")
+
+
+def _refuse_other(own: Unknowns, known: LearntError) -> None:
+    """Raises InputError for a baseline that says nothing of these responses, or nothing that is meant here."""
+    where = f"baseline {known.source}".rstrip()
+    if own.data in known.data:
+        raise InputError(where, "holds these same data, which would count twice", "give a run of another state")
+    if own.tolerances != known.tolerances:
+        counts = "counts" if known.tolerances else "does not count"
+        raise InputError(where, f"{counts} the model's stated tolerances as part of its error, unlike this run",
+                         "run both with --tolerances, or both with --no-tolerances")
+    common = own.common_frequencies(known)
+    if not common:
+        theirs, ours = ([name[1] for name in names if name[0] == FREQUENCY] for names in (known.names, own.names))
+        raise InputError(where, f"is of other modes: {', '.join(theirs)}, here {', '.join(ours)}",
+                         "give a run of the same structure whose modes have the same labels")
+    near = "give a run of this structure in a state near this one"
+    for k, j in common:
+        if abs(np.log(own.measured[k] / known.measured[j])) > np.log(FAR):
+            raise InputError(where, f"is of another structure: its {own.names[k][1]} lies at "
+                             f"{known.measured[j]:.4g} Hz, here at {own.measured[k]:.4g} Hz", near)
+    for modes, k, j in own.common_shapes(known):
+        planes = np.linalg.qr(own.measured[k])[0], np.linalg.qr(known.measured[j])[0]
+        mac = float(np.linalg.svd(planes[0].T @ planes[1], compute_uv=False).min() ** 2)
+        if mac < ALIKE:
+            raise InputError(where, f"is of another structure: the MAC of its {modes} with this one is {mac:.2f}", near)
+    channels = [{name[3] for name in names if name[0] == SHAPE} for names in (own.names, known.names)]
+    if channels[0] and channels[1] and not channels[0] & channels[1]:
+        raise InputError(where, "has no channel in common with these data",
+                         "give a run with the same names of channels")
+
+
+def together(known: Sequence[LearntError], own: Unknowns) -> Rows:
+    """What several baselines say of these. Raises InputError where two hold the same state."""
+    seen: dict[str, str] = {}
+    for one in known:
+        for data in one.data:
+            if data in seen:
+                raise InputError(f"baseline {one.source}", f"holds a state that {seen[data]} holds too",
+                                 "a run that was given a baseline holds it already: give the last one alone")
+            seen[data] = one.source or one.model
+    first, *others = [own.rows_of(one) for one in known]
+    return first.below(others)
+
