@@ -155,7 +155,7 @@ def test_sample_takes_a_baseline_along(tmp_path, validation):
     assert again.model_error.states == ("set 0", "set 0", "set 0")
 
 
-# A chain whose springs and masses are each off by a share --------------------------------------------------------------
+# A chain whose springs and masses are each off by a share -----------------------------------------------------------
 
 INITIAL = np.array([1.0, 1.0, 1.0, 0.02])
 CHAIN_KNOWN, CHAIN_WIDE = np.array([0.005, 0.005, 0.005, 5e-4]), np.array([0.3, 0.1, 0.05, 0.02])
@@ -239,7 +239,7 @@ def test_scale_and_sign_of_a_baselines_shapes_do_not_matter():
     assert found[1].covariance == pytest.approx(found[0].covariance, rel=1e-3)
 
 
-# What is refused -------------------------------------------------------------------------------------------------------
+# What is refused ----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

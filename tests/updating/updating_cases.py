@@ -40,7 +40,8 @@ def chain_model(parameters: Parameters = CHAIN_PARAMETERS, *, asymmetry: float =
     top = np.zeros(N_LEVEL)
     top[-1] = 2.0
     terms = {
-        "K": (np.kron(both, chain_springs(base)), np.kron(both, chain_springs(upper)), np.kron(swap, chain_springs(coupling))),
+        "K": (np.kron(both, chain_springs(base)), np.kron(both, chain_springs(upper)),
+              np.kron(swap, chain_springs(coupling))),
         "M": (np.eye(2 * N_LEVEL), np.kron(np.eye(2), np.diag(top))),
     }
     dof = [N_LEVEL * axis + level for axis in (0, 1) for level in LEVELS]
