@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
 MAX_DRAWS = 100_000
-# 2 has a hash of its content
-FORMAT = 2
+# 2 has a hash of its content; 3 has ensembles as chains
+FORMAT = 3
 ARRAYS = ("theta", "log_likelihood", "log_posterior", "prior", "measured", "std", "predicted", "frequency_hz")
 GROUPS = ("posterior", "sample_stats", "log_likelihood", "prior", "observed_data")
 
@@ -119,21 +119,29 @@ class Posterior:
 
 
 def write_posterior(posterior: Posterior, path: str | Path) -> Path:
-    """Write the five groups; numbers on how it came about go into the attributes of `posterior`."""
+    """Write the five groups; numbers on how it came about go into the attributes of `posterior`.
+
+    A chain of the file is an ensemble, its walkers one after another: the R-hat of walkers, which depend on each other,
+    is too large (1.03 to 1.05 of chains that have converged), while walkers in a row keep their autocorrelation."""
     import xarray
 
     path = Path(path)
+    n_walker, n_step, _ = posterior.theta.shape
+    n_chain = int(posterior.record.get("ensembles", n_walker))
+    n_chain = n_chain if n_walker % n_chain == 0 else n_walker
+    n_draw = n_walker * n_step // n_chain
+    theta, log_posterior, log_likelihood = (a.reshape(n_chain, n_draw, *a.shape[2:]) for a in (
+        posterior.theta, posterior.log_posterior, posterior.log_likelihood))
 
     def by_name(theta: np.ndarray, dims) -> xarray.Dataset:
         return xarray.Dataset({name: (dims, theta[..., k]) for k, name in enumerate(posterior.names)})
 
     chain_dims = ("chain", "draw")
-    n_chain, n_draw, _ = posterior.theta.shape
     coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw)}
     groups = {
-        "posterior": by_name(posterior.theta, chain_dims).assign_coords(coords),
-        "sample_stats": xarray.Dataset({"lp": (chain_dims, posterior.log_posterior)}, coords=coords),
-        "log_likelihood": xarray.Dataset({"response": (chain_dims, posterior.log_likelihood)}, coords=coords),
+        "posterior": by_name(theta, chain_dims).assign_coords(coords),
+        "sample_stats": xarray.Dataset({"lp": (chain_dims, log_posterior)}, coords=coords),
+        "log_likelihood": xarray.Dataset({"response": (chain_dims, log_likelihood)}, coords=coords),
         "prior": by_name(posterior.prior[None], chain_dims).assign_coords(
             chain=[0], draw=np.arange(len(posterior.prior))),
         "observed_data": xarray.Dataset(
@@ -146,7 +154,7 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
         # too long for an attribute
         groups["observed_data"]["model_error"] = json.dumps(posterior.model_error.to_table())
     head = {
-        "format": FORMAT, "names": list(posterior.names), "converged": posterior.converged,
+        "format": FORMAT, "walkers": n_walker, "names": list(posterior.names), "converged": posterior.converged,
         "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
         "ess": posterior.ess.tolist(), "record": dict(posterior.record),
     }
@@ -241,11 +249,15 @@ def _from_groups(path: Path, data) -> Posterior:
     def columns(group) -> np.ndarray:
         return np.stack([group[name].values for name in names], axis=-1)
 
+    def walkers(values: np.ndarray) -> np.ndarray:
+        """(n_walker, n_step, ...) of the file's chains, which before format 3 were the walkers."""
+        return values.reshape(int(head.get("walkers", len(values))), -1, *values.shape[2:])
+
     observed = groups["observed_data"]
     found = Posterior(
-        names=names, theta=frozen_array(columns(groups["posterior"])),
-        log_likelihood=frozen_array(groups["log_likelihood"]["response"].values),
-        log_posterior=frozen_array(groups["sample_stats"]["lp"].values),
+        names=names, theta=frozen_array(walkers(columns(groups["posterior"]))),
+        log_likelihood=frozen_array(walkers(groups["log_likelihood"]["response"].values)),
+        log_posterior=frozen_array(walkers(groups["sample_stats"]["lp"].values)),
         prior=frozen_array(columns(groups["prior"])[0]),
         response_labels=tuple(str(x) for x in observed["response_label"].values),
         measured=frozen_array(observed["response"].values), std=frozen_array(observed["response_std"].values),
