@@ -24,13 +24,17 @@ UNLIKE, MOST_UNLIKE, LEFT = 0.02, 0.08, 0.2
 # gains that are tried, and from which one is said; a sign or an exchange explains as well with fewer numbers
 GAINS = np.exp(np.linspace(np.log(0.05), np.log(20.0), 121))
 LEAST_GAIN, BETTER = 1.1, 0.5
+# a channel's phase is asked in the modes that move it most, if that is this share of what moves most; and the share of
+# its motion that is out of phase
+OF_ITS_MOST, SEEN, OUT_OF_PHASE = 0.3, 0.03, 0.8
 # ln f by which all modes of a setup differ from those of another, from which it is said
 SHIFT = 0.008
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SetupModes:
-    """A setup's modes by itself: frequency_hz (n_mode,), shape (n_channel, n_mode) real, at its own sensors."""
+    """A setup's modes by itself: frequency_hz (n_mode,), shape (n_channel, n_mode) at its own sensors, complex as
+    identified and turned to the real axis."""
 
     name: str
     sensors: tuple[Sensor, ...]
@@ -40,14 +44,16 @@ class SetupModes:
     def at(self, channels: Sequence[str]) -> np.ndarray:
         """(len(channels), n_mode) the shapes at some channels."""
         mine = [s.channel for s in self.sensors]
-        return self.shape[[mine.index(c) for c in channels]]
+        return np.real(self.shape[[mine.index(c) for c in channels]])
 
 
 def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) -> list[str]:
-    """What setups of equal shapes and other frequencies say of themselves; references are channels of two or more.
-    Raises InputError where one change of a reference explains why a setup's modes are unlike those of another that has
-    it too."""
+    """What setups say of themselves that have equal shapes and other frequencies, references all against their other
+    sensors, or shapes that no change explains; references are channels of two or more. Raises InputError where changes
+    of one reference or two explain why a setup's modes are unlike those of another, or a channel is out of phase."""
     notes = []
+    for setup in setups:
+        _refuse_out_of_phase(setup)
     for first, second in combinations(setups, 2):
         here = [{s.channel for s in one.sensors} for one in (first, second)]
         shared = [c for c in references if c in here[0] & here[1]]
@@ -57,14 +63,32 @@ def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) 
         one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
         unlike = _unlike(one, two)
         if unlike.mean() > UNLIKE and unlike.max() > MOST_UNLIKE:
-            _refuse_explained(first, second, shared, one, two)
+            notes.append(_refuse_explained(first, second, shared, one, two))
             continue
+        if all(_sense(first, c) * _sense(second, c) < 0 for c in shared):
+            notes.append(f"{', '.join(shared)} move with the other sensors of their directions in one of the setups "
+                         f"{first.name} and {second.name}, and against them in the other: if no mode does so, all are "
+                         "reversed there, and so is its part of the shapes; turn their directions in its campaign.toml")
         away = np.log(second.frequency_hz[pairs[:, 1]] / first.frequency_hz[pairs[:, 0]])
         if np.abs(away).min() > SHIFT and np.ptp(np.sign(away)) == 0:
             notes.append(f"the frequencies of {second.name} are {100 * abs(np.mean(away)):.2g} % "
                          f"{'above' if away[0] > 0 else 'below'} those of {first.name}, with equal shapes: the "
                          "structure changed in between (temperature, mass), or a logger's rate is off")
     return notes
+
+
+def _refuse_out_of_phase(setup: SetupModes) -> None:
+    """A velocity beside accelerations is a quarter of a period late in every mode, as no motion of a structure is."""
+    size = np.abs(setup.shape)
+    most = (size / size.max(axis=0)).max(axis=1, keepdims=True)
+    moves = (size / size.max(axis=0) > OF_ITS_MOST * most) & (most > SEEN)
+    quarter = np.abs(np.imag(setup.shape)) > OUT_OF_PHASE * size
+    wrong = [s.channel for s, there, late in zip(setup.sensors, moves, quarter, strict=True)
+             if there.sum() > 1 and late[there].all()]
+    if wrong:
+        raise InputError(f"setup {setup.name}, {', '.join(wrong)}", "a quarter of a period from the other channels in "
+                         "every mode: velocities beside accelerations, or the other way round?",
+                         "state quantity and unit of each [[sensor]] in its campaign.toml as they were measured")
 
 
 def _pairs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -79,47 +103,79 @@ def _unlike(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     return 1 - np.diag(mac(one, two))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Change:
+    """References exchanged (in this order) and then reversed that may make one setup's shapes those of another."""
+
+    exchanged: tuple[tuple[int, int], ...] = ()
+    reversed_: tuple[int, ...] = ()
+
+    def of(self, shape: np.ndarray) -> np.ndarray:
+        order = np.arange(len(shape))
+        for a, b in self.exchanged:
+            order[[a, b]] = order[[b, a]]
+        mended = shape[order]
+        mended[list(self.reversed_)] *= -1
+        return mended
+
+    def words(self, names: Sequence[str]) -> str:
+        turned = [names[c] for c in self.reversed_]
+        said = [f"{names[a]} and {names[b]} are exchanged" for a, b in self.exchanged]
+        said += [f"{' and '.join(turned)} {'is' if len(turned) == 1 else 'are'} reversed"] if turned else []
+        return " and ".join(said) + " between the setups"
+
+
+def _changes(n: int, n_mode: int) -> list[_Change]:
+    """Single reversals and exchanges of n references, and where three modes or more show them two at a time: a box
+    mounted the other way round, or turned by a quarter, or two boxes in one another's place."""
+    pairs = list(combinations(range(n), 2))
+    single = [_Change(reversed_=(c,)) for c in range(n)] + [_Change(exchanged=(p,)) for p in pairs]
+    if n_mode < 3:
+        return single
+    return [*single, *(_Change(reversed_=p) for p in pairs),
+            *(_Change(exchanged=(p,), reversed_=(c,)) for p in pairs for c in range(n)),
+            *(_Change(exchanged=(p, q)) for p in pairs for q in pairs if p < q)]
+
+
 def _refuse_explained(
     first: SetupModes, second: SetupModes, references: Sequence[str], one: np.ndarray, two: np.ndarray
-) -> None:
-    before = _unlike(one, two)
-    found = []
+) -> str:
+    """What is said where no change explains it."""
+    before = _unlike(one, two).mean()
     n = len(references)
-    for c in range(n):
-        turned = two.copy()
-        turned[c] *= -1
-        found.append((_unlike(one, turned).mean(), "reversed", (c,), -1.0))
-    for a, b in combinations(range(n), 2):
-        order = np.arange(n)
-        order[[a, b]] = b, a
-        found.append((_unlike(one, two[order]).mean(), "exchanged", (a, b), 1.0))
-    plain = min(found, key=lambda x: x[0])
-    scaled = min(((_unlike(one, _times(two, c, g)).mean(), "amplified", (c,), g) for c in range(n) for g in GAINS),
-                 key=lambda x: x[0])
-    best = scaled if scaled[0] < BETTER * plain[0] and abs(np.log(scaled[3])) > np.log(LEAST_GAIN) else plain
-    if best[0] > LEFT * before.mean():
-        return
-    left, kind, members, gain = best
-    names = [references[c] for c in members]
-    said = (f"as they are the setups' {one.shape[1]} modes have a MAC of {1 - before.mean():.2f} at the references on "
-            f"average, with that mended {1 - left:.3f}")
-    if kind == "reversed":
-        # of two references either explains it
-        others = [str(references[rows[0]]) for rest, how, rows, _ in found
-                  if how == kind and rest <= 1.01 * left + 1e-12 and references[rows[0]] not in names]
-        names, others = _who(first, second, names, others)
-        raise InputError(
-            f"setups {first.name} and {second.name}, reference {names[0]}",
-            f"{names[0]} is reversed between the setups" + (f" (or {', '.join(others)} instead)" if others else "")
-            + f": {said}", f"turn its direction in the campaign.toml of one of them (direction = "
-            f"{_opposite(second, names[0])} in {second.name}), and they are merged with that")
-    if kind == "exchanged":
-        raise InputError(f"setups {first.name} and {second.name}, references {' and '.join(names)}",
-                         f"{names[0]} and {names[1]} are exchanged between the setups: {said}",
-                         "exchange their names in the campaign.toml of one of them")
-    raise InputError(f"setups {first.name} and {second.name}, reference {names[0]}",
-                     f"{names[0]} reads {1 / gain:.3g} times as much in {second.name} as in {first.name}: {said}",
-                     "mend its unit in the campaign.toml of the one that is wrong")
+    found = [(_unlike(one, change.of(two)).mean(), change) for change in _changes(n, one.shape[1])]
+    single = [f for f in found if len(f[1].exchanged) + len(f[1].reversed_) == 1]
+    left, change = min(single, key=lambda x: x[0])
+    twofold = min(found, key=lambda x: x[0])
+    if left > LEFT * before or twofold[0] < BETTER**2 * left:
+        left, change = twofold
+    scaled, gain, row = min(((_unlike(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),
+                            key=lambda x: x[0])
+    amplified = scaled < BETTER * left and abs(np.log(gain)) > np.log(LEAST_GAIN)
+    both = f"setups {first.name} and {second.name}"
+    like = f"have a MAC of {1 - before:.2f} at the references on average"
+    if min(scaled, left) > LEFT * before:
+        return (f"{both}: their {one.shape[1]} modes {like}, and no change of references explains it: run `probupdate "
+                "check` on each")
+    said = f"as they are the setups' {one.shape[1]} modes {like}, with that mended {1 - min(scaled, left):.3f}"
+    if amplified:
+        raise InputError(f"{both}, reference {references[row]}", f"{references[row]} reads {1 / gain:.3g} times as "
+                         f"much in {second.name} as in {first.name}: {said}",
+                         "mend its unit in the campaign.toml of the one that is wrong")
+    # of references some explain it as well as others
+    alike = [c for rest, c in found if rest <= 1.01 * left + 1e-12 and c.exchanged == change.exchanged
+             and len(c.reversed_) == len(change.reversed_)]
+    chosen, others = _who(first, second, references, alike)
+    named = [references[c] for c in dict.fromkeys((*sum(chosen.exchanged, ()), *chosen.reversed_))]
+    instead = f" (or {', or '.join(' and '.join(references[c] for c in o.reversed_) for o in others)} reversed instead)"
+    remedy = ["put their [[sensor]] tables in one another's place in the campaign.toml of one of them, or, if its "
+              "files were converted, their columns in its convert.toml, and convert again"] if chosen.exchanged else []
+    if chosen.reversed_:
+        turned = ", ".join(f"{_opposite(second, references[c])} for {references[c]}" for c in chosen.reversed_)
+        remedy.append(f"turn the direction in the campaign.toml of one of them (direction = {turned} in {second.name})")
+    raise InputError(f"{both}, reference{'s' if len(named) > 1 else ''} {' and '.join(named)}",
+                     f"{chosen.words(references)}{instead if others else ''}: {said}",
+                     f"{'; then '.join(remedy)}, and they are merged with that")
 
 
 def _times(shape: np.ndarray, row: int, gain: float) -> np.ndarray:
@@ -128,11 +184,13 @@ def _times(shape: np.ndarray, row: int, gain: float) -> np.ndarray:
     return scaled
 
 
-def _who(first: SetupModes, second: SetupModes, names: list[str], others: list[str]) -> tuple[list[str], list[str]]:
-    """Of references that explain a reversal alike the one that goes against the sensors of its direction in one setup
-    and with them in the other, in the lowest mode in which it moves; no others then."""
-    against = [c for c in (*names, *others) if _sense(first, c) * _sense(second, c) < 0]
-    return (against, []) if len(against) == 1 else (names, others)
+def _who(first: SetupModes, second: SetupModes, references: Sequence[str], alike: list[_Change]
+         ) -> tuple[_Change, list[_Change]]:
+    """Of reversals that explain it alike the one of references that go against the sensors of their direction in one
+    setup and with them in the other, in the lowest mode in which they move; no others then."""
+    against = [change for change in alike if change.reversed_ and not change.exchanged and all(
+        _sense(first, references[c]) * _sense(second, references[c]) < 0 for c in change.reversed_)]
+    return (against[0], []) if len(against) == 1 else (alike[0], alike[1:])
 
 
 def _sense(setup: SetupModes, channel: str) -> float:
@@ -143,9 +201,10 @@ def _sense(setup: SetupModes, channel: str) -> float:
     others = np.flatnonzero((np.abs(along) > 0.9) & (np.arange(len(along)) != row))
     if not len(others):
         return 0.0
-    share = np.abs(setup.shape[row]) / np.abs(setup.shape).max(axis=0)
+    shape = np.real(setup.shape)
+    share = np.abs(shape[row]) / np.abs(shape).max(axis=0)
     mode = int(np.argmax(share > 0.5 * share.max()))
-    return float(np.sign(setup.shape[row, mode] * (along[others] @ setup.shape[others, mode])))
+    return float(np.sign(shape[row, mode] * (along[others] @ shape[others, mode])))
 
 
 def _opposite(setup: SetupModes, channel: str) -> list[float]:

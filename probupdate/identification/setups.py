@@ -144,12 +144,14 @@ def _alone(campaign: Campaign, name: str, parts: list[Candidates], persistence: 
         return None
     own = gathered([replace(p, block=np.full(len(p.block), k)) for k, p in enumerate(parts)])
     try:
-        modes = physical_modes(own, n_block=len(parts), settings=persistence,
-                               block_seconds=60 * campaign.block_minutes).modes
+        found = physical_modes(own, n_block=len(parts), settings=persistence,
+                               block_seconds=60 * campaign.block_minutes)
     except InputError:
         # its parts of modes may come back with those of the others
         return None
-    return SetupModes(name=name, sensors=campaign.sensors, frequency_hz=modes.frequency_hz, shape=np.real(modes.shape))
+    shape = np.column_stack([leading_direction(own.shape[:, rows], own.share[rows]) for rows in found.rows])
+    return SetupModes(name=name, sensors=campaign.sensors, frequency_hz=found.modes.frequency_hz,
+                      shape=rotate_to_real(shape))
 
 
 def _candidates(

@@ -59,6 +59,51 @@ def test_exchanged_references_are_named():
         compare_references([one, two], ["R1-x", "R1-y", "R2-x", "R2-y"])
 
 
+TURNED = [
+    ([0, 1], -1.0, [0, 1], r"R1-x and R1-y are reversed between the setups: .*\[-1.0, 0.0, 0.0\] for R1-x, "),
+    ([0, 1], [[1.0], [-1.0]], [1, 0], r"R1-x and R1-y are exchanged and (R1-x|R1-y) is reversed between the setups"),
+    ([0, 1, 2, 3], 1.0, [2, 3, 0, 1], "R1-x and R2-x are exchanged and R1-y and R2-y are exchanged"),
+    ([0, 2], -1.0, [0, 2], "R1-x and R2-x are reversed"),
+]
+
+
+@pytest.mark.parametrize(("rows", "factor", "order", "said"), TURNED,
+                         ids=["half a turn", "a quarter", "places exchanged", "two places"])
+def test_boxes_that_were_turned_or_exchanged_are_named(rows, factor, order, said):
+    one, two = setup("one", (1, 2), 1, True), changed(setup("two", (3, 4), 2, True), rows, np.array(factor), order)
+    with pytest.raises(InputError, match=said):
+        compare_references([one, two], ["R1-x", "R1-y", "R2-x", "R2-y"])
+
+
+def test_a_quarter_turn_of_the_only_references_is_named():
+    one, two = setup("one", (1, 2), 1), changed(setup("two", (3, 4), 2), [0, 1], np.array([[1.0], [-1.0]]), [1, 0])
+    with pytest.raises(InputError, match=r"exchanged and .* is reversed .*\(or R1-[xy] reversed instead\)"):
+        compare_references([one, two], ["R1-x", "R1-y"])
+
+
+def test_references_that_are_all_reversed_are_said():
+    one, two = setup("one", (1, 2), 1), changed(setup("two", (3, 4), 2), [0, 1], -1.0)
+    (said,) = compare_references([one, two], ["R1-x", "R1-y"])
+    assert said.startswith("R1-x, R1-y move with the other sensors of their directions in one of the setups one and two")
+
+
+@pytest.mark.parametrize("rows", ([0], [0, 1], [2]))
+def test_a_velocity_stated_as_an_acceleration_is_refused(rows):
+    one, two = setup("one", (1, 2), 1), setup("two", (3, 4), 2)
+    late = two.shape.astype(complex)
+    late[rows] /= 2j * np.pi * FREQUENCY
+    with pytest.raises(InputError, match="setup two, .*a quarter of a period from the other channels"):
+        compare_references([one, replace(two, shape=late)], ["R1-x", "R1-y"])
+
+
+def test_shapes_that_no_change_explains_are_said():
+    rng = np.random.default_rng(3)
+    one, two = setup("one", (1, 2), 1, True), setup("two", (3, 4), 2, True)
+    two = replace(two, shape=np.vstack([rng.standard_normal((4, 4)), two.shape[4:]]))
+    (said,) = compare_references([one, two], ["R1-x", "R1-y", "R2-x", "R2-y"])
+    assert "no change of references explains it" in said
+
+
 def test_a_reference_with_another_gain_is_named_with_its_size():
     one, two = setup("one", (1, 2), 1, True), changed(setup("two", (3, 4), 2, True), [2], 3.0)
     with pytest.raises(InputError, match=r"R2-x reads (2\.[89]|3|3\.[01])\d* times as much in two as in one"):
