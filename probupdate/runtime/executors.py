@@ -37,6 +37,8 @@ LEAST_TASKS = 40
 WAITING = 2
 # how long a scheduler is given to answer, how long it may have no worker before that is said, and at all, s
 ANSWER_S, SAID_S, NO_WORKER_S = 10, 10, 900
+# of any command; what it says of itself when interrupted is its own
+KEPT = "finished blocks and chains are kept"
 # how often is looked whether a task came back, s
 LOOKS_S = 0.02
 START_WORKERS = ("start them in this environment with `OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 dask worker ADDRESS "
@@ -292,8 +294,7 @@ class _DaskCluster(Executor):
                 warnings.warn(f"the scheduler at {self._address} has no worker: waiting up to {NO_WORKER_S} s for one; "
                               f"{START_WORKERS.replace('ADDRESS', self._address)}", stacklevel=2)
             if idle > NO_WORKER_S:
-                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; what was finished "
-                                 "is kept", START_WORKERS.replace("ADDRESS", self._address))
+                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}", START_WORKERS.replace("ADDRESS", self._address))
 
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold
@@ -326,11 +327,10 @@ class _DaskCluster(Executor):
             if lost is not None:
                 return lost(task)
             raise ProbupdateError("a task ended every worker that it was given to, the last at "
-                                  f"{error.last_worker.address} (out of memory?); what was finished is kept: run "
-                                  "again, with more memory a worker") from None
+                                  f"{error.last_worker.address} (out of memory?); {KEPT}: run again, with more "
+                                  "memory a worker") from None
         except distributed.CancelledError:
-            raise ProbupdateError("the Dask scheduler has gone; what was finished is kept: "
-                                  "start it and run again") from None
+            raise ProbupdateError(f"the Dask scheduler has gone; {KEPT}: start it and run again") from None
 
     def close(self, *, at_once: bool = False) -> None:
         self._client.close(timeout=ANSWER_S)
@@ -382,7 +382,7 @@ def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | No
 
 def _ended() -> ProbupdateError:
     return ProbupdateError("a process ended by itself (out of memory, killed, or a script without `if __name__ == "
-                           "'__main__'`); what was finished is kept: run again, or with one job")
+                           f"'__main__'`); {KEPT}: run again, or with one job")
 
 
 def _import_all(modules: tuple[str, ...]) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from command_cases import modes_table, write_building
 
 from probupdate.cli import EXAMPLES
 
@@ -109,3 +110,22 @@ def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):
         begun.send_signal(signal.SIGINT)
         time.sleep(0.05)
     assert begun.returncode == 0 and not begun.communicate()[1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path, number):
+    """Stopped between its last stage and its file."""
+    paths = write_building(tmp_path)
+    Path(paths["modes"]).write_text(json.dumps(modes_table(9)))
+    before = sorted(tmp_path.rglob("*"))
+    code = ("import os, sys\nfrom probupdate.diagnosis import run\nstage = run.with_gravity_test\n"
+            f"def stopped(*given):\n    made = stage(*given)\n    os.kill(os.getpid(), {int(number)})\n    return made\n"
+            "run.with_gravity_test = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "diagnose", "--model", paths["model"], "--parameters", paths["parameters"],
+         "--modes", paths["modes"], "--no-extend", "--out", str(tmp_path / "out" / "diagnosis.json")],
+        capture_output=True, text=True)
+    assert ended.returncode == {signal.SIGTERM: 130, signal.SIGKILL: -signal.SIGKILL}[number], ended.stderr
+    if number == signal.SIGTERM:
+        assert ended.stderr.splitlines()[-1] == "probupdate diagnose: interrupted; nothing of this run is kept"
+    assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == [p for p in before if p.is_file()]

@@ -241,7 +241,7 @@ def test_a_scheduler_without_a_worker_is_said_and_ended(monkeypatch):
     with (distributed.LocalCluster(n_workers=0, dashboard_address=":0", processes=True) as empty,
           dask_cluster(empty.scheduler_address) as runs,
           pytest.warns(UserWarning, match=f"{empty.scheduler_address} has no worker: waiting up to 3 s"),
-          pytest.raises(InputError, match="had no worker for 3 s; what was finished is kept; start them")):
+          pytest.raises(InputError, match="had no worker for 3 s; finished blocks and chains are kept; start them")):
         list(runs.completed(square, [(1,)]))
 
 
