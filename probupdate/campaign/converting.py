@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +70,9 @@ def convert(
     folder.mkdir(exist_ok=True)
     remove_stale(folder)
     record = _read_record(folder / RECORD)
-    words = described.path.read_bytes() + repr((head.channels, head.sampling_rate_hz)).encode()
+    # whether overlaps are taken as they are changes no file
+    same = replace(described, path=Path(), overrule=tuple(w for w in described.overrule if w != "overlap"))
+    words = repr((same, head.channels, head.sampling_rate_hz)).encode()
     written: list[Path] = []
     kept: list[Path] = []
     notes: list[str] = []

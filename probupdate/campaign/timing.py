@@ -64,11 +64,15 @@ def _named(text: str, described: Description, path: Path) -> pd.Timestamp:
                          "see the codes of strptime") from None
 
 
+def _no_zone(where: str, described: Description) -> InputError:
+    return InputError(where, "its time zone is not stated", f'add it to {described.path}, such as zone = "UTC"')
+
+
 def _localised(time: pd.Timestamp, described: Description, where: str) -> pd.Timestamp:
     if time.tzinfo is not None:
         return time.tz_convert("UTC").as_unit("ns")
     if described.zone is None:
-        raise InputError(where, "its time zone is not stated", f"add zone to {described.path}, such as zone = \"UTC\"")
+        raise _no_zone(where, described)
     try:
         return time.tz_localize(described.zone).tz_convert("UTC").as_unit("ns")
     except ValueError as error:
@@ -144,7 +148,7 @@ class Clock:
                                      "beginning of the record, which is not stated",
                                      f'add start to {described.path}, such as start = "2024-05-01T00:00:00Z"')
             if offset is None and described.zone is None:
-                raise InputError(where, "its time zone is not stated", f"add zone to {described.path}, such as \"UTC\"")
+                raise _no_zone(where, described)
             wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit
             if wrong.any():
                 first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is in no century of ours"
@@ -176,8 +180,7 @@ class Clock:
                              "drop the row or mend its time") from None
         if index.tz is None:
             if self.described.zone is None:
-                raise InputError(where, "its time zone is not stated",
-                                 f"add zone to {self.described.path}, such as \"UTC\"")
+                raise _no_zone(where, self.described)
             try:
                 index = index.tz_localize(self.described.zone)
             except ValueError as error:
@@ -211,7 +214,7 @@ class Clock:
         usual = step < 1.5 * sample
         if usual.mean() < 0.5:
             raise InputError(f"{self.path}, time", f"rows come every {np.median(step) / 1e9:.6g} s, campaign.toml says "
-                             f"{1 / self.rate:.6g}", "correct the rate, or resample first")
+                             f"{1 / self.rate:.6g}", self._rate_remedy(1e9 / float(np.median(step))))
         uneven = float(np.std(step[usual] / sample))
         self.uneven = max(self.uneven, uneven)
         if uneven > UNEVEN:
@@ -223,7 +226,11 @@ class Clock:
             return
         if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
             raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
-                             "correct the rate, or resample first")
+                             self._rate_remedy(rate))
+
+    @staticmethod
+    def _rate_remedy(rate_hz: float) -> str:
+        return f"write sampling_rate_hz = {rate_hz:.6g} into campaign.toml, if the times are right, or resample first"
 
     def _pace(self, moment: np.ndarray) -> None:
         """Refuse a source whose rows come at an even pace of another rate: rows, rate and span decide. Where times are

@@ -84,7 +84,8 @@ def propose(
         raise InputError(where, f"no block can be used; the first: {reason}", remedy(campaigns[0]))
     if not peaks:
         raise InputError(f"{where}, settings", "no peak stands out of the spectra, so no rate is proposed",
-                         "give --rate, at least twice the highest frequency of interest, and --order")
+                         "state all three: --rate, at least twice the highest frequency of interest, --order and "
+                         "--block-rows, such as 20 and 20")
     inside, lines = _distinct(peaks, least=1 if looked < 3 else max(2, looked // 4))
     above = inside[:0]
     recorded = min(c.sampling_rate_hz for c in campaigns)

@@ -294,7 +294,8 @@ class _DaskCluster(Executor):
                 warnings.warn(f"the scheduler at {self._address} has no worker: waiting up to {NO_WORKER_S} s for one; "
                               f"{START_WORKERS.replace('ADDRESS', self._address)}", stacklevel=2)
             if idle > NO_WORKER_S:
-                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}", START_WORKERS.replace("ADDRESS", self._address))
+                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}",
+                                 START_WORKERS.replace("ADDRESS", self._address))
 
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold

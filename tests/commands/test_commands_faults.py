@@ -119,7 +119,8 @@ def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path, number)
     Path(paths["modes"]).write_text(json.dumps(modes_table(9)))
     before = sorted(tmp_path.rglob("*"))
     code = ("import os, sys\nfrom probupdate.diagnosis import run\nstage = run.with_gravity_test\n"
-            f"def stopped(*given):\n    made = stage(*given)\n    os.kill(os.getpid(), {int(number)})\n    return made\n"
+            "def stopped(*given):\n    made = stage(*given)\n"
+            f"    os.kill(os.getpid(), {int(number)})\n    return made\n"
             "run.with_gravity_test = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
     ended = subprocess.run(
         [sys.executable, "-c", code, "diagnose", "--model", paths["model"], "--parameters", paths["parameters"],
