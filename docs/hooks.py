@@ -9,6 +9,7 @@ import argparse
 import re
 import runpy
 import sys
+import tempfile
 from html import escape
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).resolve().parents[1]
+NOTEBOOK = re.compile(r"(?<!\[The notebook)\]\(([\w./]+)\.ipynb\)")
 CODE = re.compile(r"(^```.*?^```[ \t]*$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 DISPLAYED = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
 INLINE = re.compile(r"(?<![\\$\w])\$(?=\S)([^$\n]+?)(?<=\S)\$(?![\w$])")
@@ -65,9 +67,18 @@ def commands_page() -> str:
 
 
 def on_files(files, config):
-    """The picture of the README, which belongs to its study."""
+    """The picture of the README, which belongs to its study; notebooks, run, as pages."""
     picture = ROOT / "studies" / "discovery" / "demonstration.png"
     files.append(File.generated(config, "pictures/demonstration.png", abs_src_path=str(picture)))
+    sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
+    import notebooks
+
+    for path in sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")):
+        with tempfile.TemporaryDirectory() as folder:
+            text, figures = notebooks.page(path, Path(folder))
+        files.append(File.generated(config, f"tutorials/{path.stem}.md", content=text))
+        for name, content in figures.items():
+            files.append(File.generated(config, f"tutorials/{name}", content=content))
     return files
 
 
@@ -79,6 +90,7 @@ def on_page_markdown(markdown: str, **_) -> str:
         sys.path.insert(0, str(ROOT))
         markdown = markdown.replace(SETTINGS, runpy.run_path(str(ROOT / "docs" / "settings_page.py"))["page"]())
     markdown = markdown.replace("](../studies/discovery/demonstration.png)", "](pictures/demonstration.png)")
+    markdown = NOTEBOOK.sub(r"](\1.md)", markdown)
     # pages of studies are read in the repository
     markdown = re.sub(r"\[([^\]]+)\]\(\.\./studies/([^)]+)\)", r"\1 (`studies/\2`)", markdown)
     parts = CODE.split(markdown)

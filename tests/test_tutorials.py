@@ -5,8 +5,10 @@ one namespace, lines of `probupdate` go through the command line's own main. Wha
 that only a reader has are parsed (tests/test_documents.py).
 """
 
+import json
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,9 +16,13 @@ import pytest
 from probupdate.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+import notebooks  # noqa: E402
+
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 # pages that hold all their files; the first command that takes long
-PAGES = {"own_matrices": "sample", "openfast": "", "own_campaign": "sample", "diagnosis": ""}
+PAGES = {"openfast": "", "own_campaign": "sample"}
+NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
 
 
 def blocks(page: str) -> list[tuple[str, str, str]]:
@@ -49,6 +55,24 @@ def run_page(page: str, until: str = "") -> int:
 def test_a_tutorial_runs_up_to_its_sampling(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_page(f"docs/tutorials/{page}.md", PAGES[page]) >= 4
+
+
+def test_notebooks_hold_no_output():
+    assert len(NOTEBOOKS) == 3
+    for path in NOTEBOOKS:
+        book = json.loads(path.read_text(encoding="utf-8"))
+        assert book["nbformat"] == 4 and len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
+        code = [cell for cell in book["cells"] if cell["cell_type"] == "code"]
+        assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+
+
+# of ArviZ's own figures beside a newer Matplotlib
+@pytest.mark.filterwarnings("ignore:Passing a dict or None as alias_mapping")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_draws_its_figures(path, tmp_path):
+    text, figures = notebooks.page(path, tmp_path)
+    assert len(figures) >= 2 and all(content.startswith(b"\x89PNG") for content in figures.values())
+    assert text.count("```text") >= 2 and all(f"]({name})" in text for name in figures)
 
 
 @pytest.mark.long
