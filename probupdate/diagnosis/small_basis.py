@@ -90,9 +90,11 @@ def small_model(
     for _ in range(MOST_ROUNDS):
         verified = _Verified.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
                                    _alone(first.parameters, effects, reach, rng), count, sure)
+        # each basis holds the ones before it
+        projected = verified.projected(directions[:, energy > min(CUTS)])
         for cut in CUTS:
             basis = directions[:, energy > cut]
-            error, wrong = verified.errors(basis)
+            error, wrong = verified.errors(projected, basis.shape[1])
             if error <= TOLERANCE and wrong <= CHANGE:
                 return replace(_project(models, basis, n_mode), frequency_error=error)
         # what was missed joins what the basis is made from, and others verify
@@ -129,12 +131,17 @@ class _Verified:
                    log_frequency=[np.log(f) for f in found[len(unseen) :]], modes=np.hstack([phi for _, phi in solved]),
                    sure=sure)
 
-    def errors(self, basis: np.ndarray) -> tuple[float, float]:
-        """Largest relative error of a frequency on the basis, and of what an effect does to ln f as a share of it."""
-        error = max(float(np.max(np.abs(_projected_frequencies(matrices, basis, self.sure) / f - 1)))
-                    for matrices, f in zip(self.unseen, self.frequency_hz, strict=True))
-        found = [np.log(_projected_frequencies(matrices, basis, self.sure)) for matrices in self.alone]
-        return error, _wrong_share(found, self.log_frequency)
+    def projected(self, basis: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """K and M (r, r) of all points on a basis (n_dof, r)."""
+        return [(basis.T @ (K @ basis), basis.T @ (M @ basis)) for K, M in (*self.unseen, *self.alone)]
+
+    def errors(self, projected: Sequence[tuple[np.ndarray, np.ndarray]], size: int) -> tuple[float, float]:
+        """On the last `size` vectors of the basis: largest relative error of a frequency, and of what an effect does to
+        ln f as a share of it."""
+        found = [_frequencies(K[-size:, -size:], M[-size:, -size:], self.sure) for K, M in projected]
+        n = len(self.unseen)
+        error = max(float(np.max(np.abs(own / f - 1))) for own, f in zip(found, self.frequency_hz, strict=False))
+        return error, _wrong_share([np.log(own) for own in found[n:]], self.log_frequency)
 
 
 def _snapshots(
@@ -211,8 +218,7 @@ def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> fl
     return max(shares)
 
 
-def _projected_frequencies(matrices: Sequence[sparse.csc_array], basis: np.ndarray, count: int) -> np.ndarray:
-    K, M = (basis.T @ (matrix @ basis) for matrix in matrices)
+def _frequencies(K: np.ndarray, M: np.ndarray, count: int) -> np.ndarray:
     masses = linalg.eigvalsh(M)
     if masses[0] < MASSLESS * masses[-1]:
         raise InputError("the model's mass matrix", "gives some motions no mass, which the diagnosis cannot follow",
