@@ -51,7 +51,7 @@ def test_exchanged_channels_are_named(prepared, record, first, second, validatio
                           "modes: verdict, cause, place, time profile", reference="what was hidden")
     data = record(11)
     rows = [data.channels.index(c) for c in (first, second)]
-    found = probupdate.diagnose(prepared, of_sensors(data, lambda s: exchanged(s, *rows)), sampler=False)
+    found = probupdate.diagnose(prepared, of_sensors(data, lambda s: exchanged(s, *rows)), extend=False)
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location, one.time_profile),
               ("named", "swapped channels", f"{first} and {second}", "constant"))
@@ -101,8 +101,7 @@ def test_neighbours_exchanged_where_shapes_are_more_like_other_modes_are_named(b
             id=f"2026-01-{b + 1:02d}T00:00:00", frequency_hz=frequency * (1 + 2e-3 * rng.standard_normal(5)),
             shape=exchanged(shape, first, second), damping_ratio=np.full(5, 0.01),
             frequency_std_hz=2e-3 * frequency, shape_std=np.full(phi.shape, 0.01)))
-    (one,) = probupdate.diagnose(prepared, ModalData(channels=channels, sets=tuple(sets)), sampler=False,
-                                 extend=False).findings
+    (one,) = probupdate.diagnose(prepared, ModalData(channels=channels, sets=tuple(sets)), extend=False).findings
     row.equal((one.cause, one.location), ("swapped channels", f"{channels[first]} and {channels[second]}"), "finding")
     assert one.posterior_probability > 0.95
 
@@ -145,7 +144,7 @@ def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
         shape[:, 1] = shape[:, 0]
         return shape
 
-    found = probupdate.diagnose(prepared, of_sensors(record(14), change), sampler=False)
+    found = probupdate.diagnose(prepared, of_sensors(record(14), change), extend=False)
     assert found.verdict == "unexplained" and not found.findings
     assert any(ALIKE_SHAPES in note for note in found.notes)
 
@@ -163,7 +162,7 @@ def test_sets_whose_every_pair_is_one_shape_are_refused(prepared, record):
     for number in (0, 3):
         sets = (*data.sets[:number], *alike.sets[number:])
         with pytest.raises(InputError, match=f"modes: {40 - number} of 40 sets say nothing.*without shapes"):
-            probupdate.diagnose(prepared, replace(data, sets=sets), sampler=False)
+            probupdate.diagnose(prepared, replace(data, sets=sets), extend=False)
 
 
 def test_where_nothing_can_be_scored_noise_is_no_heavier(prepared, record):
@@ -187,7 +186,7 @@ def test_sets_that_say_nothing_since_a_time_are_not_nothing(prepared, record, va
             if is_lost:
                 frequency[1::2], shape[:, 1::2] = np.nan, np.nan
             sets.append(replace(s, frequency_hz=frequency, shape=shape))
-        found = probupdate.diagnose(prepared, replace(data, sets=tuple(sets)), sampler=False, extend=False)
+        found = probupdate.diagnose(prepared, replace(data, sets=tuple(sets)), extend=False)
         row.equal(found.verdict, verdict)
         assert ("10 of 10 sets have modes and say nothing" in found.notes[0]) == (verdict == "unexplained")
 
@@ -215,7 +214,7 @@ def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepar
         shape[other] *= 1.4
         return shape
 
-    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    found = probupdate.diagnose(prepared, of_sensors(data, change), extend=False)
     row.equal((found.verdict, {(f.cause, f.location) for f in found.findings}),
               ("named", {("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}))
 
@@ -238,7 +237,7 @@ def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, revers
         shape[data.channels.index(reverse)] *= -1
         return shape
 
-    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    found = probupdate.diagnose(prepared, of_sensors(data, change), extend=False)
     assert found.verdict in ("named", "ambiguous")
     row.equal({(f.cause, f.location) for f in found.findings},
               {("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")})
@@ -255,7 +254,7 @@ def test_an_exchange_that_was_none_is_given_up(prepared, record, validation):
         shape[rows] *= -1
         return shape
 
-    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    found = probupdate.diagnose(prepared, of_sensors(data, change), extend=False)
     assert found.verdict in ("named", "ambiguous")
     row.equal({(f.cause, f.location) for f in found.findings}, {("sensor polarity", "x2"), ("sensor polarity", "x3")})
 

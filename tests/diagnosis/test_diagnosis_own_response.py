@@ -109,6 +109,7 @@ def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_do
         raise AssertionError("the structure has nothing to do with it")
 
     monkeypatch.setattr("probupdate.diagnosis.run.free_form", asked)
+    monkeypatch.setattr("probupdate.diagnosis.run._with_larger_error", lambda *_: [])
     found = diagnose_files(ModelSource(model=frame), seen(3, lambda hz: mount(hz, 15.0)))
     (part,) = found.details["free_form"]["parts"]
     assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)

@@ -32,7 +32,7 @@ def test_a_channel_that_ends_early_takes_no_set_with_it(prepared, record, valida
     data = record(4, storey=2, factor=0.9, from_block=30)
     lost = np.zeros((len(data.sets), len(data.channels)), bool)
     lost[26:, data.channels.index("y1")] = True
-    found = probupdate.diagnose(prepared, without(data, lost), sampler=False)
+    found = probupdate.diagnose(prepared, without(data, lost), extend=False)
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location, one.time_profile), ("named", "parameter", "k3", "step"))
     assert any("y1 (there in" in note for note in found.notes)
@@ -68,13 +68,13 @@ def test_copies_are_refused(prepared, record):
     data = record(7)
     copies = replace(data, sets=tuple(replace(s, frequency_hz=data.sets[0].frequency_hz) for s in data.sets))
     with pytest.raises(InputError, match="copied, computed or rounded"):
-        probupdate.diagnose(prepared, copies, sampler=False)
+        probupdate.diagnose(prepared, copies, extend=False)
 
 
 def test_frequencies_alone_are_diagnosed_and_said(prepared, record):
     data = record(7)
     alone = replace(data, sets=tuple(replace(s, shape=np.full_like(s.shape, np.nan)) for s in data.sets))
-    found = probupdate.diagnose(prepared, alone, sampler=False)
+    found = probupdate.diagnose(prepared, alone, extend=False)
     assert any("frequencies alone, paired with the model's" in note for note in found.notes)
     without_one = diagnose_without_model(alone).notes
     assert any("frequencies alone" in note and "model's in" not in note for note in without_one)
@@ -96,8 +96,8 @@ def stated(data):
 
 def test_frequencies_alone_are_followed_without_a_model(record):
     still, lost = (of_frequencies(record(3, **how)) for how in ({}, {"storey": 2, "factor": 0.9, "from_block": 18}))
-    assert probupdate.diagnose(None, still, sampler=False).verdict == "none"
-    found = probupdate.diagnose(None, lost, sampler=False)
+    assert probupdate.diagnose(None, still, extend=False).verdict == "none"
+    found = probupdate.diagnose(None, lost, extend=False)
     assert found.verdict == "unexplained" and any("unexplained step" in note for note in found.notes)
 
 
@@ -106,7 +106,7 @@ def test_one_channel_is_followed_without_a_model(record):
     row = data.channels.index("y4")
     sets = tuple(replace(s, shape=s.shape[[row]], shape_std=s.shape_std[[row]], covariance_factors=None)
                  for s in data.sets)
-    assert probupdate.diagnose(None, replace(data, channels=("y4",), sets=sets), sampler=False).verdict == "unexplained"
+    assert probupdate.diagnose(None, replace(data, channels=("y4",), sets=sets), extend=False).verdict == "unexplained"
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
@@ -115,29 +115,29 @@ def test_few_sets_without_a_model_are_refused(record, n):
     data = stated(record(3))
     for one in (data, of_frequencies(data)):
         with pytest.raises(InputError, match=rf"{n} sets? (is|are) too few .*--model"):
-            probupdate.diagnose(None, replace(one, sets=one.sets[:n]), sampler=False)
+            probupdate.diagnose(None, replace(one, sets=one.sets[:n]), extend=False)
 
 
 def test_two_sets_of_frequencies_before_and_after(prepared, record):
     """All candidates are taken in, and nothing is left to be scored beside them."""
     data = of_frequencies(stated(record(3, storey=2, factor=0.8, from_block=18)))
     pair = replace(data, sets=(data.sets[0], data.sets[-1]))
-    found = probupdate.diagnose(prepared, pair, sampler=False)
+    found = probupdate.diagnose(prepared, pair, extend=False)
     assert found.findings and not any("can need" in note for note in found.notes)
 
 
 def test_a_set_without_a_mode_and_one_without_its_deviation_are_named(prepared, record):
     data = stated(record(3))
     first, empty = data.sets[0], replace(data.sets[1], frequency_hz=np.full_like(data.sets[1].frequency_hz, np.nan))
-    found = probupdate.diagnose(prepared, replace(data, sets=(first, empty)), sampler=False)
+    found = probupdate.diagnose(prepared, replace(data, sets=(first, empty)), extend=False)
     assert any(f"1 set left out without a mode: {empty.id}" in note for note in found.notes)
     end = replace(empty, environment={"excluded": "part of a recording: 8 min in it"})
-    found = probupdate.diagnose(prepared, replace(data, sets=(first, end)), sampler=False)
+    found = probupdate.diagnose(prepared, replace(data, sets=(first, end)), extend=False)
     assert any(note.startswith("1 block at the ends of recordings") for note in found.notes)
     assert not any("without a mode" in note for note in found.notes)
     zero = replace(data.sets[1], frequency_std_hz=np.zeros_like(empty.frequency_hz), covariance_factors=None)
     with pytest.raises(InputError, match=f"set {zero.id} has a frequency or shape with no standard deviation"):
-        probupdate.diagnose(prepared, replace(data, sets=(first, zero)), sampler=False)
+        probupdate.diagnose(prepared, replace(data, sets=(first, zero)), extend=False)
 
 
 def test_a_standard_deviation_of_zero_is_not_known_and_said(record):
@@ -161,7 +161,7 @@ def test_channels_in_another_order_are_refused_with_the_order_that_fits(prepared
     data = record(3)
     names = ", ".join(data.channels)
     with pytest.raises(InputError, match=f"channels in another order \\({names}\\) would explain it"):
-        probupdate.diagnose(prepared, replace(data, channels=data.channels[::-1]), sampler=False)
+        probupdate.diagnose(prepared, replace(data, channels=data.channels[::-1]), extend=False)
 
 
 @pytest.mark.parametrize("channels", [(), ("x4", "y4"), ("x4", "y4", "x2", "y2"), None])
@@ -200,9 +200,9 @@ def with_one_more(data):
 
 def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
     """Ten degrees of freedom have ten modes, and a record of eleven is refused."""
-    assert probupdate.diagnose(prepared, record(1, n_mode=8), sampler=False).verdict == "none"
+    assert probupdate.diagnose(prepared, record(1, n_mode=8), extend=False).verdict == "none"
     with pytest.raises(InputError, match="holds 11 modes where 10"):
-        probupdate.diagnose(prepared, with_one_more(record(1, n_mode=10)), sampler=False)
+        probupdate.diagnose(prepared, with_one_more(record(1, n_mode=10)), extend=False)
 
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):

@@ -225,7 +225,7 @@ def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record
     row = validation(what="size in z at which causes of score correlation 0.8 and 0.95 are distinguished",
                      reference="5.2 and 10.4, power of a likelihood ratio", why="digits", unit="of z")
     prepared = prepare(frame_file, groups={"second storey": {"k2": 0.1}})
-    found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18), sampler=False)
+    found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18), extend=False)
     assert found.verdict == "ambiguous"
     (sentence, *_) = found.splits
     assert "parameter, k2" in sentence and "group of parameters, second storey" in sentence

@@ -17,7 +17,7 @@ from probupdate.updating.identifiability import cov_of, sampled_width
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
-SHORT = SamplerSettings(target_ess=200, max_steps=1000)
+SHORT = SamplerSettings(target_ess=50, max_steps=100, ensembles=2)
 B, C = LINEAR_PARAMETERS.items[1:]
 
 
@@ -72,14 +72,19 @@ def test_draws_within_narrow_bounds_come_to_an_end_and_are_the_priors():
     assert np.abs(drawn.mean(axis=0) - mean) == pytest.approx(0.0, abs=5 * 0.09 / np.sqrt(4000))
 
 
+def lognormal(low):
+    return Parameters((Parameter(name="a", unit="-", initial=1.0, std=1.5, lower=low, prior="lognormal"), B, C))
+
+
 @pytest.mark.parametrize("low", [0.0, -np.inf, -3.0])
-def test_a_lognormal_prior_is_zero_at_zero_and_below(tmp_path, low):
-    a = Parameter(name="a", unit="-", initial=1.0, std=1.5, lower=low, prior="lognormal")
-    parameters = Parameters((a, B, C))
-    theta = parameters.initial[None] * [[1.0, 1, 1]] - [[0.0, 0, 0]]
-    at = np.concatenate([theta, theta * [[0, 1, 1]], theta * [[-1, 1, 1]]])
-    density = parameters.log_density(at)
+def test_a_lognormal_prior_is_zero_at_zero_and_below(low):
+    parameters = lognormal(low)
+    density = parameters.log_density(parameters.initial * [[1, 1, 1], [0, 1, 1], [-1, 1, 1]])
     assert np.isfinite(density[0]) and np.all(density[1:] == -np.inf)
+
+
+def test_estimates_with_a_lognormal_prior_stay_above_zero(tmp_path):
+    parameters = lognormal(-np.inf)
     data = linear_data(LINEAR_HZ + SLOPE @ np.array([-0.98, 0.0, 0.0]), cov=0.02)
     record = verbs.update(linear_model(parameters), data)
     drawn = verbs.sample(linear_model(parameters), data, tmp_path / "p.nc", settings=SHORT)
