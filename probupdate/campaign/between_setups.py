@@ -15,13 +15,11 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.blocks import block_files, read_block
-from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import LOWEST_HZ
-from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import Group, WrongGain, natural_groups, rigid_candidates, words_of, wrong_gains
-from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import SEGMENT_S, enough
+from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding, std_left_out
+from probupdate.campaign.spectra import SEGMENT_S, mean_products, segment_lines, to_acceleration
 from probupdate.errors import InputError
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import Sensor
@@ -39,8 +37,6 @@ MOST_BLOCKS = 24
 PEAK, NEIGHBOURS, MOST_PEAKS = 1.0, 12, 12
 # a reference's part of a peak counts if it is this large beside the largest and known so well
 SEEN, KNOWN = 0.1, 0.2
-# gains of sound sensors, and of a shape seen twice, differ by so much (one standard deviation)
-ALIKE = 0.01
 # a peak of one mode: the references' principal motion explains this share of all channels' power in it
 ONE_MODE = 0.8
 # bytes kept of all setups' spectra
@@ -151,23 +147,16 @@ def _spectra(campaign: Campaign, most_bytes: int) -> _Spectra | None:
     frequency = fft.rfftfreq(length, 1 / rate)
     kept = np.flatnonzero((frequency >= max(LOWEST_HZ, 1.5 * frequency[1])) & (frequency <= 0.4 * rate))
     kept = kept[: max(most_bytes // (8 * GROUPS * len(campaign.sensors) ** 2), 64)]
-    times = np.array([TO_ACCELERATION[s.quantity] for s in campaign.sensors])
-    factor = (2j * np.pi * frequency[kept][:, None]) ** times
-    window = np.hanning(length + 1)[:-1]
+    factor = to_acceleration(campaign.sensors, frequency[kept])
     segments = []
     for k in chosen:
         start, touching = files[k]
         data = read_block(campaign, start, touching).data
-        for first in range(0, len(data) - length + 1, length // 2):
-            piece = data[first: first + length]
-            if enough(piece) and np.all(np.ptp(zero_filled(piece), axis=0) > 0):
-                segments.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, kept].T * factor)
+        segments += [lines * factor for lines in segment_lines(data, length, kept, moving=True)]
     if len(segments) < FEWEST_SEGMENTS:
         return None
-    density = []
-    for part in np.array_split(np.arange(len(segments)), min(GROUPS, len(segments))):
-        lines = np.array([segments[k] for k in part]).transpose(1, 0, 2)
-        density.append((lines.conj().transpose(0, 2, 1) @ lines / len(part)).astype(np.complex64))
+    parts = np.array_split(np.arange(len(segments)), min(GROUPS, len(segments)))
+    density = [mean_products([segments[k] for k in part]).astype(np.complex64) for part in parts]
     return _Spectra(frequency_hz=frequency[kept], density=np.array(density))
 
 
@@ -204,29 +193,31 @@ def _shapes(
         if _explained_share(whole, rows) < ONE_MODE:
             one = np.full(len(one), np.nan)
         values.append(one)
-        errors.append(np.sqrt((n_group - 1) / n_group * np.sum((np.array(left) - np.mean(left, axis=0)) ** 2, axis=0)))
+        errors.append(std_left_out(np.array(left)))
     return SetupShapes(name=name, sensors=campaign.sensors, shape=np.array(values), std=np.array(errors))
 
 
 def _on_references(density: np.ndarray, rows: Sequence[int]) -> np.ndarray:
     """(n_channel,) regression on the references' first principal component, of unit size at the references; normal
     modes are real."""
-    # density[i, j] is the mean of conj(x_i) x_j
-    _, vector = np.linalg.eigh(np.real(density[np.ix_(rows, rows)]))
-    main = vector[:, -1]
-    own = float(main @ np.real(density[np.ix_(rows, rows)]) @ main)
-    shape = np.real(main @ density[rows]) / own
+    together, own = _with_references(density, rows)
+    shape = np.real(together) / own
     return shape / np.linalg.norm(shape[rows])
+
+
+def _with_references(density: np.ndarray, rows: Sequence[int]) -> tuple[np.ndarray, float]:
+    """Cross-spectra (n_channel,) of the references' first principal component with all channels, and its power."""
+    # density[i, j] is the mean of conj(x_i) x_j
+    value, vector = np.linalg.eigh(np.real(density[np.ix_(rows, rows)]))
+    return vector[:, -1] @ density[rows], float(value[-1])
 
 
 def _explained_share(density: np.ndarray, rows: Sequence[int]) -> float:
     """Share of all channels' power, each in its own size, that the references' principal motion explains."""
-    _, vector = np.linalg.eigh(np.real(density[np.ix_(rows, rows)]))
-    main = vector[:, -1]
-    own = float(main @ np.real(density[np.ix_(rows, rows)]) @ main)
+    together, own = _with_references(density, rows)
     power = np.real(density.diagonal())
     large = power > SEEN**2 * power.max()
-    return float(np.sum((np.abs(main @ density[rows]) ** 2 / own)[large]) / power[large].sum())
+    return float(np.sum((np.abs(together) ** 2 / own)[large]) / power[large].sum())
 
 
 # Judged -------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, sparse
+from scipy.sparse import csgraph
 
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modal.modes import Sensor
@@ -78,9 +79,7 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     """(delay of i after j, its standard deviation) in s; None where the two are not coherent over a range of
     frequencies."""
     g, frequency = spectra.density, spectra.frequency_hz
-    cross, own = g[:, j, i], np.real(g[:, i, i]) * np.real(g[:, j, j])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        coherence = np.where(own > 0, np.abs(cross) ** 2 / own, 0.0)
+    cross, coherence = g[:, j, i], spectra.coherence([i, j])[:, 0, 1]
     # chance is coherent too: with n segments by 1 / n
     least = max(LEAST_COHERENCE, 4 / spectra.n_segment)
     used = kept & (coherence > least)
@@ -130,13 +129,6 @@ def _steepest(double: np.ndarray, frequency: np.ndarray) -> tuple[float, float]:
 
 def _connected(rows: np.ndarray) -> list[np.ndarray]:
     """Channels joined by pairs, as index arrays, largest set first."""
-    joined = np.abs(rows).T @ np.abs(rows) > 0
-    left, found = set(np.flatnonzero(np.abs(rows).sum(axis=0))), []
-    while left:
-        members, new = set(), {left.pop()}
-        while new:
-            members |= new
-            new = {int(k) for m in new for k in np.flatnonzero(joined[m])} - members
-        left -= members
-        found.append(np.array(sorted(members)))
-    return sorted(found, key=len, reverse=True)
+    number, label = csgraph.connected_components(sparse.csr_array(np.abs(rows).T @ np.abs(rows)), directed=False)
+    sets = [np.flatnonzero(label == k) for k in range(number)]
+    return sorted((members for members in sets if len(members) > 1), key=len, reverse=True)

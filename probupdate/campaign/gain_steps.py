@@ -13,16 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
-from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.rigid_bodies import same_place
-from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra, enough
+from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding
+from probupdate.campaign.spectra import (
+    MOST_FREQUENCIES,
+    SEGMENT_S,
+    CrossSpectra,
+    mean_products,
+    per_hz,
+    segment_lines,
+    to_acceleration,
+)
 from probupdate.modal.modes import Sensor
 
-# by so much (one standard deviation) the gains of sound sensors and the structure's own shapes may change
-STABLE = 0.01
 # fewest pieces in all, and on each side of a change; a piece is a block, or part of one where there are few
 FEWEST_PIECES, FEWEST_BESIDE = 12, 4
 # frequencies and bytes kept of a campaign's pieces
@@ -34,8 +38,8 @@ PREDICTED = 0.3
 # each frequency is a mean over dozens of segments: so much is beyond chance by far, and a turn makes it at one peak
 TURNED = 3.0
 MOST_STEPS, MOST_TRIED = 8, 4
-# candidates whose residuals (sum of squared standard scores) are this close explain the records alike
-ALIKE = 9.0
+# candidates whose residuals (sum of squared standard scores) are this close explain the records as well
+AS_WELL = 9.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,25 +70,16 @@ def parts_of_block(
     length = 2 * (min(round(min(SEGMENT_S, MOST_FREQUENCIES / (0.4 * rate_hz)) * rate_hz), part // 2) // 2)
     if length < 64:
         return []
-    window = np.hanning(length + 1)[:-1]
     frequency = fft.rfftfreq(length, 1 / rate_hz)
     kept = np.flatnonzero((frequency >= LOWEST_HZ) & (frequency <= 0.4 * rate_hz))[:most_lines]
-    times = np.array([TO_ACCELERATION[s.quantity] for s in sensors])[usable]
-    factor = (2j * np.pi * frequency[kept][:, None]) ** times
+    factor = to_acceleration(sensors, frequency[kept])[:, usable]
     found = []
     for k in range(n_part):
-        own = data[k * part: (k + 1) * part][:, usable]
-        stack = []
-        for first in range(0, len(own) - length + 1, length // 2):
-            piece = own[first: first + length]
-            if enough(piece):
-                stack.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, kept].T * factor)
-        if not stack:
+        lines = [own * factor for own in segment_lines(data[k * part: (k + 1) * part][:, usable], length, kept)]
+        if not lines:
             continue
-        lines = np.array(stack).transpose(1, 0, 2)
         density = np.full((len(kept), len(usable), len(usable)), np.nan, np.complex64)
-        density[np.ix_(np.arange(len(kept)), usable, usable)] = (
-            lines.conj().transpose(0, 2, 1) @ lines / len(stack) * (2 / (rate_hz * np.sum(window**2))))
+        density[np.ix_(np.arange(len(kept)), usable, usable)] = mean_products(lines) * per_hz(length, rate_hz)
         seconds = k * part / rate_hz
         found.append(Piece(id=f"{name} + {seconds:.0f} s" if k else name, frequency_hz=frequency[kept],
                            density=density))
@@ -106,7 +101,7 @@ class _Step:
 
     @property
     def score(self) -> float:
-        return self.size / float(np.hypot(self.std, STABLE))
+        return self.size / float(np.hypot(self.std, ALIKE))
 
 
 # channel, first piece after it, factor, its standard deviation, channels that may have changed instead
@@ -135,7 +130,7 @@ def gain_steps(
     judged = [int(c) for c in np.flatnonzero(able)]
     if not judged:
         return [], None
-    least = 100 * SIGMA * np.hypot([_step(series[:, c], weight[:, c]).std for c in judged], STABLE)
+    least = 100 * SIGMA * np.hypot([_step(series[:, c], weight[:, c]).std for c in judged], ALIKE)
     while len(steps) < MOST_STEPS:
         every = {c: _step(series[:, c], weight[:, c]) for c in judged}
         order = sorted(every, key=lambda c: -abs(every[c].score))
@@ -156,9 +151,9 @@ def gain_steps(
         if not tried:
             break
         # several channels are taken for one only where they leave clearly less
-        tried.sort(key=lambda t: t[0] + ALIKE * (len(t[1]) > 1))
+        tried.sort(key=lambda t: t[0] + AS_WELL * (len(t[1]) > 1))
         left, members, at, factor, std, density, series = tried[0]
-        alternatives = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + ALIKE and len(t[1]) == 1
+        alternatives = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + AS_WELL and len(t[1]) == 1
                              and t[1][0] not in members)
         steps += [(known[c], at, factor, std, alternatives) for c in members]
     found = _findings(steps, ids, [s.channel for s in sensors])
@@ -328,14 +323,14 @@ def _undone(
                 now[at:, :, :, c] /= more
             series = _gains(now)
         size = float(np.mean([_step(series[:, c], weight[:, c], at).size for c in members]))
-        if not abs(size) >= 0.05 * STABLE or abs(1 + size) < 0.02:
+        if not abs(size) >= 0.05 * ALIKE or abs(1 + size) < 0.02:
             break
         more = 1 + size
     known = np.flatnonzero(np.isfinite(series).all(axis=0))
     scores = [_step(series[:, j], weight[:, j]).score for j in known]
     spread = [_step(series[:, c], weight[:, c], at).std for c in members]
     std = float(np.mean(spread)) if np.isfinite(spread).all() else np.inf
-    left, error = float(np.sum(np.square(scores))), float(np.hypot(std, STABLE) * abs(factor))
+    left, error = float(np.sum(np.square(scores))), float(np.hypot(std, ALIKE) * abs(factor))
     return left, members, at, factor, error, now, series
 
 

@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from probupdate.campaign.rigid_bodies import levelled
+from probupdate.campaign.rigid_bodies import DISTINCT, RIGID_SHARE, beyond_motions, levelled, rigid_motions
 from probupdate.campaign.sensor_lines import reversed_in_line, whole_line
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modal.modes import Sensor
@@ -25,12 +25,9 @@ COPIED = "copied"
 LOWEST_HZ = 0.15
 # a level is rigid up to so many times the lowest motion's frequency
 RIGID_UP_TO = 8.0
-# share of a level's motion (channels scaled alike) that a rigid body does not explain: a level with less is sound ...
-SOUND_SHARE = 0.006
+# share of a level's motion (channels scaled alike) that a rigid body does not explain: below RIGID_SHARE it is sound ...
 # ... a change of one channel or a swap is believed if it leaves less than this, and less than half of what was before
 MENDED_SHARE, MENDED_RATIO = 0.05, 0.5
-# and if every other change leaves this many times more, else the candidates are indistinguishable
-DISTINCT = 1.5
 # gain of one channel against its level, or one direction against the other; sensors are calibrated to some per cent,
 # and legs and braces move a little by themselves
 GAIN_LIMIT, PROFILE_LIMIT, VERTICAL_LIMIT = 1.2, 1.5, 2.0
@@ -141,9 +138,7 @@ def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) 
     """Channels coherent with no other at any frequency; with few segments chance alone is coherent."""
     if len(alive) < 3 or spectra.n_segment < 30:
         return []
-    g = spectra.density[:, alive][:, :, alive]
-    own = np.einsum("fii->fi", np.real(g))
-    squared = np.abs(g) ** 2 / (own[:, :, None] * own[:, None, :])
+    squared = spectra.coherence(alive)
     squared[:, range(len(alive)), range(len(alive))] = 0
     # the mean of three neighbouring frequencies: chance peaks are narrow
     smooth = (squared[:-2] + squared[1:-1] + squared[2:]) / 3
@@ -154,12 +149,11 @@ def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) 
 
 def _copied(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
     """Pairs that are one signal, whatever its scale; size: the first's over the second's."""
-    g = spectra.density
+    power = np.einsum("fii->i", np.real(spectra.density))
     found = []
     for i, j in combinations(alive, 2):
-        own = np.real(g[:, i, i]) * np.real(g[:, j, j])
-        if np.all(np.abs(g[:, i, j]) ** 2 >= COPIED_COHERENCE * own):
-            ratio = float(np.sqrt(np.sum(np.real(g[:, i, i])) / np.sum(np.real(g[:, j, j]))))
+        if np.all(spectra.coherence([i, j])[:, 0, 1] >= COPIED_COHERENCE):
+            ratio = float(np.sqrt(power[i] / power[j]))
             found.append(Suspicion(kind=COPIED, channels=(sensors[i].channel, sensors[j].channel), size=ratio))
     return found
 
@@ -168,8 +162,9 @@ def _copied(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]
 
 
 def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) -> list[Suspicion]:
-    motion = _rigid_motion([sensors[i] for i in members])
-    if motion is None:
+    motion = rigid_motions([sensors[i] for i in members])
+    # two at least must be redundant
+    if len(members) <= np.linalg.matrix_rank(motion, tol=1e-6) + 1:
         return []
     kept = (spectra.frequency_hz > LOWEST_HZ) & (spectra.frequency_hz < RIGID_UP_TO * lowest)
     density = np.real(spectra.density[kept][:, members][:, :, members])
@@ -177,34 +172,22 @@ def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) ->
     covariance = np.einsum("fij,f->ij", density, 1 / np.sqrt(np.einsum("fii->f", density)))
     scale = _common_scale(covariance, [sensors[i] for i in members])
     covariance = covariance / np.outer(scale, scale)
-    left, value, _ = np.linalg.svd(motion / scale[:, None], full_matrices=False)
-    left = left[:, value > 1e-6 * value[0]]
-    beyond = np.eye(len(members)) - left @ left.T
+    beyond = beyond_motions(motion / scale[:, None])
     names, found = [sensors[i].channel for i in members], []
     share = _unexplained(beyond, covariance)
     first = share
     for _ in range(3):
-        if share < SOUND_SHARE:
+        if share < RIGID_SHARE:
             break
         best, others = _best_change(beyond, covariance, names)
         if best[0] > MENDED_RATIO * share:
             break
         share, suspicion, covariance = best
-        alternatives = tuple(c for s, other in others if s < max(DISTINCT * share, SOUND_SHARE / 2)
+        alternatives = tuple(c for s, other in others if s < max(DISTINCT * share, RIGID_SHARE / 2)
                              for c in other.channels if c not in suspicion.channels)
         found.append(Suspicion(kind=suspicion.kind, channels=suspicion.channels, size=suspicion.size,
                                ambiguous_with=tuple(dict.fromkeys(alternatives))))
     return found if found and share < MENDED_SHARE and share < MENDED_RATIO * first else []
-
-
-def _rigid_motion(sensors: list[Sensor]) -> np.ndarray | None:
-    """(n_channel, 6) what the channels see of a rigid body's motion; None where fewer than two are redundant."""
-    position = np.array([s.position_m for s in sensors])
-    direction = np.array([s.direction for s in sensors])
-    arm = position - position.mean(axis=0)
-    size = max(float(np.sqrt(np.mean(np.sum(arm**2, axis=1)))), 1e-9)
-    motion = np.hstack([direction, np.cross(arm / size, direction)])
-    return motion if len(sensors) > np.linalg.matrix_rank(motion, tol=1e-6) + 1 else None
 
 
 def _common_scale(covariance: np.ndarray, sensors: list[Sensor]) -> np.ndarray:

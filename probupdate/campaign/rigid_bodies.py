@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding, std_left_out
 from probupdate.modal.modes import Sensor
 
 # gap between parts: this share of the extent along the axis, or of the distances across it
@@ -23,8 +23,6 @@ RIGID_SHARE = 0.006
 DISTINCT = 1.5
 # a change is taken if it leaves less than this share of what was unexplained; in the end the part must be rigid
 LEAST_MENDED = 0.8
-# gains of sound sensors differ by so much (one standard deviation)
-ALIKE = 0.01
 # directions in which sensors see less than this of a motion give no information on it
 LEAST_SEEN = 1e-3
 
@@ -134,7 +132,7 @@ def wrong_gains(
     scale = np.sqrt(np.mean(np.abs(samples) ** 2, axis=0)) if len(samples) else np.zeros(len(sensors))
     if not len(samples) or np.any(scale == 0):
         return [], 1.0
-    beyond = _beyond(motion)
+    beyond = beyond_motions(motion)
     if np.trace(beyond) < 0.5:
         return [], 1.0
     first = _share(beyond, samples)
@@ -197,7 +195,7 @@ def _gains_and_errors(beyond: np.ndarray, samples: np.ndarray, taken: Sequence[_
     groups, n = [g for g, _ in taken], len(samples)
     gains = _together(beyond, samples, groups)
     every = np.array([_together(beyond, np.delete(samples, k, axis=0), groups) for k in range(n)])
-    return gains, np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
+    return gains, std_left_out(every) if n > 2 else np.abs(gains)
 
 
 def _independent(groups: Sequence[Group], n_channel: int) -> bool:
@@ -222,8 +220,8 @@ def _together(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group]) 
     return gains
 
 
-def _beyond(motion: np.ndarray) -> np.ndarray:
-    """(n, n) projector on what no rigid motion makes."""
+def beyond_motions(motion: np.ndarray) -> np.ndarray:
+    """(n, n) projector on what none of the motions (n, 6) makes."""
     left, value, _ = np.linalg.svd(motion, full_matrices=False)
     left = left[:, value > LEAST_SEEN * value[0]]
     return np.eye(len(motion)) - left @ left.T

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 # a size counts beyond so many standard deviations
 SIGMA = 4.0
+# gains of sound sensors, and of a shape seen twice, differ by so much (one standard deviation): calibrations to 1 %
+ALIKE = 0.01
+
+
+def std_left_out(every: np.ndarray) -> np.ndarray:
+    """Standard deviations (...) of an estimate from those without each of n parts (n, ...), the jackknife's."""
+    n = len(every)
+    return np.sqrt((n - 1) / n * np.sum((every - np.mean(every, axis=0)) ** 2, axis=0))
 
 
 @dataclass(frozen=True, kw_only=True)

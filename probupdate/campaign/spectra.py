@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,13 @@ class CrossSpectra:
     density: np.ndarray
     n_segment: int
 
+    def coherence(self, channels: Sequence[int]) -> np.ndarray:
+        """(n_frequency, n, n) squared coherence of some channels, 0 where one of two does not move."""
+        g = self.density[:, channels][:, :, channels]
+        own = np.einsum("fii->fi", np.real(g))
+        both = own[:, :, None] * own[:, None, :]
+        return np.divide(np.abs(g) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+
 
 def most_channels(rate_hz: float, highest_hz: float) -> int:
     """How many channels can be compared with one another within LARGEST_BYTES."""
@@ -49,34 +57,53 @@ def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossS
     if length < 16:
         return None
     length -= length % 2
-    step = length // 2
-    window = np.hanning(length + 1)[:-1]
     frequency = fft.rfftfreq(length, 1 / rate_hz)
     wanted = (frequency > 0) & (frequency <= highest_hz)
-    spectra = []
-    for first in range(0, n_sample - length + 1, step):
-        piece = data[first: first + length]
-        if enough(piece):
-            spectra.append(fft.rfft(zero_filled(piece).T * window, axis=1)[:, wanted])
-    if len(spectra) < FEWEST_SEGMENTS:
+    lines = segment_lines(data, length, wanted)
+    if len(lines) < FEWEST_SEGMENTS:
         return None
-    stack = np.array(spectra).transpose(2, 1, 0)
-    density = stack.conj() @ stack.transpose(0, 2, 1) * (2 / (rate_hz * np.sum(window**2) * len(spectra)))
+    density = mean_products(lines) * per_hz(length, rate_hz)
     return CrossSpectra(frequency_hz=frozen_array(frequency[wanted]), density=frozen_array(density, complex),
-                        n_segment=len(spectra))
+                        n_segment=len(lines))
 
 
-def enough(piece: np.ndarray) -> bool:
-    """Whether at least half of every channel's samples (n, n_channel) were measured."""
-    return bool(np.all(2 * np.isfinite(piece).sum(axis=0) >= len(piece)))
+def segment_lines(
+    data: np.ndarray, length: int, kept: np.ndarray, *, moving: bool = False
+) -> list[np.ndarray]:
+    """Lines `kept` of the Fourier transforms (n_line, n_channel) of half overlapping segments under Hann windows, those
+    in which at least half of every channel's samples (n_sample, n_channel) were measured (and every channel moves)."""
+    window, found = np.hanning(length + 1)[:-1], []
+    for first in range(0, len(data) - length + 1, length // 2):
+        piece = data[first: first + length]
+        if np.any(2 * np.isfinite(piece).sum(axis=0) < length):
+            continue
+        piece = zero_filled(piece)
+        if not moving or np.all(np.ptp(piece, axis=0) > 0):
+            found.append(fft.rfft(piece.T * window, axis=1)[:, kept].T)
+    return found
+
+
+def mean_products(lines: Sequence[np.ndarray]) -> np.ndarray:
+    """(n_line, n, n) mean of conj(X_i) X_j over segments' transforms."""
+    stack = np.array(lines).transpose(1, 0, 2)
+    return stack.conj().transpose(0, 2, 1) @ stack / len(lines)
+
+
+def per_hz(length: int, rate_hz: float) -> float:
+    """What makes `mean_products` a one-sided density."""
+    return 2 / (rate_hz * np.sum(np.hanning(length + 1)[:-1] ** 2))
+
+
+def to_acceleration(sensors: Sequence[Sensor], frequency_hz: np.ndarray) -> np.ndarray:
+    """(n_line, n_channel) factors that make every channel's transform an acceleration's."""
+    return (2j * np.pi * frequency_hz[:, None]) ** np.array([TO_ACCELERATION[s.quantity] for s in sensors])
 
 
 def in_acceleration(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> CrossSpectra:
     """The same with every channel as an acceleration, whatever it measures."""
-    times = np.array([TO_ACCELERATION[s.quantity] for s in sensors])
-    if not times.any():
+    if all(TO_ACCELERATION[s.quantity] == 0 for s in sensors):
         return spectra
-    factor = (2j * np.pi * spectra.frequency_hz[:, None]) ** times
+    factor = to_acceleration(sensors, spectra.frequency_hz)
     density = factor.conj()[:, :, None] * spectra.density * factor[:, None, :]
     return CrossSpectra(frequency_hz=spectra.frequency_hz, density=frozen_array(density, complex),
                         n_segment=spectra.n_segment)

@@ -372,12 +372,7 @@ def assemble(
     if theory not in THEORIES:
         raise InputError("mesh.theory", f"'{theory}' is unknown", f"choose from {', '.join(THEORIES)}")
     transform = transformation(frame)
-    stiffness = list(_stiffness(frame, theory))
-    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
-    loads = (*own_weight, *frame.prestress)
-    if loads:
-        forces = axial_forces(frame, values, theory, loads)
-        stiffness += list(_geometric_stiffness(frame, forces, [load.coefficient for load in loads]))
+    stiffness = _with_prestress(frame, values, theory, gravity_mps2)
     collected_k = _collect(stiffness, updated, values)
     collected_m = _collect(_mass(frame, theory), updated, values)
     fixed = {name: value for name, value in values.items() if name not in updated}
@@ -395,12 +390,7 @@ def supporting_matrices(
     """K, M (n, n) at parameter values (all by name) of what acts between the nodes `kept` (n_node,) alone, and the
     motions of all nodes (6 n_node, n), zero for the others. Member forces of prestress are those of the whole frame."""
     transform = transformation(frame)
-    stiffness = list(_stiffness(frame, theory))
-    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
-    loads = (*own_weight, *frame.prestress)
-    if loads:
-        forces = axial_forces(frame, values, theory, loads)
-        stiffness += list(_geometric_stiffness(frame, forces, [load.coefficient for load in loads]))
+    stiffness = _with_prestress(frame, values, theory, gravity_mps2)
     released = [bool(kept[tie.node]) for tie in frame.ties for _ in tie.released]
     inside = np.concatenate([np.repeat(kept, 6), np.array(released, bool)])
     transform = sparse.diags_array(inside.astype(float)) @ transform
@@ -412,6 +402,19 @@ def supporting_matrices(
         (matrix,) = _sum_terms(_collect(own, (), values), transform)
         matrices.append(matrix)
     return matrices[0], matrices[1], transform[: 6 * len(frame.node_m)]
+
+
+def _with_prestress(
+    frame: Frame, values: Mapping[str, float], theory: str, gravity_mps2: float | None
+) -> list[Contribution]:
+    """All stiffnesses, with the geometric ones under the own weight, unless gravity is None, and the frame's loads."""
+    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
+    loads = (*own_weight, *frame.prestress)
+    found = list(_stiffness(frame, theory))
+    if loads:
+        forces = axial_forces(frame, values, theory, loads)
+        found += _geometric_stiffness(frame, forces, [load.coefficient for load in loads])
+    return found
 
 
 def _geometric_stiffness(
