@@ -18,7 +18,7 @@ from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes
 from probupdate.io.result_table import table_of
 from probupdate.modal.modes import read_modes
 from probupdate.reporting import report_with_conclusion
-from probupdate.runtime.executors import Executor, beside, executor
+from probupdate.runtime.executors import Executor, executor, processes_beside
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
 from probupdate.updating.discrepancy import LikelihoodSettings
@@ -273,7 +273,7 @@ class _Steps:
             ended[step] = result
             self._state.finish(step)
 
-        with beside(*((_timed, *work[step]) for step in others)) as waiting:
+        with processes_beside(*((_timed, *work[step]) for step in others)) as waiting:
 
             def watching(what: str, done: int, total: int) -> None:
                 for step, future in zip(others, waiting, strict=True):

@@ -25,8 +25,8 @@ COPIED = "copied"
 LOWEST_HZ = 0.15
 # a level is rigid up to so many times the lowest motion's frequency
 RIGID_UP_TO = 8.0
-# share of a level's motion (channels scaled alike) that a rigid body does not explain: below RIGID_SHARE it is sound ...
-# ... a change of one channel or a swap is believed if it leaves less than this, and less than half of what was before
+# share of a level's motion (channels scaled alike) that a rigid body does not explain: a change of one channel or a
+# swap is believed if it leaves less than this, and less than half of what was before
 MENDED_SHARE, MENDED_RATIO = 0.05, 0.5
 # gain of one channel against its level, or one direction against the other; sensors are calibrated to some per cent,
 # and legs and braces move a little by themselves

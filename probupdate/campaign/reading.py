@@ -18,7 +18,7 @@ from probupdate.campaign.scada import EARLIEST, LATEST, StatedScada, read_scada
 from probupdate.campaign.stated import UNITS, refuse_other_words
 from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import input_file, input_folder, inside, present, read_toml
+from probupdate.io.files import input_file, input_folder, path_inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
 from probupdate.io.schema import table_as
 from probupdate.modal.modes import Sensor
@@ -156,7 +156,7 @@ def read_campaign(path: str | Path) -> Campaign:
     Raises InputError where a key, a unit or a file is not what the campaign's layout says.
     """
     path = input_folder(path, remedy="give the folder that holds campaign.toml")
-    where = inside(path / "campaign.toml", path)
+    where = path_inside(path / "campaign.toml", path)
     head = read_head(where)
     raw, scada = head.raw, path / "scada.csv"
     left_out = _left_out(where, raw, head.channels)
@@ -171,7 +171,7 @@ def read_campaign(path: str | Path) -> Campaign:
         rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(where, raw),
         files=_record_files(path / "acceleration", head.sampling_rate_hz, head.sensors),
-        scada=_scada(where, raw, inside(scada, path)) if present(scada) else None,
+        scada=_scada(where, raw, path_inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
     )
@@ -280,7 +280,7 @@ def _record_files(folder: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> 
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
     files = []
     for path in paths:
-        inside(path, folder.parent)
+        path_inside(path, folder.parent)
         if path.suffix == parquet_records.ENDING:
             start, rate, n_sample = parquet_head(input_file(path, "remove it"), sensors)
             files.append(_checked(path, n_sample, start, rate, rate_hz))

@@ -19,7 +19,7 @@ import numpy as np
 from probupdate.campaign.stated import LENGTHS, Stated
 from probupdate.campaign.uff_axes import NODES, SYSTEMS, UNITS, Geometry, geometry, number_of, whole_of
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import input_file, whole
+from probupdate.io.files import input_file, written_whole
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.runtime.arrays import frozen_array
 
@@ -417,7 +417,7 @@ def _node_dataset(pyuff, places: np.ndarray) -> dict:
 
 
 def _write(pyuff, datasets: Sequence[dict], path: Path) -> Path:
-    with whole(path) as part:
+    with written_whole(path) as part:
         file = pyuff.UFF(str(part))
         for k, one in enumerate(datasets):
             file.write_sets(one, mode="add" if k else "overwrite")

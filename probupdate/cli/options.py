@@ -21,7 +21,7 @@ def weights_option(a: argparse.Namespace) -> str | tuple[float, ...]:
 
 
 # the largest value of an option: beyond it lies a slip of the pen, or a job that no memory or lifetime holds
-MOST = {
+LARGEST = {
     "days": 3660, "jobs": 4096, "modes": 100_000, "order": 500, "block rows": 5000, "Hz": 100_000, "kW": 1_000_000,
     "sets": 1_000_000, "iterations": 100_000, "draws": 1_000_000, "ensembles": 64, "steps": 10_000_000, "CoV": 10.0,
     "deviations": 100.0, "reduced modes": 1000,
@@ -34,8 +34,8 @@ def positive(kind: type, what: str = "") -> Callable[[str], float]:
         value = kind(text)
         if not value > 0:
             raise argparse.ArgumentTypeError(f"{text} is not above zero")
-        if value > MOST.get(what, float("inf")):
-            raise argparse.ArgumentTypeError(f"{text} {what} are more than {MOST[what]:g}, the most there can be")
+        if value > LARGEST.get(what, float("inf")):
+            raise argparse.ArgumentTypeError(f"{text} {what} are more than {LARGEST[what]:g}, the most there can be")
         return value
 
     convert.__name__ = kind.__name__

@@ -71,7 +71,7 @@ def given_paths(a: argparse.Namespace) -> list[str]:
 
 
 # notes on a model's files that a command repeats
-SAID = 3
+MOST_NOTES = 3
 # errors of a path that a user named; others are the machine's
 OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG,
             errno.ELOOP, errno.EROFS}
@@ -84,7 +84,7 @@ def _os_words(error: OSError, program: str) -> str:
     where = str(error.filename) if error.filename is not None else "a file or the output"
     reason = error.strerror or str(error) or type(error).__name__
     if error.errno in FULL:
-        return f"{where}: {reason}; make room or name another place; {_kept(program)}"
+        return f"{where}: {reason}; make room or name another place; {_kept_words(program)}"
     return f"{where}: {reason}; check the path"
 
 
@@ -94,7 +94,7 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _kept(program: str) -> str:
+def _kept_words(program: str) -> str:
     """Of a command whose parts stand as they are finished, and of the others."""
     return "what was finished is kept" if program.split(" ")[-1] in KEEPING else "nothing of this run is kept"
 
@@ -129,8 +129,8 @@ def _unused(a: argparse.Namespace) -> list[str]:
 
         model = run_places(Path(run)).get("model")
     notes = model_notes(model) if model else ()
-    more = [f"{len(notes) - SAID} more such notes: probupdate modes {model}"] if len(notes) > SAID else []
-    return [*(f"note: {note}" for note in notes[:SAID]), *more]
+    more = [f"{len(notes) - MOST_NOTES} more such notes: probupdate modes {model}"] if len(notes) > MOST_NOTES else []
+    return [*(f"note: {note}" for note in notes[:MOST_NOTES]), *more]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -161,14 +161,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"{program}: interrupted; {_kept(program)}")
+        complain(f"{program}: interrupted; {_kept_words(program)}")
         return 130
     except OSError as error:
         complain(f"{program}: {_os_words(error, program)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"{program}: out of memory; give less at a time, or a machine with more; {_kept(program)}")
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; {_kept_words(program)}")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
     return 0

@@ -13,7 +13,7 @@ from scipy.sparse import csgraph
 from probupdate.campaign.blocks import PART
 from probupdate.errors import InputError
 from probupdate.io.result_table import plural
-from probupdate.modal.joined_modes import hours_of, joined
+from probupdate.modal.joined_modes import hours_of, join_modes
 from probupdate.modal.matching import close_clusters
 from probupdate.modal.modes import ModalData, ModalSet, ModeRecord, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
@@ -216,7 +216,7 @@ def gather(
 def of_model(data: ModalData, beside: Collection[str] = ()) -> tuple[ModalData, list[str]]:
     """The modes that are compared with a model, each as one, and those `beside` them; and what to say of those that
     were two, or that are none of the model's."""
-    data, notes = joined(data)
+    data, notes = join_modes(data)
     # what the model lacks comes first
     notes = [*map(unmatched_words, unmatched(data)), *notes]
     compared = data.compared()

@@ -19,9 +19,9 @@ from probupdate.diagnosis.part_places import PartKey
 from probupdate.errors import ConvergenceError
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
-from probupdate.structure.moved_channels import MovedChannels, moved_to
+from probupdate.structure.moved_channels import MovedChannels, rows_moved
 from probupdate.structure.projected_terms import Expansion, ProjectedTerms
-from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
+from probupdate.structure.readings import FeltGravity, channel_readings, reading_slopes
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
@@ -270,7 +270,7 @@ class LocalModel:
     @cached_property
     def at_channels(self) -> np.ndarray:
         """(n_row, n) motion and tilt of the channels here."""
-        return self._padded(moved_to(self.small.at_channels, self.small.moved, self.theta))
+        return self._padded(rows_moved(self.small.at_channels, self.small.moved, self.theta))
 
     def _padded(self, rows: np.ndarray) -> np.ndarray:
         """(..., n) of rows on the basis (..., r): a tuned mass by itself moves nothing."""
@@ -315,7 +315,7 @@ class LocalModel:
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
         value = (2 * np.pi * modes.frequency_hz[:count]) ** 2
-        return as_read(self.at_channels @ modes.vectors[:, :count], value, self.held)
+        return channel_readings(self.at_channels @ modes.vectors[:, :count], value, self.held)
 
     @cached_property
     def held(self) -> np.ndarray | None:

@@ -37,7 +37,7 @@ from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
-from probupdate.modal.joined_modes import joined
+from probupdate.modal.joined_modes import join_modes
 from probupdate.modal.modes import ModalData, ModeRecord, mac
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
@@ -84,7 +84,7 @@ def unmatched_modes(
 ) -> list[Unmatched]:
     """Every mode that is none of the model's, by itself, beside what the diagnosis of all others (`known`) found."""
     ids = set(known.problem.blocks.ids)
-    data, _ = joined(data)
+    data, _ = join_modes(data)
     data = replace(data, sets=tuple(s for s in data.sets if s.id in ids))
     records = unmatched(data)
     compared = len(known.problem.blocks.labels)

@@ -47,7 +47,7 @@ from probupdate.diagnosis.time_profiles import (
 )
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
-from probupdate.modal.joined_modes import joined
+from probupdate.modal.joined_modes import join_modes
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
@@ -225,7 +225,7 @@ def diagnose_without_model(
     `sensors`: where channels are; without them only gains along the record can be judged. `campaign_check`: findings in
     the raw records (see `campaign_tests.campaign_tests`), listed and counted. `effects`: a user's own of sensors.
     """
-    data, as_one = joined(data)
+    data, as_one = join_modes(data)
     blocks = with_derived(gather(data))
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)

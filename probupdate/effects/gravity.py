@@ -9,7 +9,7 @@ from probupdate.structure.extend import EffectParameter
 
 CAUSE = "gravity in the readings"
 # a statement is right or wrong; what lies beyond is noise
-SCALE, MOST = 1.0, 1.5
+SCALE, LARGEST_SIZE = 1.0, 1.5
 
 
 def gravity_effects(channels: Sequence[tuple[str, bool]], taken: Sequence[str] = ()) -> tuple[Effect, ...]:
@@ -26,11 +26,11 @@ def gravity_effects(channels: Sequence[tuple[str, bool]], taken: Sequence[str] =
         while name in taken:
             name += "_"
         adds = EffectParameter(name=name, kind="sensor_gravity", settings={"channels": own}, std=SCALE, lower=0.0,
-                               upper=MOST, cause=CAUSE, location=where)
+                               upper=LARGEST_SIZE, cause=CAUSE, location=where)
         stated = "it is stated to be in them and is not" if held else "it is stated to be taken out and is not"
         found.append(Effect(
             kind="measurement", cause=CAUSE, location=where, unit="-", tolerance=0.0, prior_scale=SCALE, lower=0.0,
-            upper=MOST, adds=adds, time_profiles=("constant",),
+            upper=LARGEST_SIZE, adds=adds, time_profiles=("constant",),
             signature=f"{stated}: horizontal channels differ by g/w^2 times the slope of the shape, near the foot "
                       "and in the lowest modes most",
             check=f"state gravity = {'false' if held else 'true'} of these sensors in campaign.toml, or of the "

@@ -44,7 +44,7 @@ GROUP_OF_CAUSE = {
     "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
 }
 # a swinging mass of nothing is no quantity to be uncertain about; shear has a row of its own, for all members
-LEFT_OUT = ("blade coupling", "shear deformation")
+WITHOUT_TOLERANCE = ("blade coupling", "shear deformation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ def turbine_rows(d: Description) -> list[Tolerance]:
     """Every source of a turbine's model."""
     rows = []
     for e in turbine_effects(d):
-        if e.adds is None or not e.tolerance or e.cause in LEFT_OUT:
+        if e.adds is None or not e.tolerance or e.cause in WITHOUT_TOLERANCE:
             continue
         source = ErrorSource(name=e.adds.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
                              unit=e.unit, std=e.tolerance, check=e.check)

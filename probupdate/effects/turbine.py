@@ -68,7 +68,7 @@ def turbine_effects(
         rows += [*_soil(d), *_water(d)]
     rows += [*_masses(d), *_environment(d), *_heights(d, placed),
              *gravity_effects(level, [p.name for p in d.parameter])]
-    return (*rows, *(_single(d) if single_members and isinstance(d, OnJacket) else ()))
+    return (*rows, *(_single_members(d) if single_members and isinstance(d, OnJacket) else ()))
 
 
 def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settings=None, group="structural", unit="",
@@ -87,7 +87,7 @@ def _legs(d: Description) -> tuple[str, ...]:
     return d.jacket.leg_names if isinstance(d, OnJacket) else ()
 
 
-def _all(d: Description) -> str:
+def _in_soil(d: Description) -> str:
     """What stands in the soil."""
     return "all legs" if isinstance(d, OnJacket) else d.stands_on
 
@@ -128,7 +128,7 @@ def _jacket(d: OnJacket) -> Iterator[Effect]:
                        signature="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
 
 
-def _single(d: OnJacket) -> Iterator[Effect]:
+def _single_members(d: OnJacket) -> Iterator[Effect]:
     for bay in _bays(d):
         for face, legs in _faces(d).items():
             for first, second in (legs, legs[::-1]):
@@ -241,7 +241,7 @@ def _foundation(d: OnFoundation) -> Iterator[Effect]:
 
 
 def _soil(d: Offshore) -> Iterator[Effect]:
-    yield _row("scour_all", "scour", "scour", _all(d), low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
+    yield _row("scour_all", "scour", "scour", _in_soil(d), low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
                time_profiles=("constant", "step", "ramp"), signature="second bending falls, base turns more",
                check="bathymetric survey")
     for leg in _legs(d):
@@ -259,7 +259,7 @@ def _soil(d: Offshore) -> Iterator[Effect]:
                        signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
         if not _legs(d) and curve != "all":
-            yield _row(f"soil_{curve}", "soil", cause, _all(d), **own, time_profiles=("constant", "step", "ramp"),
+            yield _row(f"soil_{curve}", "soil", cause, _in_soil(d), **own, time_profiles=("constant", "step", "ramp"),
                        signature="base softer or stiffer", check="pile records, cone test")
 
 
@@ -438,7 +438,7 @@ def _environment(d: Description) -> Iterator[Effect]:
 
 
 def _softening(d: Offshore) -> Iterator[Effect]:
-    row, whole = partial(_row, group="environmental"), _all(d)
+    row, whole = partial(_row, group="environmental"), _in_soil(d)
     for curve, where in (("all", whole), ("py", f"{whole}, lateral"), ("tz", f"{whole}, axial")):
         yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
                   settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, prior_scale=0.3,

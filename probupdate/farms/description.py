@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from probupdate.errors import InputError
-from probupdate.io.files import named_within, read_toml
+from probupdate.io.files import named_path, read_toml
 from probupdate.io.schema import Length, Range, refuse_unknown, table_as
 from probupdate.structure.load import REFERENCE_STATES
 from probupdate.updating.joint_inference import DEFAULT as JOINT
@@ -213,7 +213,7 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
         raise InputError(where, "has no model, and the farm has none", "add model = ...")
     root = path.parent.resolve()
     if chosen not in REFERENCE_STATES:
-        chosen = str(named_within(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
+        chosen = str(named_path(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
     folders = list(_folders(root, turbine.campaigns, where))
     found = sorted((f for f in folders if (f / CAMPAIGN).is_file()), key=lambda folder: in_order(folder.name))
     if not found:

@@ -13,7 +13,7 @@ from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.io.schema import Range, checked, table_as
-from probupdate.modal.labels import across, along_x, is_bending
+from probupdate.modal.labels import along_x, is_bending, label_across
 from probupdate.modal.modes import ModalSet
 
 # a threshold may be infinite, which leaves its criterion out
@@ -145,7 +145,8 @@ def required_modes(
 
 def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
     """(FAk, SSk), or (Xk, Yk), of one number k."""
-    return [(j, labels.index(across(t))) for j, t in enumerate(labels) if along_x(t) and across(t) in labels]
+    return [(j, labels.index(label_across(t))) for j, t in enumerate(labels)
+            if along_x(t) and label_across(t) in labels]
 
 
 def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:

@@ -17,7 +17,7 @@ from probupdate.identification.physical import PhysicalModes
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice
 from probupdate.io.result_table import plural
-from probupdate.modal.joined_modes import columns_of, held_for_two
+from probupdate.modal.joined_modes import columns_of, modes_with_two_numbers
 from probupdate.modal.modes import ModalSet, ModelMode, ModeRecord
 
 T = TypeVar("T")
@@ -49,7 +49,7 @@ def name_modes(
     # a pair that turns with the nacelle is found in one direction before it turns and in another one after it; modes of
     # several setups are those of all of them
     turns = any("nacelle_angle_deg" in s.environment for s in sets)
-    two = [] if turns or every else held_for_two(sets)
+    two = [] if turns or every else modes_with_two_numbers(sets)
     mode_in_column = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
     sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column.tolist(), strict=True)]
     seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})

@@ -21,7 +21,7 @@ from probupdate.identification.criteria import (
 )
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
-from probupdate.modal.conditions import COLUMNS, KNOWN, SIMILAR, misnamed
+from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, misnamed
 from probupdate.modal.labels import is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step
@@ -241,7 +241,7 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
 
 def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalSet, ...]:
     """The sets with what this table says of their blocks, and nothing that another one said."""
-    if not set(KNOWN) & set(scada.columns):
+    if not set(KNOWN_COLUMNS) & set(scada.columns):
         raise InputError(scada.attrs.get("path", "SCADA"),
                          f"has none of SCADA's columns, but {', '.join(map(str, scada.columns[:4]))}",
                          f"name them {', '.join(COLUMNS[:4])} and so on (docs/formats/campaign.md)")

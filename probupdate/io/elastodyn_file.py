@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.errors import InputError, parsing
 from probupdate.io.elastodyn_keys import unused
-from probupdate.io.files import named_within
+from probupdate.io.files import named_path
 from probupdate.io.fortran_text import logical, number, read_lines, unquoted, words
 from probupdate.runtime.arrays import frozen_array
 
@@ -85,7 +85,7 @@ class _Keys:
 
     def beside(self, name: str) -> Path:
         at, word = self.word(name)
-        file = named_within(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
+        file = named_path(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
                             root=self.root, remedy="put it into that folder, or the model's TOML above both")
         if not file.is_file():
             raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
@@ -128,11 +128,11 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
             over="raise", invalid="raise", divide="raise"):
         _refuse_furling(keys)
         yaw = keys.number("NacYaw", 0.0)
-        return ElastoDyn(tower=_tower(keys), rotor_nacelle=turned(_rotor_nacelle(keys), yaw), yaw_deg=yaw,
+        return ElastoDyn(tower=_tower(keys), rotor_nacelle=turned_body(_rotor_nacelle(keys), yaw), yaw_deg=yaw,
                          platform=_platform(keys), notes=keys.notes())
 
 
-def turned(body: RigidBody, angle_deg: float) -> RigidBody:
+def turned_body(body: RigidBody, angle_deg: float) -> RigidBody:
     """The body counter-clockwise about z."""
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -61,7 +61,7 @@ TOML_SIGN = re.compile(r"[=,\[\]{}\n]")
 
 
 @contextlib.contextmanager
-def whole(path: str | Path) -> Iterator[Path]:
+def written_whole(path: str | Path) -> Iterator[Path]:
     """The temporary path to write to; it takes the place of `path` where the block ends without an error.
 
     Raises OSError with the file's name where the disk is full or nothing may be written, InputError where `path` is a
@@ -69,14 +69,14 @@ def whole(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     _refuse_target(path)
-    with named(path):
+    with errors_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _tidied(path.parent.absolute())
         # a name may have 255 bytes
         short = os.fsdecode(os.fsencode(path.name)[:120])
         part = path.with_name(f"{short}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
     try:
-        with named(path):
+        with errors_named(path):
             yield part
             _to_disk(part)
             if path.exists():
@@ -92,12 +92,12 @@ def whole(path: str | Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def whole_stream(path: str | Path) -> Iterator[BinaryIO]:
     """`whole`, as an unbuffered stream to write to and read from."""
-    with whole(path) as part, part.open("w+b", buffering=0) as stream:
+    with written_whole(path) as part, part.open("w+b", buffering=0) as stream:
         yield stream
 
 
 def write_bytes(path: str | Path, content: bytes) -> Path:
-    with whole(path) as part:
+    with written_whole(path) as part:
         part.write_bytes(content)
     return Path(path)
 
@@ -115,7 +115,7 @@ def write_json_rows(
     path: str | Path, before: Mapping[str, object], key: str, rows: Iterable[object], after: Mapping[str, object]
 ) -> Path:
     """`write_json` of {**before, key: [*rows], **after}, byte for byte, with one row in memory at a time."""
-    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+    with written_whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         stream.write("{")
         for name, value in before.items():
             stream.write(f"\n {json.dumps(name)}: {_indented(value, 1)},")
@@ -140,7 +140,7 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     """An .npz file of arrays."""
     import numpy as np
 
-    with whole(path) as part, part.open("wb") as stream:
+    with written_whole(path) as part, part.open("wb") as stream:
         np.savez(stream, **arrays)
     return Path(path)
 
@@ -213,7 +213,7 @@ def _refuse_target(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         return
     except (OSError, ValueError) as error:
-        raise InputError(_shown(path), f"is no name of a file ({_why(error)})", "name another file") from None
+        raise InputError(_shown_path(path), f"is no name of a file ({_reason(error)})", "name another file") from None
     if stat.S_ISLNK(mode):
         raise InputError(str(path), "is a link, and what it leads to is not written over", "name the file itself")
     if not stat.S_ISREG(mode):
@@ -233,7 +233,7 @@ def _to_disk(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def named(path: Path) -> Iterator[None]:
+def errors_named(path: Path) -> Iterator[None]:
     """Errors of the machine name the file that is meant; of HDF5 too, which hides their number in its words."""
     try:
         yield
@@ -242,7 +242,7 @@ def named(path: Path) -> Iterator[None]:
     except OSError as error:
         number = error.errno or _hidden_number(error)
         if number is None:
-            raise ProbupdateError(f"{path}: cannot be written ({_why(error)})") from error
+            raise ProbupdateError(f"{path}: cannot be written ({_reason(error)})") from error
         raise OSError(number, os.strerror(number), str(path)) from error
     except (RuntimeError, ValueError) as error:
         number = _hidden_number(error)
@@ -269,18 +269,18 @@ def input_file(path: str | Path, remedy: str = "check the path", *, largest: int
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(_shown(path), "no such file", remedy + _alike(path)) from None
+        raise InputError(_shown_path(path), "no such file", remedy + _similar_name(path)) from None
     except (OSError, ValueError) as error:
-        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
     if not stat.S_ISREG(found.st_mode):
-        raise InputError(_shown(path), f"is {_kind(found.st_mode)}, not a file", remedy)
+        raise InputError(_shown_path(path), f"is {_kind(found.st_mode)}, not a file", remedy)
     if largest is not None and found.st_size > largest:
-        raise InputError(_shown(path), f"has {found.st_size / 2**20:.0f} MB, more than the {largest / 2**20:.0f} MB "
-                         "that such a file may have", remedy)
+        raise InputError(_shown_path(path), f"has {found.st_size / 2**20:.0f} MB, more than the "
+                         f"{largest / 2**20:.0f} MB that such a file may have", remedy)
     return path
 
 
-def _alike(path: Path) -> str:
+def _similar_name(path: Path) -> str:
     """'; did you mean ...?' where the folder has one name that is nearly the missing one."""
     try:
         names = [entry.name for entry in itertools.islice(os.scandir(path.parent), MOST_NAMES)]
@@ -297,24 +297,24 @@ def input_folder(path: str | Path, problem: str = "is not a directory", remedy: 
     except (FileNotFoundError, NotADirectoryError):
         good = False
     except (OSError, ValueError) as error:
-        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
     if not good:
-        raise InputError(_shown(path), problem, remedy)
+        raise InputError(_shown_path(path), problem, remedy)
     return path
 
 
-def inside(path: Path, folder: Path) -> Path:
+def path_inside(path: Path, folder: Path) -> Path:
     """The path, refused where a link leads it out of the folder that it belongs to."""
     try:
         good = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):
         good = False
     if not good:
-        raise InputError(_shown(path), f"leads out of {folder} by a link", "copy the file there")
+        raise InputError(_shown_path(path), f"leads out of {folder} by a link", "copy the file there")
     return path
 
 
-def named_within(name: str, folder: Path, where: str, *, root: Path | None = None,
+def named_path(name: str, folder: Path, where: str, *, root: Path | None = None,
                  remedy: str = "put it beside") -> Path:
     """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
     Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
@@ -324,7 +324,7 @@ def named_within(name: str, folder: Path, where: str, *, root: Path | None = Non
         path.is_file()
         good = path.is_relative_to(folder.resolve() if root is None else root.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(where, f"'{name:.80}' is no name of a file ({_why(error)})", remedy) from None
+        raise InputError(where, f"'{name:.80}' is no name of a file ({_reason(error)})", remedy) from None
     if not good:
         raise InputError(where, f"'{name:.200}' leaves the folder {(root or folder).name or root or folder}", remedy)
     return path
@@ -347,14 +347,14 @@ def read_bytes(path: str | Path, remedy: str = "check the path", *, largest: int
         with path.open("rb") as stream:
             return stream.read(largest + 1)
     except OSError as error:
-        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
 
 
 def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: int = LARGEST_TEXT) -> str:
     try:
         return read_bytes(path, remedy, largest=largest).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(_shown(Path(path)), f"is no UTF-8 text ({error})", "save it as UTF-8") from None
+        raise InputError(_shown_path(Path(path)), f"is no UTF-8 text ({error})", "save it as UTF-8") from None
 
 
 def read_json(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path",
@@ -515,9 +515,9 @@ def _kind(mode: int) -> str:
     return next((text for test, text in kinds if test(mode)), "something else")
 
 
-def _why(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
-def _shown(path: Path) -> str:
+def _shown_path(path: Path) -> str:
     return str(path).replace("\0", "\\0")

@@ -121,7 +121,7 @@ def refuse_unsafe(path: str | Path, problem: str, remedy: str, *, whole: bool = 
 
 def refuse_outside(where: str, dataset: Any, remedy: str) -> None:
     """Once more where the samples are read, perhaps later and in another process: they must lie in the file itself."""
-    wrong = hdf5_probe.outside(dataset)
+    wrong = hdf5_probe.outside_words(dataset)
     if wrong:
         raise InputError(where, wrong, remedy)
 

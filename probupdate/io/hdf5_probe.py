@@ -56,7 +56,7 @@ def problem_of(path, whole):
     return None
 
 
-def outside(dataset):
+def outside_words(dataset):
     """Words on samples that lie in other files, or None."""
     import h5py
 
@@ -72,7 +72,7 @@ def dataset_problem(dataset, complete):
     """Words on what makes a dataset unsafe, or None; complete: a large one whose numbers were never written is one."""
     import h5py
 
-    wrong = outside(dataset)
+    wrong = outside_words(dataset)
     if wrong or dataset.shape is None or 0 in dataset.shape:
         return wrong
     complete = complete and _size(dataset) > LARGEST_UNWRITTEN

@@ -58,7 +58,7 @@ def read_program_matrices(files: Sequence[Path]) -> ProgramMatrices:
         if ending == ".full":
             return _ansys(first)
         if len(files) == 1:
-            both = _both_in_one(first)
+            both = _pair_of_matrices(first)
             if both is not None:
                 return both
         second = files[1] if len(files) > 1 else _partner(first)
@@ -151,12 +151,12 @@ def _calculix_frequencies(path: Path) -> np.ndarray | None:
 def _pair(stiffness: Path, mass: Path) -> ProgramMatrices:
     if _is_abaqus(stiffness) and _is_abaqus(mass):
         return _abaqus(stiffness, mass)
-    K, M = _alone(stiffness), _alone(mass)
+    K, M = _single_matrix(stiffness), _single_matrix(mass)
     n = max(K.shape[0], M.shape[0])
     return ProgramMatrices(stiffness=_sized(K, n), mass=_sized(M, n))
 
 
-def _alone(path: Path) -> sparse.csc_array:
+def _single_matrix(path: Path) -> sparse.csc_array:
     ending = path.suffix.lower()
     if ending == ".mtx":
         if read_text(path)[:14].lower() == "%%matrixmarket":
@@ -194,7 +194,7 @@ def _variables(path: Path) -> dict[str, sparse.csc_array]:
     return found
 
 
-def _both_in_one(path: Path) -> ProgramMatrices | None:
+def _pair_of_matrices(path: Path) -> ProgramMatrices | None:
     """Of a file that holds K and M under names that say so; None where it is one of two files."""
     ending = path.suffix.lower()
     if ending not in (".mat", ".npz", ".op4", ".pch"):
@@ -206,7 +206,7 @@ def _both_in_one(path: Path) -> ProgramMatrices | None:
         held, node, direction = _dmig(path)
     else:
         held = _variables(path)
-    K, M = (_named(held, names) for names in (STIFFNESS, MASS))
+    K, M = (_matrix_named(held, names) for names in (STIFFNESS, MASS))
     if K is None or M is None:
         if len(held) == 1:
             return None
@@ -217,7 +217,7 @@ def _both_in_one(path: Path) -> ProgramMatrices | None:
     return ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction)
 
 
-def _named(held: dict[str, sparse.csc_array], names: Sequence[str]) -> sparse.csc_array | None:
+def _matrix_named(held: dict[str, sparse.csc_array], names: Sequence[str]) -> sparse.csc_array | None:
     for wanted in names:
         match = [k for k in held if k.lower() == wanted or (len(wanted) > 2 and k.lower().startswith(wanted))]
         if match:

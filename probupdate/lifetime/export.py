@@ -40,9 +40,9 @@ from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
+from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
-from probupdate.structure.subdyn_writing import LEFT_OUT, NoWord
+from probupdate.structure.subdyn_writing import NOT_WRITTEN, NoWord
 from probupdate.structure.substructure import NothingBelow, turbine_substructure
 from probupdate.updating.posterior_file import Posterior
 
@@ -371,8 +371,8 @@ def _substructure(folder: Path, remark: str, left_out: list[str] | None) -> dict
         return {}
     if left_out is not None:
         worst = float(np.abs(differences(described, paths[0])).max())
-        left_out.append(f"in models/*/{NAME}: {'; '.join(LEFT_OUT)}; without these, read back below the tower of the "
-                        f"first draw, the turbine's lowest frequencies are the model's within {worst:.1e}")
+        left_out.append(f"in models/*/{NAME}: {'; '.join(NOT_WRITTEN)}; without these, read back below the tower of "
+                        f"the first draw, the turbine's lowest frequencies are the model's within {worst:.1e}")
     return {p.name: None for p in paths}
 
 
@@ -385,7 +385,7 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
         written[raw["matrices"]["file"]] = None
         _copy_archive(source, folder / raw["matrices"]["file"], remark)
     if "subdyn" in raw:
-        file = read_subdyn(beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
+        file = read_subdyn(file_beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
         target = folder / raw["subdyn"]["file"]
         target.parent.mkdir(parents=True, exist_ok=True)
         lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
@@ -394,7 +394,7 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
         written |= {own.as_posix(): None} | {_joined(own.parent, name): None for name in file.soil}
         if "elastodyn" in raw.get("tower", {}):
             root = path.resolve().parent
-            for source in named_files(beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
+            for source in named_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
                 name = source.relative_to(root)
                 written[name.as_posix()] = None
                 _copy_openfast(source, folder / name, remark)

@@ -15,7 +15,7 @@ from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 
 # mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
 # share; and how much worse others must be, or they explain as much
-FAR, EXPLAINED, DISTINCT = 0.05, 0.3, 2.0
+FAR_LOSS, EXPLAINED_SHARE, DISTINCT = 0.05, 0.3, 2.0
 # mean of 1 - MAC from which another order of all channels is looked for, and turns in which order and signs of the
 # modes are found
 OTHER_ORDER, TURNS = 0.4, 3
@@ -71,12 +71,12 @@ def channel_mistake(
 ) -> ChannelMistake | None:
     """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. None where
     the shapes are alike, or no single change makes them so."""
-    shape, clusters = _judged(modal_set)
+    shape, clusters = _real_shapes(modal_set)
     if shape.shape[1] < 2 or len(channels) < 3:
         return None
     best: ChannelMistake | None = None
     for model in computed:
-        found = (_at(shape, clusters, tuple(channels), model)
+        found = (_single_change(shape, clusters, tuple(channels), model)
                  or _in_another_order(shape, clusters, tuple(channels), model))
         if found is not None and (best is None or found.mac_after > best.mac_after):
             best = found
@@ -86,7 +86,7 @@ def channel_mistake(
 def shape_agreement(modal_set: ModalSet, computed: np.ndarray) -> float:
     """Mean MAC of the set's modes, each with one of computed (n_channel, n_mode) of its own; NaN where none has three
     components."""
-    shape, clusters = _judged(modal_set)
+    shape, clusters = _real_shapes(modal_set)
     return 1 - _loss(shape, clusters, computed) if shape.shape[1] else float("nan")
 
 
@@ -94,8 +94,8 @@ def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
     """How each channel (n_channel,) moves with the computed shapes (n_channel, n_mode) over all modes: the cosine of
     its measured and its computed components, -1 of a reversed channel; its square is the coordinate MAC (Lieven &
     Ewins 1988). Each mode counts alike, a close pair is fitted within its plane. NaN where nothing moves."""
-    shape, clusters = _judged(modal_set)
-    column, _ = _best(shape, clusters, computed)
+    shape, clusters = _real_shapes(modal_set)
+    column, _ = _best_pairing(shape, clusters, computed)
     dot, own, other = (np.zeros(len(shape)) for _ in range(3))
     for members in clusters:
         columns = [column[j] for j in members if column[j] < computed.shape[1]]
@@ -111,7 +111,7 @@ def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
     return np.divide(dot, scale, out=np.full(len(shape), np.nan), where=scale > 0)
 
 
-def _judged(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
+def _real_shapes(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
     """Real shapes (n_channel, n) of the modes that have three components, and which of them are close."""
     shape = np.real(rotate_to_real(modal_set.shape))
     used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2]
@@ -119,20 +119,20 @@ def _judged(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
     return shape[:, used], [c for c in clusters if c]
 
 
-def _at(shape, clusters, channels, model) -> ChannelMistake | None:
+def _single_change(shape, clusters, channels, model) -> ChannelMistake | None:
     before = _loss(shape, clusters, model)
-    if not before > FAR:
+    if not before > FAR_LOSS:
         return None
     loss: dict[tuple[str, ...], float] = {(channels[i],): _loss(_reversed(shape, i), clusters, model)
                                           for i in range(len(channels))}
-    for i, j in combinations(_tried(shape, clusters, model), 2):
+    for i, j in combinations(_channels_tried(shape, clusters, model), 2):
         order = np.arange(len(channels))
         order[[i, j]] = j, i
         loss[channels[i], channels[j]] = _loss(shape[order], clusters, model)
     ranked = sorted(loss, key=loss.__getitem__)
     least = loss[ranked[0]]
     alike = [c for c in ranked if loss[c] < DISTINCT * least + 1e-3]
-    if least > EXPLAINED * before or len(alike) > MOST_CANDIDATES:
+    if least > EXPLAINED_SHARE * before or len(alike) > MOST_CANDIDATES:
         return None
     return ChannelMistake(candidates=tuple(alike), mac_before=1 - before, mac_after=1 - least)
 
@@ -151,7 +151,7 @@ def _in_another_order(shape, clusters, channels, model) -> ChannelMistake | None
         sign = np.sign(np.sum(unit[0][order] * unit[1], axis=0))
         order = assign((unit[1] * sign) @ unit[0].T)
     after = _loss(shape[order], clusters, model)
-    if after > FAR:
+    if after > FAR_LOSS:
         return None
     return ChannelMistake(candidates=(tuple(channels[np.flatnonzero(order == k)[0]] for k in range(len(channels))),),
                           mac_before=1 - before, mac_after=1 - after)
@@ -165,10 +165,10 @@ def _reversed(shape: np.ndarray, channel: int) -> np.ndarray:
 
 def _loss(shape: np.ndarray, clusters: list[list[int]], model: np.ndarray) -> float:
     """Mean of 1 - MAC over the modes, each with a computed mode of its own."""
-    return float(1 - np.mean(_best(shape, clusters, model)[1]))
+    return float(1 - np.mean(_best_pairing(shape, clusters, model)[1]))
 
 
-def _best(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:
+def _best_pairing(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:
     criterion = np.zeros((shape.shape[1], model.shape[1]))
     for members in clusters:
         single = len(members) == 1
@@ -180,11 +180,11 @@ def _best(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:
     return column, criterion[np.arange(len(criterion)), column]
 
 
-def _tried(shape, clusters, model) -> list[int]:
+def _channels_tried(shape, clusters, model) -> list[int]:
     """Channels whose exchange is tried."""
     if len(shape) <= MOST_CHANNELS:
         return list(range(len(shape)))
-    column, _ = _best(shape, clusters, model)
+    column, _ = _best_pairing(shape, clusters, model)
     away = np.zeros(len(shape))
     for j, i in enumerate(column):
         if i < model.shape[1]:

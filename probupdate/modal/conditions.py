@@ -9,7 +9,7 @@ COLUMNS = (
     "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
 )
-KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
+KNOWN_COLUMNS = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
 # similarity of names from which one is a slip of the pen for the other, and from which it may be the same thing
 MISSPELT, SIMILAR = 0.88, 0.6
 
@@ -19,15 +19,15 @@ def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
     first."""
     given = [str(c) for c in columns]
     # such as wind_speed_mps_p95: another statistic beside the mean
-    others = [c for c in given if c not in KNOWN and not c.startswith(tuple(f"{k}_" for k in COLUMNS))]
+    others = [c for c in given if c not in KNOWN_COLUMNS and not c.startswith(tuple(f"{k}_" for k in COLUMNS))]
     plain = {c.strip().lower(): c for c in reversed(others)}
     found = {}
-    for known in KNOWN:
+    for known in KNOWN_COLUMNS:
         if known in given:
             continue
         close = difflib.get_close_matches(known, list(plain), n=1, cutoff=alike)
         # nearest to this one of all known names
-        if close and difflib.get_close_matches(close[0], KNOWN, n=1, cutoff=alike) == [known]:
+        if close and difflib.get_close_matches(close[0], KNOWN_COLUMNS, n=1, cutoff=alike) == [known]:
             found[known] = plain[close[0]]
     return found
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.io.files import inside
+from probupdate.io.files import path_inside
 from probupdate.io.hdf5_file import new_hdf5, open_hdf5
 
 # name -> (number of axes, dtype in the file)
@@ -54,7 +54,7 @@ def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarr
     path = modes_file.with_name(name)
     if "\0" in name or not path.exists():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
-    inside(path, modes_file.parent)
+    path_inside(path, modes_file.parent)
     again = "make it again with `probupdate identify`"
     with open_hdf5(path, "no file of covariance factors", again, whole=True) as file:
         return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}

@@ -16,21 +16,21 @@ from probupdate.modal.shape_criteria import mac
 FEWEST = 8
 # the first is there in at least, and the second in at most such shares of the sets before the change, and the other
 # way round after it
-THERE, NOT_THERE = 0.8, 0.25
+PRESENT, ABSENT = 0.8, 0.25
 # what an id that is a time begins with
 TIME = re.compile(r"\d{4}-\d\d")
 # this near in ln f, or if as alike as far
-SAME_PLACE, MOVED, ALIKE_MAC = 0.02, 0.10, 0.5
+SAME_PLACE, MOVED_PLACE, ALIKE_MAC = 0.02, 0.10, 0.5
 
 
-def joined(data: ModalData) -> tuple[ModalData, list[str]]:
+def join_modes(data: ModalData) -> tuple[ModalData, list[str]]:
     """Such modes as one, by the name of the one that has one; and what to say of it. Two that have each a name are left
     as they are: of a close pair now one is found and now the other."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     hours = hours_of(tuple(s.id for s in data.sets))
     order = np.argsort(np.arange(len(data.sets)) if hours is None else hours, kind="stable")
     sets = [data.sets[k] for k in order]
-    pairs = [(a, b, k) for a, b, k in held_for_two(sets)
+    pairs = [(a, b, k) for a, b, k in modes_with_two_numbers(sets)
              if not data.labels or labels[a].isdigit() or labels[b].isdigit()]
     if not pairs:
         return data, []
@@ -42,7 +42,7 @@ def joined(data: ModalData) -> tuple[ModalData, list[str]]:
             _notes(sets, labels, pairs))
 
 
-def held_for_two(sets: Sequence[ModalSet]) -> list[tuple[int, int, int]]:
+def modes_with_two_numbers(sets: Sequence[ModalSet]) -> list[tuple[int, int, int]]:
     """Modes (first, second, the set from which on the second is found instead) of sets in the order of time."""
     from scipy import optimize
 
@@ -56,7 +56,8 @@ def held_for_two(sets: Sequence[ModalSet]) -> list[tuple[int, int, int]]:
         k = _instead(there[:, a], there[:, b])
         if k is not None:
             change[a, b] = used[k]
-            cost[a, b] = _unlike([sets[i].of_modes([a]) for i in used[:k]], [sets[i].of_modes([b]) for i in used[k:]])
+            cost[a, b] = _difference([sets[i].of_modes([a]) for i in used[:k]],
+                                     [sets[i].of_modes([b]) for i in used[k:]])
     rows, columns = optimize.linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e6))
     return [(int(a), int(b), int(change[a, b])) for a, b in zip(rows, columns, strict=True) if np.isfinite(cost[a, b])]
 
@@ -102,11 +103,11 @@ def _instead(first: np.ndarray, second: np.ndarray) -> int | None:
         total = np.concatenate([[0], np.cumsum(one)])
         share.append((total[k] / k, (total[-1] - total[k]) / (n - k)))
     (a_before, a_after), (b_before, b_after) = share
-    good = (a_before >= THERE) & (b_after >= THERE) & (a_after <= NOT_THERE) & (b_before <= NOT_THERE)
+    good = (a_before >= PRESENT) & (b_after >= PRESENT) & (a_after <= ABSENT) & (b_before <= ABSENT)
     return int(k[np.argmax(np.where(good, a_before - a_after + b_after - b_before, -9.0))]) if good.any() else None
 
 
-def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
+def _difference(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
     """How much the modes of sets of one mode each differ; infinite where they may not be one."""
     away = abs(np.log(np.nanmedian([s.frequency_hz[0] for s in after])
                       / np.nanmedian([s.frequency_hz[0] for s in before])))
@@ -114,5 +115,5 @@ def _unlike(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
     alike = mac(a, b)
     # frequencies alone are alike in shape to none
     median_mac = float(np.median(alike[np.isfinite(alike)])) if np.isfinite(alike).any() else 0.0
-    same = away <= SAME_PLACE or (away <= MOVED and median_mac >= ALIKE_MAC)
+    same = away <= SAME_PLACE or (away <= MOVED_PLACE and median_mac >= ALIKE_MAC)
     return away / SAME_PLACE + 1 - median_mac if same else np.inf

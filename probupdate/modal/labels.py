@@ -19,10 +19,10 @@ LOCAL_LIMIT = 0.5
 # modes within this of each other's frequency, of which one has more than this share across its own direction
 OBLIQUE_GAP, OBLIQUE = 0.02, 0.3
 # shapes at the sensors of a higher MAC are alike, and modes that move them less than this share of the most are unseen
-ALIKE, UNSEEN = 0.9, 1e-4
+ALIKE_MAC, UNSEEN = 0.9, 1e-4
 # bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft
 TURBINE, NEUTRAL = ("FA", "SS", "T"), ("X", "Y", "T")
-ACROSS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2]) for first, second in (pair, pair[::-1])}
+OTHER_AXIS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2]) for first, second in (pair, pair[::-1])}
 
 
 def family(label: str) -> str:
@@ -31,12 +31,12 @@ def family(label: str) -> str:
 
 
 def is_bending(label: str) -> bool:
-    return family(label) in ACROSS
+    return family(label) in OTHER_AXIS
 
 
-def across(label: str) -> str | None:
+def label_across(label: str) -> str | None:
     """The label of bending in the other direction, of the same number; None of a label that is none of bending."""
-    return ACROSS[family(label)] + label[len(family(label)) :] if is_bending(label) else None
+    return OTHER_AXIS[family(label)] + label[len(family(label)) :] if is_bending(label) else None
 
 
 def along_x(label: str) -> bool:
@@ -138,7 +138,7 @@ def indistinguishable(labels: tuple[str, ...], frequency_hz: np.ndarray, shape: 
     said = [f"{name} moves none of the sensors" for name, none in zip(named, hidden, strict=True) if none]
     alike = mac(shape, shape)
     for i, j in combinations(np.flatnonzero(~hidden), 2):
-        if alike[i, j] > ALIKE:
+        if alike[i, j] > ALIKE_MAC:
             said.append(f"{named[i]} and {named[j]} have one shape at the sensors (MAC {alike[i, j]:.3f}): "
                         "distinguished by frequency alone")
     return tuple(said)
@@ -149,7 +149,7 @@ def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 
     compared as a plane."""
     pairs = []
     for i, label in enumerate(labels):
-        partner = across(label) if along_x(label) else None
+        partner = label_across(label) if along_x(label) else None
         if partner in labels:
             j = labels.index(partner)
             if abs(frequency_hz[i] - frequency_hz[j]) < gap * 0.5 * (frequency_hz[i] + frequency_hz[j]):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modal.labels import across
+from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
 from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
@@ -176,7 +176,7 @@ def match(
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
-    known = halves, {j for j in partner if across(name[j]) in unmeasured}
+    known = halves, {j for j in partner if label_across(name[j]) in unmeasured}
     compared = _Compared(set_id=modal_set.id, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
                          computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
                          known=known, planes=planes, min_mac=min_mac)

@@ -17,9 +17,9 @@ from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
 
 # of the structure's extent: nodes are at one level, or on one vertical line, within this
-SAME = 1e-4
+SAME_LEVEL = 1e-4
 # of its horizontal extent: a node is on the axis, or the nodes of a level spread out, by this
-ASIDE = 0.02
+OFF_AXIS = 0.02
 # bands into which the height is cut where nodes form no levels, as those of an unstructured mesh
 BANDS = 50
 
@@ -38,7 +38,7 @@ def vertical_axis(places: DofPlaces, mass: np.ndarray) -> np.ndarray:
     several rise as far. mass (n_dof,): the diagonal of M."""
     moves = (places.direction >= 0) & (places.direction < 3)
     position = places.position_m[moves]
-    same = SAME * float(np.ptp(position, axis=0).max(initial=0.0)) or 1.0
+    same = SAME_LEVEL * float(np.ptp(position, axis=0).max(initial=0.0)) or 1.0
     number = place_numbers(position[:, :2], same)
     low, high = (np.full(number.max() + 1, sign * np.inf) for sign in (1, -1))
     np.minimum.at(low, number, position[:, 2])
@@ -86,8 +86,8 @@ def _sections(phi, mass, position, direction) -> tuple[np.ndarray, np.ndarray]:
     """Heights (n_level,) and of each level (n_level, 5, n_mode): translation along x and y, rotation about z, about y
     (pitch) and about x (roll)."""
     width, height = float(np.ptp(position[:, :2], axis=0).max()), float(np.ptp(position[:, 2]))
-    on_axis = np.hypot(position[:, 0], position[:, 1]) <= ASIDE * width
-    found = _fitted(phi, mass, position, direction, on_axis, _levels(position[:, 2], SAME * max(width, height)))
+    on_axis = np.hypot(position[:, 0], position[:, 1]) <= OFF_AXIS * width
+    found = _fitted(phi, mass, position, direction, on_axis, _levels(position[:, 2], SAME_LEVEL * max(width, height)))
     if len(found) < 2 and not on_axis.all():
         found = _fitted(phi, mass, position, direction, on_axis, _levels(position[:, 2], height / BANDS)) or found
     if not found:
@@ -97,7 +97,7 @@ def _sections(phi, mass, position, direction) -> tuple[np.ndarray, np.ndarray]:
 
 def _fitted(phi, mass, position, direction, on_axis, level) -> dict[float, np.ndarray]:
     found = {}
-    least = ASIDE * float(np.ptp(position[:, :2], axis=0).max())
+    least = OFF_AXIS * float(np.ptp(position[:, :2], axis=0).max())
     for z in np.unique(level):
         own = level == z
         apart = float(np.ptp(position[own, :2], axis=0).max()) > least

@@ -17,7 +17,7 @@ from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
 from probupdate.io.schema import LARGEST
-from probupdate.modal.conditions import KNOWN, misspelt
+from probupdate.modal.conditions import KNOWN_COLUMNS, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.mode_choice import ModeChoice, choice_of
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
@@ -115,7 +115,7 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
 
 
 # what is counted or computed with, where it is stated
-MEASURED = (*KNOWN, "nacelle_angle_deg", "block_minutes")
+MEASURED = (*KNOWN_COLUMNS, "nacelle_angle_deg", "block_minutes")
 
 
 def _refuse_lost(path: Path, sets: Sequence[ModalSet]) -> None:
@@ -192,7 +192,7 @@ def _read_modes(path: Path) -> ModalData:
         raise InputError(f"{path}, labels", f"{twice[0]} stands for {labels.count(twice[0])} modes",
                          "give every mode a name of its own")
     factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
-    sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
+    sets = tuple(_read_modal_set(path, k, raw, len(channels), factors) for k, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
     _refuse_lost(path, sets)
     _refuse_mixed(path, sets)
@@ -258,7 +258,7 @@ def _json_of_modes(path: Path) -> dict:
     return content
 
 
-def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
+def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
     """One entry of `sets`; factors: id of a set -> its arrays in the file beside."""
     if not isinstance(raw, dict):
         raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')

@@ -17,7 +17,7 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import named_within, read_bytes, read_json_table, read_toml, sha256
+from probupdate.io.files import named_path, read_bytes, read_json_table, read_toml, sha256
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes
 from probupdate.model.interface import Model
@@ -139,7 +139,7 @@ def _mean_updated_on(folder: Path, update: UpdateRecord | None, diagnosis: Mappi
     name = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
     if update is None or not name:
         return None
-    path = named_within(str(name), folder, f"{folder / 'diagnosis.json'}, extension")
+    path = named_path(str(name), folder, f"{folder / 'diagnosis.json'}, extension")
     if not path.exists():
         return None
     mean = read_modes(path)
@@ -185,7 +185,7 @@ def _named(folder: Path, head: Mapping, key: str) -> Path | None:
     if not head.get(key):
         return None
     where = f"{folder / 'run.json'}, {key}"
-    named_within(str(head[key]), folder, where, remedy="copy it into the run directory")
+    named_path(str(head[key]), folder, where, remedy="copy it into the run directory")
     path = folder / str(head[key])
     if not path.exists():
         raise InputError(where, f"'{head[key]}' does not exist", "mend the path, or leave the key out")

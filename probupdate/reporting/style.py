@@ -21,7 +21,7 @@ from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from probupdate.io.files import whole
+from probupdate.io.files import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -124,7 +124,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     key = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix)
     with matplotlib.rc_context(_STYLE):
         metadata = None if key is None else {key: None}
-        with whole(path) as part:
+        with written_whole(path) as part:
             figure.savefig(part, format=path.suffix[1:], dpi=160, facecolor="white", metadata=metadata)
 
 

@@ -194,11 +194,11 @@ class _Processes(Executor):
             except BrokenProcessPool:
                 self.close()
                 if lost is None:
-                    raise _ended() from None
+                    raise _worker_ended() from None
             left = [item for item in left if item[0] not in ended]
             suspects, left = left[: (1 + WAITING) * max(size, 1)], left[(1 + WAITING) * max(size, 1) :]
             for _, task in suspects:
-                yield _alone(function, task, lost)
+                yield _run_alone(function, task, lost)
 
     def prepare(self, count, *modules):
         pool = self._pool or self._start(self._jobs)
@@ -299,8 +299,8 @@ class _DaskCluster(Executor):
 
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold
-        held = self._client.scatter([_Held(shared, tasks)], hash=False)[0]
-        return self.completed(_one_of, [(number, function, held) for number in range(len(tasks))])
+        held = self._client.scatter([_Bundle(shared, tasks)], hash=False)[0]
+        return self.completed(_run_one_of, [(number, function, held) for number in range(len(tasks))])
 
     def _workers(self) -> int:
         try:
@@ -338,7 +338,7 @@ class _DaskCluster(Executor):
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
+class _Bundle:
     """Tasks and what they share as one object: of a tuple distributed sends each element by itself, and what was one
     object in two of them is no more."""
 
@@ -346,7 +346,7 @@ class _Held:
     tasks: Sequence[tuple]
 
 
-def _one_of(number: int, function: Callable[..., T], held: _Held) -> tuple[int, T]:
+def _run_one_of(number: int, function: Callable[..., T], held: _Bundle) -> tuple[int, T]:
     return number, function(*held.shared, *held.tasks[number])
 
 
@@ -371,17 +371,17 @@ def _at_worker(version: str, function: Callable, task: tuple) -> object:
     return function(*task)
 
 
-def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
+def _run_alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
     with one_thread_each(), _processes(1) as pool:
         try:
             return pool.submit(function, *task).result()
         except BrokenProcessPool:
             if lost is None:
-                raise _ended() from None
+                raise _worker_ended() from None
             return lost(task)
 
 
-def _ended() -> ProbupdateError:
+def _worker_ended() -> ProbupdateError:
     return ProbupdateError("a process ended by itself (out of memory, killed, or a script without `if __name__ == "
                            f"'__main__'`); {KEPT}: run again, or with one job")
 
@@ -398,7 +398,7 @@ def _terminate_others_than(others: set[int | None]) -> None:
 
 
 @contextmanager
-def beside(*tasks: tuple) -> Iterator[list[Future]]:
+def processes_beside(*tasks: tuple) -> Iterator[list[Future]]:
     """The tasks (function, *arguments) one after the other in a process of their own while the block runs; yields their
     futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
@@ -411,7 +411,7 @@ def beside(*tasks: tuple) -> Iterator[list[Future]]:
                 future.cancel()
             _terminate_others_than(others)
             if isinstance(error, BrokenProcessPool):
-                raise _ended() from None
+                raise _worker_ended() from None
             raise
 
 

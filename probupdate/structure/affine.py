@@ -17,8 +17,8 @@ from probupdate.model.parameters import Parameters
 from probupdate.model.uncertainty import ModelUncertainty
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import DENSE_BELOW, available_modes, cluster_coupling, lowest_modes, mode_derivatives
-from probupdate.structure.moved_channels import MovedChannels, moved_to
-from probupdate.structure.readings import FeltGravity, as_read, reading_slopes
+from probupdate.structure.moved_channels import MovedChannels, rows_moved
+from probupdate.structure.readings import FeltGravity, channel_readings, reading_slopes
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
@@ -76,7 +76,7 @@ class AffineModel:
         def shared(own, others):
             if len(own) != len(others):
                 return own
-            return tuple(b if _same(a, b) else a for a, b in zip(own, others, strict=True))
+            return tuple(b if _equal_matrices(a, b) else a for a, b in zip(own, others, strict=True))
 
         return replace(self, stiffness=shared(self.stiffness, other.stiffness), mass=shared(self.mass, other.mass))
 
@@ -126,12 +126,12 @@ class AffineModel:
 
     def channel_rows(self, theta: np.ndarray) -> sparse.csr_array:
         """`rows` at theta (n_param,)."""
-        return moved_to(self.rows, self.moved, self._theta(theta))
+        return rows_moved(self.rows, self.moved, self._theta(theta))
 
     def read(self, theta: np.ndarray, value: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """(n_channel, n_mode) what the channels read at theta of modes phi (n_dof, n_mode) of these eigenvalues."""
         theta = self._theta(theta)
-        return as_read(self.channel_rows(theta) @ phi, value, self._held(theta))
+        return channel_readings(self.channel_rows(theta) @ phi, value, self._held(theta))
 
     def _held(self, theta: np.ndarray) -> np.ndarray | None:
         return None if self.gravity is None else self.gravity.at(theta)
@@ -235,7 +235,7 @@ class AffineModel:
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
-def _same(a: sparse.csc_array, b: sparse.csc_array) -> bool:
+def _equal_matrices(a: sparse.csc_array, b: sparse.csc_array) -> bool:
     return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part))
                                   for part in ("data", "indices", "indptr"))
 

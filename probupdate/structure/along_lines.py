@@ -19,11 +19,11 @@ from probupdate.structure.moved_channels import MovedChannels
 from probupdate.structure.readings import FeltGravity, across_gravity
 
 # cosine from which two lines are one; of what a channel reads, the share within which it is its node's motion
-STRAIGHT, SAME = 0.999, 1e-9
+STRAIGHT, AT_NODE = 0.999, 1e-9
 # metres to which a way goes on beyond the next node
 REACH_M = 10.0
 # nodes that elements join with one, on average, at most
-MOST_BESIDE = 16
+MOST_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +63,7 @@ def ways(
     for s in sensors:
         own = rows[[number[s.channel]]]
         apart = abs(own - _motion(model, node, s.direction))
-        if apart.nnz and apart.max() > SAME * abs(own).max():
+        if apart.nnz and apart.max() > AT_NODE * abs(own).max():
             return ()
     result, taken = [], set()
     for other in beside.get(node, ()):
@@ -92,7 +92,7 @@ def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensor
     n_row, moved = model.rows.shape[0], []
     for column, (_, way) in enumerate(added, start=n):
         own = [directions[model.channels[k]] for k in way.channels]
-        read = [_read(model, node, own) for node in way.node]
+        read = [_reading_rows(model, node, own) for node in way.node]
         here = read[int(np.flatnonzero(way.along_m == 0)[0])]
         taken = [*way.channels, *(len(model.channels) + k for k in way.channels)][: here.shape[0]]
         onto = sparse.csr_array((np.ones(len(taken)), (taken, np.arange(len(taken)))), shape=(n_row, len(taken)))
@@ -126,7 +126,7 @@ def _motion(model: AffineModel, node: int, direction: np.ndarray) -> sparse.csr_
     return sparse.csr_array(direction[None]) @ sparse.csr_array(model.wire_matrix)[3 * node : 3 * node + 3]
 
 
-def _read(model: AffineModel, node: int, directions: Sequence[np.ndarray]) -> sparse.csr_array:
+def _reading_rows(model: AffineModel, node: int, directions: Sequence[np.ndarray]) -> sparse.csr_array:
     """(n, n_dof) what channels along these directions read of a node's motion, below it of its tilt where the model's
     channels have theirs (2 n, n_dof)."""
     rows = [_motion(model, node, d) for d in directions]
@@ -157,7 +157,7 @@ def _lines(model: AffineModel, wire: Wireframe) -> np.ndarray:
     node = sparse.kron(sparse.eye_array(len(wire.node_m)), np.ones((1, 3)), format="csr") @ moves
     coupled = sparse.triu(node @ abs(model.matrices(model.parameters.initial)[0]) @ node.T, k=1, format="coo")
     coupled.eliminate_zeros()
-    few = coupled.nnz <= MOST_BESIDE / 2 * len(wire.node_m)
+    few = coupled.nnz <= MOST_NEIGHBOURS / 2 * len(wire.node_m)
     return np.column_stack([coupled.row, coupled.col]) if few else np.empty((0, 2), int)
 
 

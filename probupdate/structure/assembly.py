@@ -30,7 +30,7 @@ from probupdate.structure.frame import Beam, Body, Frame, Hinge, LineMass, Prest
 Contribution = tuple[np.ndarray, np.ndarray, Coefficient]
 THEORIES = ("bernoulli-euler", "timoshenko")
 # terms that are transformed in one product: two thousand of effects at once take 200 MB meanwhile
-TOGETHER = 128
+TERMS_AT_ONCE = 128
 
 
 def node_dofs(*nodes: int) -> np.ndarray:
@@ -306,8 +306,8 @@ def _collect(contributions: Iterable[Contribution], updated: Sequence[str], valu
 def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sparse.csc_array]:
     """T^T B_t T of every term t, symmetric to the last bit."""
     entries = list(collector.keys.values())
-    return [matrix for first in range(0, len(entries), TOGETHER)
-            for matrix in _transformed(entries[first : first + TOGETHER], transform)]
+    return [matrix for first in range(0, len(entries), TERMS_AT_ONCE)
+            for matrix in _transformed(entries[first : first + TERMS_AT_ONCE], transform)]
 
 
 def _transformed(terms: Sequence[Sequence[tuple]], transform: sparse.csr_array) -> Iterator[sparse.csc_array]:

@@ -140,7 +140,7 @@ def channel_rows(
             for k, line in lines.items():
                 found[k] = line.at(frame, move.fixed_m)
         else:
-            moved.append(_moved(frame, sensors, lines, move))
+            moved.append(_moving_channels(frame, sensors, lines, move))
     return _rows(frame, sensors, dict(enumerate(found))), tuple(moved)
 
 
@@ -174,7 +174,7 @@ def attachments(
         yield found
 
 
-def _moved(frame: Frame, sensors: Sequence[Sensor], lines: Mapping[int, Line], move: Move) -> MovedChannels:
+def _moving_channels(frame: Frame, sensors: Sequence[Sensor], lines: Mapping[int, Line], move: Move) -> MovedChannels:
     """What sensors (by number) read that sit farther up their lines, within the bounds of `move`."""
     ends = [end for line in lines.values() for low, high, _ in line.pieces for end in (low, high)]
     inside = sorted(end for end in ends if move.low_m + STRAIGHT_M < end < move.high_m - STRAIGHT_M)

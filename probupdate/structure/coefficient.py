@@ -12,7 +12,7 @@ Values = Mapping[str, float | np.ndarray]
 
 # of each function the values at the last few points are kept: a fit moves few parameters at a time, and what depends on
 # the others is the same; of many points at once those are found that differ in what a function reads, from so many on
-N_KEPT, MANY = 6, 8
+N_KEPT, MANY_POINTS = 6, 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +60,7 @@ def _invert(name: str, values: Values):
 
 
 @dataclass(frozen=True)
-class _Named:
+class _OfParameter:
     """A picklable function of one parameter."""
 
     rule: Callable
@@ -72,12 +72,12 @@ class _Named:
 
 def parameter(name: str) -> Coefficient:
     """The parameter itself."""
-    return Coefficient(1.0, (Factor(key=("value", name), names=(name,), function=_Named(_pick, name)),))
+    return Coefficient(1.0, (Factor(key=("value", name), names=(name,), function=_OfParameter(_pick, name)),))
 
 
 def inverse(name: str) -> Coefficient:
     """One over the parameter: a factor on the displacement axis of a curve divides its stiffness."""
-    return Coefficient(1.0, (Factor(key=("inverse", name), names=(name,), function=_Named(_invert, name)),))
+    return Coefficient(1.0, (Factor(key=("inverse", name), names=(name,), function=_OfParameter(_invert, name)),))
 
 
 def product(names: Iterable[str]) -> Coefficient:
@@ -161,9 +161,9 @@ class Coefficients:
     def _value(self, number: int, theta: np.ndarray, values: Values) -> np.ndarray:
         """What a table is at theta (..., n_param)."""
         table, columns = self.tables[number], self._columns[number]
-        if isinstance(table, _Named) and table.rule is _pick and len(columns):
+        if isinstance(table, _OfParameter) and table.rule is _pick and len(columns):
             return theta[..., columns[0]]
-        if not (theta.ndim == 1 or (theta.ndim == 2 and len(theta) >= MANY)):
+        if not (theta.ndim == 1 or (theta.ndim == 2 and len(theta) >= MANY_POINTS)):
             return np.asarray(table(values))
         own, kept = theta[..., columns], self._kept[number]
         key = own.tobytes()

@@ -22,7 +22,7 @@ NEUTRAL = {
     "sc": 0.0, "corr": 0.0, "mg": 0.0, "a_m": 1.0, "m_h": None, "py": 1.0, "tz": 1.0, "qw": 1.0,
 }
 # and what a monopile's transition piece and a tower's foundation have beside
-WHOLE = NEUTRAL | {"k_c": 1.0, "k_f": 1.0}
+ALL_NEUTRAL = NEUTRAL | {"k_c": 1.0, "k_f": 1.0}
 # the lowest value each can take in any structure: factors must stay above zero, depths and thicknesses not below it
 POSITIVE = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "m_h", "py", "tz", "qw", "k_c", "k_f")
 
@@ -251,7 +251,7 @@ class Description(Table):
         """All parameters and the effects at the file's initial values; rows not listed act neutrally."""
         # a file without a hub is refused by a check, which comes after others that ask for values
         hub = next((body.mass_kg for body in self.rna if body.name == "hub"), 0.0)
-        neutral = {name: hub if WHOLE[name] is None else WHOLE[name] for name in self.own_parameters}
+        neutral = {name: hub if ALL_NEUTRAL[name] is None else ALL_NEUTRAL[name] for name in self.own_parameters}
         return neutral | {p.name: p.initial for p in self.parameter}
 
 

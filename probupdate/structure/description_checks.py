@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from probupdate.structure.description import (
+    ALL_NEUTRAL,
     POSITIVE,
-    WHOLE,
     Description,
     Offshore,
     OnFoundation,
@@ -19,7 +19,7 @@ from probupdate.structure.description import (
     Sleeve,
     TubeEntry,
 )
-from probupdate.structure.effect_kinds import KINDS, SETTINGS, Kind, On
+from probupdate.structure.effect_kinds import KINDS, SETTINGS, Kind, Place
 from probupdate.structure.effects import ends, faces
 from probupdate.structure.schema import Mistake, nearest
 
@@ -221,11 +221,11 @@ def _check_parameters(d: Description) -> Iterator[Mistake]:
     for k, p in enumerate(d.parameter):
         key = f"parameter[{k + 1}] {p.name}"
         if p.kind is None and p.name not in d.own_parameters:
-            which = f"this model, which stands on a {d.stands_on}" if p.name in WHOLE else "this model"
+            which = f"this model, which stands on a {d.stands_on}" if p.name in ALL_NEUTRAL else "this model"
             yield (key, f"'{p.name}' is not a parameter of {which}",
                    nearest(p.name, d.own_parameters) + " (an effect at a place needs a kind)")
             continue
-        if p.kind is not None and p.name in WHOLE:
+        if p.kind is not None and p.name in ALL_NEUTRAL:
             yield f"{key}.kind", f"'{p.name}' is a parameter of the whole structure", "give the effect another name"
             continue
         if p.kind is None and (p.on.given or any(getattr(p, name) is not None for name in SETTINGS)):
@@ -332,7 +332,7 @@ def _check_settings(p, key: str, kind: Kind) -> Iterator[Mistake]:
             yield f"{key}.motion", f"'{value}' is not one of the kind '{p.kind}'", nearest(value, kind.motions)
 
 
-def _check_on(on: On, key: str, name: str, d: Description) -> Iterator[Mistake]:
+def _check_on(on: Place, key: str, name: str, d: Description) -> Iterator[Mistake]:
     kind = KINDS[name]
     for part in on.given:
         if part not in kind.keys:

@@ -30,10 +30,10 @@ def parse_description(raw: dict, where: str) -> Description:
     try:
         description = kind.model_validate(raw)
     except ValidationError as error:
-        raise _first([_translate(e, kind) for e in error.errors()], where) from None
+        raise _first_mistake([_translate(e, kind) for e in error.errors()], where) from None
     mistakes = [m for check in CHECKS for m in check(description)]
     if mistakes:
-        raise _first(mistakes, where)
+        raise _first_mistake(mistakes, where)
     return description
 
 
@@ -53,7 +53,7 @@ def _kind(raw: dict, where: str) -> type[Description]:
     return SUBSTRUCTURES[found[0]]
 
 
-def _first(mistakes: list[Mistake], where: str) -> InputError:
+def _first_mistake(mistakes: list[Mistake], where: str) -> InputError:
     # a key that is missing may be there misspelt, which says more
     key, problem, remedy = min(mistakes, key=lambda m: m[1].startswith("is missing"))
     rest = len(mistakes) - 1

@@ -22,7 +22,7 @@ WET_GROUPS = ("leg", "brace", "pile", "column")
 MEMBER_KEYS = ("group", "leg", "face", "bay", "part", "level_m")
 
 
-class On(Table):
+class Place(Table):
     """Where an effect acts; every key that is given narrows the choice.
 
     group; leg (a name; for joints the leg at the brace's end); face (its two legs, "AB"); bay (counted from the lowest,
@@ -46,7 +46,7 @@ class EffectKeys(Table):
     """The keys that a [[parameter]] with a kind has beside those of every parameter."""
 
     kind: str | None = None
-    on: On = On()
+    on: Place = Place()
     motion: Literal["all", "axial", "bending", "in plane", "out of plane"] | None = None
     curve: Literal["all", "py", "tz", "qw"] | None = None
     at_m: Number | None = None

@@ -23,7 +23,7 @@ FULL_BELOW, FULL_SHARE = 500, 0.25
 # for positive definite matrices, hardly any for others
 SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 # of a shape derivative's equation, relative: where corrections stop, and above which a pivoted factorisation is taken
-REFINED, REFUSED = 1e-11, 1e-9
+REFINED_RESIDUAL, REFUSED_RESIDUAL = 1e-11, 1e-9
 CORRECTIONS = 20
 # of solutions corrected in extended precision, each by the same factor: after a correction so small the next one is of
 # its square
@@ -35,7 +35,7 @@ SOFT, FREE = 1e-10, 1e-8
 # leaves some 1e-16
 MASSLESS = 1e-14
 # a mode's own factorisation is made this share beside its eigenvalue, where the matrix is not singular
-BESIDE = 1e-6
+SHIFT_SHARE = 1e-6
 # eigenvalues nearer to each other (relative) are equal but for rounding
 EQUAL = 1e-9
 
@@ -335,7 +335,7 @@ def _deflated(K, M, value: float, basis, right):
     """
     matrix = sparse.csc_matrix(K - value * M)
     try:
-        factor = sparse_linalg.splu(sparse.csc_matrix(K - (1 + BESIDE) * value * M), diag_pivot_thresh=0.01,
+        factor = sparse_linalg.splu(sparse.csc_matrix(K - (1 + SHIFT_SHARE) * value * M), diag_pivot_thresh=0.01,
                                     **SYMMETRIC)
     except RuntimeError:
         return None
@@ -355,9 +355,9 @@ def _deflated(K, M, value: float, basis, right):
         if not now < 0.5 * error:
             break
         solution, error = fresh, now
-        if error < REFINED:
+        if error < REFINED_RESIDUAL:
             break
-    return solution if error < REFUSED else None
+    return solution if error < REFUSED_RESIDUAL else None
 
 
 def _bordered(matrix, mass, border, right):

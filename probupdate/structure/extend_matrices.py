@@ -85,7 +85,7 @@ def write_grouped(
         content |= _csr_parts("channel_row", channel_rows[:n])
         if channel_rows.shape[0] > n:
             content |= _csr_parts("channel_tilt_row", channel_rows[n:])
-    content = _with_held(source, content, parameters.held)
+    content = _with_held_parameters(source, content, parameters.held)
     tables = [_table(p) for p in parameters]
     for group in groups:
         called = group_parameter(group.name, [t["name"] for t in tables])
@@ -103,7 +103,7 @@ def write_grouped(
     return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
 
 
-def _with_held(source: Path, content: Mapping, held: Sequence[tuple[str, float]]) -> dict[str, np.ndarray]:
+def _with_held_parameters(source: Path, content: Mapping, held: Sequence[tuple[str, float]]) -> dict[str, np.ndarray]:
     """The arrays with the matrices of parameters that are held at a value added to K0 and M0, in CSR parts."""
     result = dict(content)
     for kind in ("K", "M"):

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.io.files import input_file, named_within
+from probupdate.io.files import input_file, named_path
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
@@ -74,7 +74,7 @@ def load_model(
     if path.suffix == ".npz":
         _refuse_sensors(input_file(path, "check the path"), sensors)
         if parameters is None:
-            table = str(_beside(path))
+            table = str(_parameters_beside(path))
             parameters = read_parameters(table)
         return load_matrices(path, parameters, table=table)
     if path.suffix.lower() == ".dat":
@@ -154,7 +154,7 @@ def _tables_beside(path: Path) -> list[Path]:
     return [p for p in (*there, path.with_name("parameters.toml")) if p.is_file()]
 
 
-def _beside(path: Path) -> Path:
+def _parameters_beside(path: Path) -> Path:
     """The table of parameters of a model.npz."""
     for found in _tables_beside(path):
         return found
@@ -183,7 +183,7 @@ def _named_file(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
-    return named_within(table["file"], path.resolve().parent, f"{path}: matrices.file")
+    return named_path(table["file"], path.resolve().parent, f"{path}: matrices.file")
 
 
 def model_files(path: str | Path, parameters: str | Path | None = None) -> tuple[Path, ...]:
@@ -254,7 +254,7 @@ def turbine_model(
         coefficients=assembled.coefficients,
         channel_matrix=rows[: len(chosen)],
         tilt_matrix=rows[len(chosen) :],
-        gravity=_felt(description, chosen, parameters, values),
+        gravity=_felt_gravity(description, chosen, parameters, values),
         hash_key=_hash(description, values, chosen, nacelle_angle_deg),
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
@@ -280,7 +280,7 @@ def _moves(description: Description, parameters: Parameters, values: Mapping[str
     return found
 
 
-def _felt(
+def _felt_gravity(
     description: Description, sensors: Sequence[Sensor], parameters: Parameters, values: Mapping[str, float]
 ) -> FeltGravity:
     """What the sensors hold of gravity: as stated, and as parameters that say that this is wrong have it."""

@@ -33,7 +33,7 @@ PENALTY = 1e6
 # largest difference of two runs' derivatives, of the derivative itself, that printed digits explain
 LINEAR = 1e-4
 # difference from the program's own frequencies that is refused: beyond what another eigensolver or printed digits make
-REFUSED = 0.02
+REFUSED_DIFFERENCE = 0.02
 COUNT = 8
 # channels that are written where none are named
 MOST_CHANNELS = 12
@@ -224,8 +224,8 @@ def _mirrored(matrix: sparse.csc_array, where: str, name: str, notes: list[str])
     if not np.all(np.isfinite(matrix.data)):
         raise InputError(where, "has an entry that is no number", "export it again")
     upper, lower = sparse.triu(matrix, 1), sparse.tril(matrix, -1)
-    one_sided = [side for side, other in ((upper, lower), (lower, upper)) if side.nnz and not _any(other)]
-    if one_sided and _any(one_sided[0]):
+    one_sided = [side for side, other in ((upper, lower), (lower, upper)) if side.nnz and not _has_entries(other)]
+    if one_sided and _has_entries(one_sided[0]):
         notes.append(f"one triangle of the {name} was written; the other is its mirror image")
         return sparse.csc_array(matrix + one_sided[0].T)
     apart = abs(matrix - matrix.T).max() / abs(matrix).max()
@@ -235,7 +235,7 @@ def _mirrored(matrix: sparse.csc_array, where: str, name: str, notes: list[str])
     return sparse.csc_array(0.5 * (matrix + matrix.T))
 
 
-def _any(matrix) -> bool:
+def _has_entries(matrix) -> bool:
     return bool(matrix.nnz) and bool(np.any(matrix.data != 0))
 
 
@@ -384,7 +384,7 @@ def _solved(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np
     if printed is not None:
         m = min(len(found), len(printed))
         worst = int(np.argmax(np.abs(found[:m] / printed[:m] - 1)))
-        if abs(found[worst] / printed[worst] - 1) > REFUSED:
+        if abs(found[worst] / printed[worst] - 1) > REFUSED_DIFFERENCE:
             raise InputError(where, f"mode {worst + 1} is {found[worst]:.5g} Hz by these matrices, "
                              f"{printed[worst]:.5g} Hz as the program printed it", "check that both are of one "
                              "run, with one set of boundary conditions and units")

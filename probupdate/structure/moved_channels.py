@@ -43,7 +43,7 @@ class MovedChannels:
         return replace(self, powers=tuple(tuple(power @ basis for power in piece) for piece in self.powers))
 
 
-def moved_to(rows: Rows, moved: Sequence[MovedChannels], theta: np.ndarray) -> Rows:
+def rows_moved(rows: Rows, moved: Sequence[MovedChannels], theta: np.ndarray) -> Rows:
     """What the channels read at theta of what they read as described."""
     for m in moved:
         if theta[m.column]:

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
 # modes of which it is said what the sensors do not see
-SAID = tuple(f"{family}{k}" for own in (TURBINE, NEUTRAL) for family in own for k in (1, 2))
+MODES_SAID = tuple(f"{family}{k}" for own in (TURBINE, NEUTRAL) for family in own for k in (1, 2))
 # modes where it is not said how many
-MOST = 10
+MOST_MODES = 10
 # lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
 # buildings, 100 for footbridges; a bar of steel alone has 1280 (a quarter of the speed of sound in it). Wide on purpose
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
@@ -102,7 +102,7 @@ def own_modes(
         opened = cast("Model", model) if hasattr(model, "solve") else _wrapped(model, stated)
     most = opened.n_available
     if count is None:
-        count = min(MOST, most)
+        count = min(MOST_MODES, most)
     if count > most:
         raise InputError(opened.name, f"{count} modes are asked for, it has {most}",
                          f"ask for at most {most} (--count)")
@@ -116,7 +116,7 @@ def own_modes(
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     labels = mode_labels(opened, solution, sensors or (), families=NEUTRAL if of_matrices else TURBINE, phi=phi)
     notes = (*notes, *_implausible(opened, solution.frequency_hz), *_distinguished(labels, solution))
-    shape = _seen(solution.shape)
+    shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz),
@@ -175,11 +175,11 @@ def unused_of(path: Path) -> tuple[str, ...]:
 
 def _distinguished(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:
     """What the model's channels do not see of its first global modes, or do not distinguish."""
-    first = [j for j, label in enumerate(labels) if label in SAID]
+    first = [j for j, label in enumerate(labels) if label in MODES_SAID]
     return indistinguishable(tuple(labels[j] for j in first), solution.frequency_hz[first], solution.shape[:, first])
 
 
-def _seen(shape: np.ndarray) -> np.ndarray:
+def _without_rounding(shape: np.ndarray) -> np.ndarray:
     """Shapes with those that are rounding alone set to zero: a pile's torsion moves no point of its axis."""
     largest = np.abs(shape).max(axis=0, initial=0.0)
     return np.where(largest > UNSEEN * largest.max(initial=0.0), shape, 0.0)

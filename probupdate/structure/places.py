@@ -12,7 +12,7 @@ from probupdate.structure.effects import bay_at
 from probupdate.structure.jacket_frame import leg_point
 
 # a point within this share of the legs' spacing of a leg's axis is on it, and so for the axis of the tower
-NEAR = 0.15
+NEAR_AXIS = 0.15
 # points nearer to one another than this share of the structure's extent are one
 SAME_PLACE = 0.012
 
@@ -37,7 +37,7 @@ def place_of(d: Description, point: np.ndarray) -> str:
     if isinstance(d, OnJacket):
         if found := _of_jacket(d, x, y, z, level):
             return found
-        wide = NEAR * d.jacket.top.leg_spacing_m
+        wide = NEAR_AXIS * d.jacket.top.leg_spacing_m
     if np.hypot(x, y) >= wide:
         return ""
     if z >= d.tower.station[0].z_m:
@@ -57,7 +57,7 @@ def _of_jacket(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
     if not d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
         return ""
     legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])
-    near = NEAR * float(np.linalg.norm(legs[0] - legs[1]))
+    near = NEAR_AXIS * float(np.linalg.norm(legs[0] - legs[1]))
     away = np.linalg.norm(legs[:, :2] - [x, y], axis=1)
     if away.min() < near:
         return f"leg {d.jacket.leg_names[int(np.argmin(away))]}, {level}"

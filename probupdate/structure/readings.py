@@ -53,7 +53,7 @@ class FeltGravity:
         return [(column, self.mps2 * own * (1 - 2 * self.share)) for column, own in self.reversed_by]
 
 
-def as_read(seen: np.ndarray, value: np.ndarray, held: np.ndarray | None) -> np.ndarray:
+def channel_readings(seen: np.ndarray, value: np.ndarray, held: np.ndarray | None) -> np.ndarray:
     """(..., n_channel, n_mode) of `seen`, channels' motions and below them their tilts (..., 2 n_channel, n_mode), in
     modes of eigenvalues `value` (..., n_mode); held (..., n_channel). Without tilts (None) as it is."""
     if held is None:
@@ -88,7 +88,7 @@ def gravity_words(
 ) -> str:
     """What is taken of gravity in the readings of these channels, to be said beside a result: `felt` as modal sets
     state it, the lowest frequency measured, and the model's height where it is known."""
-    held, known = _held(model, channels)
+    held, known = _channels_with_gravity(model, channels)
     words = []
     if known:
         source = "as the modal sets state" if felt else "as their quantities have it, which the modal sets do not state"
@@ -102,7 +102,7 @@ def lacking_words(
 ) -> list[str]:
     """A sentence on channels whose place has no rotation in the model, so that it reads their motion alone, and by how
     much that may be wrong."""
-    _, known = _held(model, channels)
+    _, known = _channels_with_gravity(model, channels)
     lacking = [c for c in channels if c not in known and felt.get(c, True)]
     if not lacking:
         return []
@@ -119,7 +119,7 @@ def tilt_length_m(frequency_hz: float) -> float:
     return float(STANDARD_MPS2 / (2 * np.pi * frequency_hz) ** 2)
 
 
-def _held(model: object, channels: Sequence[str]) -> tuple[list[str], list[str]]:
+def _channels_with_gravity(model: object, channels: Sequence[str]) -> tuple[list[str], list[str]]:
     """Channels whose readings hold gravity, and those of which the model knows the tilt."""
     gravity: FeltGravity | None = getattr(model, "gravity", None)
     if gravity is None:

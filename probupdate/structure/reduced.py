@@ -28,7 +28,7 @@ BOX_ALLOWANCE = 10.0
 LEAST_MAC = 0.9999
 # modes that move the channels less than this share of what the mode they see best does (local modes of braces) have
 # no shape there that a MAC could judge; their frequencies are held to the tolerance like all others
-SEEN = 0.05
+SEEN_MOTION = 0.05
 # eigenfrequencies closer than this share are judged as one plane
 CLUSTER_GAP = 0.05
 # shares of the tolerance within which the points that decide the size and those that verify it must lie: errors have
@@ -209,7 +209,7 @@ class _Checks:
             motion = np.linalg.norm(shape, axis=0)
             for group in clusters_of(self.frequency_hz[row]):
                 # a cluster cut off at the upper end has no plane of its own to compare
-                if group[-1] < n_mode and np.all(motion[group] > SEEN * motion.max()):
+                if group[-1] < n_mode and np.all(motion[group] > SEEN_MOTION * motion.max()):
                     worst = min(worst, plane_mac(quick[:, group], shape[:, group]))
         return worst
 

@@ -15,7 +15,7 @@ from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.moved_channels import MovedChannels
-from probupdate.structure.readings import as_read
+from probupdate.structure.readings import channel_readings
 
 # what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square
 ROUNDING = 1e-5
@@ -175,7 +175,7 @@ class ReducedModel:
         order = np.argsort(value, axis=1)[:, :n_mode]
         value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
         gravity = self.full.gravity
-        seen = as_read(seen, value, None if gravity is None else gravity.at(theta))
+        seen = channel_readings(seen, value, None if gravity is None else gravity.at(theta))
         exhausted = np.zeros(len(theta), bool)
         for block, n, (own, _) in zip(self.blocks, numbers, solved, strict=True):
             if n < min(n_mode, len(block.rows)):

@@ -89,7 +89,7 @@ def mobilised(curve: tuple, displacement):
     return np.interp(displacement, *curve)
 
 
-def between(value, low: float, high: float):
+def clipped(value, low: float, high: float):
     """value clipped to [low, high] by its real part; at the bounds only the upper one is exclusive, so that the
     derivative of a mudline that lies on a node is counted in one element."""
     value = np.asarray(value)
@@ -113,7 +113,7 @@ class PileSprings:
     def buried_from(self, scour):
         """(..., n_element): xi of the present seabed in each element, 0 fully buried, 1 fully exposed."""
         top, length = np.array(self.top_depth_m), np.array(self.length_m)
-        return between((np.asarray(scour)[..., None] - top) / length, 0.0, 1.0)
+        return clipped((np.asarray(scour)[..., None] - top) / length, 0.0, 1.0)
 
     def exposed_moments(self, scour):
         """(..., n_element, 7): int xi^m dx over the part above the seabed, m = 0..6."""

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import ElastoDyn, read_elastodyn
-from probupdate.io.files import named_within
+from probupdate.io.files import named_path
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
 from probupdate.modal.mode_energy import DofPlaces
 from probupdate.modal.modes import Sensor
@@ -49,7 +49,7 @@ from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, bod
 FORMULATION = 2
 # how far from a member's surface a sensor may sit, as a share of the structure's extent
 REACH = 0.02
-Whole = Annotated[int, Strict(), Field(ge=1)]
+WholeNumber = Annotated[int, Strict(), Field(ge=1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,18 +80,18 @@ SOIL_PARTS = {"soil_lateral": (0, 1, 3, 4), "soil_vertical": (2,), "soil_torsion
 
 
 class GroupEntry(Table):
-    members: tuple[Whole, ...] = ()
-    property_sets: tuple[Whole, ...] = ()
+    members: tuple[WholeNumber, ...] = ()
+    property_sets: tuple[WholeNumber, ...] = ()
     kind: Literal["circular", "rectangular", "arbitrary", "cable", "rigid", "spring"] = "circular"
-    reactions: tuple[Whole, ...] = ()
-    masses: tuple[Whole, ...] = ()
-    joints: tuple[Whole, ...] = ()
+    reactions: tuple[WholeNumber, ...] = ()
+    masses: tuple[WholeNumber, ...] = ()
+    joints: tuple[WholeNumber, ...] = ()
 
 
 class SensorEntry(Table):
     channel: str
     level: str = ""
-    joint: Whole | None = None
+    joint: WholeNumber | None = None
     position_m: Vector | None = None
     direction: Vector
     quantity: Literal["acceleration", "velocity", "displacement"] = "acceleration"
@@ -122,7 +122,7 @@ class ParameterEntry(Table):
 class FileEntry(Table):
     file: str
     # joints whose masses turn with the nacelle
-    nacelle: tuple[Whole, ...] = ()
+    nacelle: tuple[WholeNumber, ...] = ()
 
 
 class SubDynDescription(Table):
@@ -150,14 +150,14 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
         raise InputError(f"{path}: {key}", problem, f"see docs/formats/model.md, a SubDyn file{more}") from None
 
 
-def beside(path: Path, name: str, key: str) -> Path:
+def file_beside(path: Path, name: str, key: str) -> Path:
     """A file that a TOML names: in its folder or below."""
-    return named_within(name, path.resolve().parent, f"{path}: {key}")
+    return named_path(name, path.resolve().parent, f"{path}: {key}")
 
 
 def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:
     """The SubDyn file of a TOML with the tower it describes, whose groups are called tower and rotor_nacelle."""
-    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
+    file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     entry, body = description.tower, description.rotor_nacelle
     if entry is None:
         if body is not None:
@@ -169,7 +169,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
             raise InputError(f"{path}: group.{name}", "is the name of what [tower] adds", "give the group another name")
     platform = None
     if entry.elastodyn is not None:
-        read = read_elastodyn(beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)
+        read = read_elastodyn(file_beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)
         tower, carried, platform = read.tower, read.rotor_nacelle if body is None else body_of(body), read.platform
         file = replace(file, notes=(*file.notes, *_elastodyn_notes(file, entry, read, body is None)))
     else:

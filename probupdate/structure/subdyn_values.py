@@ -14,7 +14,7 @@ from probupdate.io.fortran_text import replaced, words
 from probupdate.io.ssi_file import scaled_ssi
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn, reparsed
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import SOIL_PARTS, beside, read_description, targets_of
+from probupdate.structure.subdyn_model import SOIL_PARTS, file_beside, read_description, targets_of
 
 # what a SubDyn file has no word for
 UNSPEAKABLE = ("line_mass",)
@@ -35,7 +35,7 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
         raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for",
                          "take model.toml")
     description = read_description(read_toml(path), path)
-    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
+    file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
                 or description.tower is None)
     above = tuple(p.name for p in description.parameter if p not in own)

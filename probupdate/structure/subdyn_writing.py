@@ -18,7 +18,7 @@ from probupdate.structure.assembly import Contribution, body_mass, rigid_motion,
 from probupdate.structure.coefficient import Values
 from probupdate.structure.frame import Beam, Frame, Tie
 
-LEFT_OUT = ("added mass, growth and filling of members in water, which HydroDyn computes",
+NOT_WRITTEN = ("added mass, growth and filling of members in water, which HydroDyn computes",
             "the softening by the structure's own weight")
 # of what a connection does not release, over the stiffest beam in it: SubDyn's springs have no rigid directions
 RIGID = 1e4

@@ -22,9 +22,9 @@ from probupdate.model.parameters import Parameters
 from probupdate.structure.extend_matrices import parameters_text
 
 # modes that are taken at most; coordinates outside them lie so many times above the highest
-MOST_MODES, ABOVE = 20, 1.5
+MOST_MODES, ABOVE_HIGHEST = 20, 1.5
 # of the largest change of a shape, what is left outside the modes that needs no coordinate
-LEAST_OUTSIDE = 1e-6
+LEAST_RESIDUAL = 1e-6
 # standard deviations that stand for an open bound; corners of the bounds that are looked at; steps of narrowing
 FARTHEST, MOST_CORNERS = 8.0, 1024
 SHRUNK, LEAST_SHARE = 0.8, 1e-3
@@ -66,7 +66,7 @@ def _matrices(model: Model, n_mode: int) -> dict[str, np.ndarray]:
     inside, outside = _coefficients(shape, of_shape)
     new = _outside_basis(outside)
     n, size = n_mode, n_mode + new.shape[1]
-    high = np.full(new.shape[1], ABOVE**2 * value.max())
+    high = np.full(new.shape[1], ABOVE_HIGHEST**2 * value.max())
     found = {"K0": np.diag(np.r_[value, high]), "M0": np.eye(size), "channel_row": np.hstack([shape, new])}
     for k, name in enumerate(model.parameters.names):
         c = inside[:, :, k]
@@ -121,11 +121,11 @@ def _outside_basis(outside: np.ndarray) -> np.ndarray:
     """Orthonormal columns (n_channel, n) for changes (n_channel, n_mode, n_param) that no mode has."""
     flat = outside.reshape(len(outside), -1)
     u, s, _ = np.linalg.svd(flat, full_matrices=False)
-    return u[:, s > LEAST_OUTSIDE * max(s.max(initial=0.0), 1e-300)] if np.abs(flat).max(initial=0) > 1e-12 else (
+    return u[:, s > LEAST_RESIDUAL * max(s.max(initial=0.0), 1e-300)] if np.abs(flat).max(initial=0) > 1e-12 else (
         np.zeros((len(outside), 0)))
 
 
-def _at(arrays: dict[str, np.ndarray], kind: str, names: tuple[str, ...], theta: np.ndarray) -> np.ndarray:
+def _matrix_at(arrays: dict[str, np.ndarray], kind: str, names: tuple[str, ...], theta: np.ndarray) -> np.ndarray:
     return arrays[f"{kind}0"] + sum(t * arrays[f"{kind}_{name}"] for t, name in zip(theta, names, strict=True)
                                     if f"{kind}_{name}" in arrays)
 
@@ -144,7 +144,7 @@ def _where_positive(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tu
 
     def positive(share: float) -> bool:
         each = initial + share * ends
-        return all(np.linalg.eigvalsh(np.array([_at(arrays, kind, names, theta) for theta in each])).min() > 0
+        return all(np.linalg.eigvalsh(np.array([_matrix_at(arrays, kind, names, theta) for theta in each])).min() > 0
                    for kind in "KM")
 
     share = 1.0
@@ -164,7 +164,7 @@ def _error(model: Model, arrays: dict[str, np.ndarray], n_mode: int) -> float:
         for sign in (-1.0, 1.0):
             theta = np.array(model.parameters.initial)
             theta[k] = np.clip(theta[k] + sign * std, model.parameters.lower[k], model.parameters.upper[k])
-            K, M = (_at(arrays, kind, names, theta) for kind in "KM")
+            K, M = (_matrix_at(arrays, kind, names, theta) for kind in "KM")
             if linalg.eigvalsh(M)[0] <= 0:
                 return float("nan")
             square = linalg.eigvalsh(K, M)[:n_mode]

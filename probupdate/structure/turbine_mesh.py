@@ -81,7 +81,7 @@ class Mesh:
         stops = {0.0, 1.0}
         rise = b[2] - a[2]
         if cut and abs(rise) > SAME_POINT_M:
-            stops |= _inside((*self.cuts, *at_m), a[2], rise)
+            stops |= _levels_inside((*self.cuts, *at_m), a[2], rise)
         number = number or self.d.mesh.elements_per_member[cast(Group, group)]
         fractions = [0.0]
         for low, high in pairwise(sorted(stops)):
@@ -90,7 +90,7 @@ class Mesh:
         segments, below = [], start
         for low, high in pairwise(fractions):
             # cuts for effects leave the element's section as it is
-            extra = sorted(t for t in _inside(self.effects.levels(group), a[2], rise) if low < t < high)
+            extra = sorted(t for t in _levels_inside(self.effects.levels(group), a[2], rise) if low < t < high)
             inner = [t for t in extra if min(t - low, high - t) * abs(rise) > SAME_POINT_M]
             middle = a[2] + 0.5 * (low + high) * rise
             for t in (*inner, high):
@@ -166,7 +166,7 @@ class Mesh:
         return tuple(mass if mass.grown else covered(mass, wetting) for mass in (*masses, *filling))
 
 
-def _inside(levels, start: float, rise: float) -> set[float]:
+def _levels_inside(levels, start: float, rise: float) -> set[float]:
     """Fractions of a member from level `start` over `rise` at which it passes levels."""
     if abs(rise) <= SAME_POINT_M:
         return set()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import whole, write_bytes
+from probupdate.io.files import write_bytes, written_whole
 from probupdate.io.hdf5_file import refuse_unsafe
 from probupdate.io.result_table import table_of
 from probupdate.io.schema import checked
@@ -173,7 +173,7 @@ def _written_to_disk(groups: Mapping, path: Path) -> Path:
     import xarray
 
     # ArviZ 1 has no such class any more and warns whoever asks for it
-    with whole(path) as part:
+    with written_whole(path) as part:
         if "InferenceData" in vars(arviz):
             arviz.InferenceData(**groups).to_netcdf(str(part))
         else:

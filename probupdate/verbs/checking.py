@@ -15,7 +15,7 @@ from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import identify
 from probupdate.identification.settings import IdentificationSettings
-from probupdate.modal.channel_mistakes import FAR, ChannelMistake, channel_mistake, shape_agreement, signed_comac
+from probupdate.modal.channel_mistakes import FAR_LOSS, ChannelMistake, channel_mistake, shape_agreement, signed_comac
 from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
@@ -87,7 +87,7 @@ def against_model(
                 f"against the model: {', '.join(opposite)} moves the other way than the model's modes, in "
                 f"{int(round(each[:, data.channels.index(opposite[0])].sum()))} of {len(blocks)} blocks; "
                 + _reversed_remedy(opposite[0])))
-    if 1 - agreement <= FAR:
+    if 1 - agreement <= FAR_LOSS:
         return AgainstModel(finding="", use=use)
     if likely is None:
         return AgainstModel(use=use, finding=(

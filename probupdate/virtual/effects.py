@@ -146,7 +146,7 @@ def _choices(file: TurbineFile, key: str) -> tuple:
     }[key]
 
 
-def _counted(file: TurbineFile, key: str) -> int:
+def _number_of(file: TurbineFile, key: str) -> int:
     return {"bay": len(file.value("jacket", "bay")), "station": len(file.value("tower", "station")), "brace": 2}[key]
 
 
@@ -189,7 +189,7 @@ def _check_place(where: str, kind: str, key: str, value, file: TurbineFile) -> N
     if key in ("bay", "station", "brace"):
         if value == ALL and key != "station":
             return
-        if isinstance(value, bool) or value not in range(1, _counted(file, key) + 1):
+        if isinstance(value, bool) or value not in range(1, _number_of(file, key) + 1):
             raise InputError(where, f"{value!r} does not exist", "count from 1, the lowest")
     elif key.endswith(("_m", "_deg", "_hz")):
         if not is_number(value) or (key == "frequency_hz" and value <= 0):

@@ -46,20 +46,20 @@ class Turbine:
             structure = build_structure(self.file, self.truth, self.amount[condition])
             return structure, factorise(structure)
 
-        return _kept(self._structures, int(condition), solve)
+        return _solved_once(self._structures, int(condition), solve)
 
     def modes(self, heading_deg: float, condition: int = 0) -> HeadingModes:
         def solve():
             structure, factor = self._solver(condition)
             return heading_modes(structure, self.truth.damping_ratio, float(heading_deg), factor)
 
-        return _kept(self._modes, (float(heading_deg), int(condition)), solve)
+        return _solved_once(self._modes, (float(heading_deg), int(condition)), solve)
 
     def hidden(self, condition: int) -> HiddenEffects:
         return HiddenEffects(effects=self.truth.effects, amount=tuple(self.amount[condition]))
 
 
-def _kept(store: OrderedDict, key, solve):
+def _solved_once(store: OrderedDict, key, solve):
     if key not in store:
         store[key] = solve()
         if len(store) > N_KEPT:

@@ -24,7 +24,7 @@ class Gap:
     channel: str = ""
 
 
-def _whole(seconds: float) -> float:
+def _whole_samples(seconds: float) -> float:
     """The nearest whole number of samples (25 Hz), in seconds."""
     return round(float(seconds) * 25) / 25
 
@@ -53,14 +53,14 @@ def draw_gaps(plan: Plan, channels: tuple[str, ...], given: Mapping, rng: np.ran
     early, length = rng.random(n_hour), rng.uniform(2.0, 60.0, n_hour)
     for hour in np.flatnonzero(early < 0.1):
         end = min(3600.0 * (hour + 1), 600.0 * plan.n_slot)
-        lost = _whole(length[hour])
+        lost = _whole_samples(length[hour])
         gaps.append(Gap(kind=SHORT_FILE, start_s=end - lost, duration_s=lost))
     total = 600.0 * plan.n_slot
     for _ in range(rng.poisson(total / 10800)):
-        start, lost = _whole(rng.uniform(0, total - 1)), _whole(rng.uniform(0.04, 0.8))
+        start, lost = _whole_samples(rng.uniform(0, total - 1)), _whole_samples(rng.uniform(0.04, 0.8))
         gaps.append(Gap(kind=LOST_SAMPLES, start_s=start, duration_s=lost))
     for _ in range(rng.poisson(total / 43200)):
-        start, lost = _whole(rng.uniform(0, total - 90)), _whole(rng.uniform(5, 90))
+        start, lost = _whole_samples(rng.uniform(0, total - 90)), _whole_samples(rng.uniform(5, 90))
         channel = channels[int(rng.integers(len(channels)))]
         gaps.append(Gap(kind=LOST_SAMPLES, start_s=start, duration_s=lost, channel=channel))
     for _ in range(rng.poisson(2 * total / 86400)):

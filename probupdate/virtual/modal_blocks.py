@@ -22,11 +22,11 @@ from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amo
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
 from probupdate.virtual.effects import EFFECTS, HiddenEffects, refuse_late
 from probupdate.virtual.frame import Structure, build_structure
-from probupdate.virtual.modal_noise import SCATTER, identified
+from probupdate.virtual.modal_noise import SCATTER, identified_modes
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.reduced_states import ReducedStates, reduce_states
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import Truth, draw_truth, given_truth, read_given
+from probupdate.virtual.truth import Truth, draw_truth, given_truth, read_truth
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
 
 LABELS = tuple(SCATTER)
@@ -73,7 +73,7 @@ def simulate_modes(
     not to be found in a block. scatter: multiplies the identification's. coarseness: of the finite-element mesh.
     """
     file = read_turbine(reference_file() if model is None else model)
-    given = given_truth(truth, file) if isinstance(truth, Mapping) else read_given(truth, file)
+    given = given_truth(truth, file) if isinstance(truth, Mapping) else read_truth(truth, file)
     for state in states:
         if state not in operation.STATES:
             raise InputError("states", f"'{state}' is unknown", f"choose from {', '.join(operation.STATES)}")
@@ -98,7 +98,7 @@ def simulate_modes(
     environment = _environments(plan, block, heading, drawn, amount, np.random.default_rng(streams[3]), rng)
     sets = []
     for k, number in enumerate(block):
-        f, z, phi, covariance_factors = identified(frequency[k], damping[k], shape[k], LABELS, BLOCK_S, rng,
+        f, z, phi, covariance_factors = identified_modes(frequency[k], damping[k], shape[k], LABELS, BLOCK_S, rng,
                                                    scale=scatter)
         lost = rng.random(len(LABELS)) < missing_share
         f, z, phi = np.where(lost, np.nan, f), np.where(lost, np.nan, z), np.where(lost, np.nan, phi)
@@ -166,7 +166,7 @@ def _true_modes(reduced: ReducedStates, motions, file: TurbineFile, truth: Truth
             energy = reference.T @ reduced.stiffness @ modes
             own = [np.einsum("ij,ik,kj->j", x, reduced.stiffness, x) for x in (reference, modes)]
             common = energy**2 / np.outer(*own)
-            chosen = _sort(common, mode_character(nominal @ modes, _turned(file.sensors, angle)).share)
+            chosen = _sort(common, mode_character(nominal @ modes, _turned_sensors(file.sensors, angle)).share)
             known[key] = f[chosen], modes[:, chosen], chosen
         f, modes, chosen = known[key]
         turn = rotation(np.array([0.0, 0.0, -np.radians(angle)]))
@@ -187,7 +187,7 @@ def _true_modes(reduced: ReducedStates, motions, file: TurbineFile, truth: Truth
     return np.array(frequency), np.array(damping), np.array(shape)
 
 
-def _turned(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ...]:
+def _turned_sensors(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ...]:
     """Sensors in the nacelle's axes."""
     back = rotation(np.array([0.0, 0.0, np.radians(heading_deg)]))
     return tuple(Sensor(channel=s.channel, level=s.level, position_m=back @ s.position_m, direction=back @ s.direction)
@@ -198,7 +198,7 @@ def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, a
     """First pair, torsion, second pair of the first block in the basis (n, 5), by their character at the sensors; what
     hangs on springs is held: by the shape alone the mode of a mass of a gram is a bending mode of the tower below."""
     _, modes = reduced.modes(amount, heading_deg, N_SEARCHED, held=True)
-    character = mode_character(nominal @ modes, _turned(file.sensors, heading_deg))
+    character = mode_character(nominal @ modes, _turned_sensors(file.sensors, heading_deg))
     of_structure = (character.local < 0.5) & (np.arange(N_SEARCHED) >= 2)
     twists = np.flatnonzero(of_structure & (np.argmax(character.share, axis=1) == 2))
     torsion = int(twists[0]) if len(twists) else -1

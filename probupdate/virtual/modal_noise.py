@@ -29,7 +29,7 @@ def _gaussian(rng: np.random.Generator, *shape: int) -> np.ndarray:
     return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
 
-def identified(
+def identified_modes(
     frequency_hz: np.ndarray, damping_ratio: np.ndarray, shape: np.ndarray, labels: tuple[str, ...],
     duration_s: float, rng: np.random.Generator, *, scale: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, CovarianceFactors]:

@@ -24,7 +24,7 @@ from probupdate.virtual.effects import refuse_late
 from probupdate.virtual.hours import RATE_HZ, Turbine, hour_of_data, make_turbine
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import Given, draw_truth, read_given
+from probupdate.virtual.truth import GivenTruth, draw_truth, read_truth
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
 
 if TYPE_CHECKING:
@@ -147,25 +147,26 @@ def n_slots(days: float) -> int:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Drawn:
-    given: Given
+class _DrawnTurbine:
+    given: GivenTruth
     turbine: Turbine
     gaps: tuple[losses.Gap, ...]
     channels: tuple[str, ...]
 
 
-def _draw(recipe: _Recipe) -> _Drawn:
+def _draw(recipe: _Recipe) -> _DrawnTurbine:
     file = read_turbine(recipe.model)
-    given = read_given(recipe.truth, file)
+    given = read_truth(recipe.truth, file)
     drawn = draw_truth(given, file, np.random.default_rng(recipe.stream(0)), N_MODE)
     refuse_late(drawn.effects, recipe.n_slot / 6, "truth" if recipe.truth is None else recipe.truth)
     plan = operation.make_plan(recipe.n_slot, given.operation, np.random.default_rng(recipe.stream(1)))
     channels = tuple(s.channel for s in file.sensors)
     gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(recipe.stream(2)))
-    return _Drawn(given=given, turbine=make_turbine(file, drawn, plan, recipe.seed), gaps=gaps, channels=channels)
+    turbine = make_turbine(file, drawn, plan, recipe.seed)
+    return _DrawnTurbine(given=given, turbine=turbine, gaps=gaps, channels=channels)
 
 
-def _write_head(folder: Path, recipe: _Recipe, drawn: _Drawn, quiet: np.ndarray) -> None:
+def _write_head(folder: Path, recipe: _Recipe, drawn: _DrawnTurbine, quiet: np.ndarray) -> None:
     """What a campaign's folder holds beside its records: truth.toml, by which it is claimed, campaign.toml,
     scada.csv."""
     turbine, file = drawn.turbine, drawn.turbine.file
@@ -182,7 +183,7 @@ def _write_head(folder: Path, recipe: _Recipe, drawn: _Drawn, quiet: np.ndarray)
 
 
 def _write_missing(
-    folder: Path, recipe: _Recipe, drawn: _Drawn, hours: list[int], jobs: int | Executor, progress: Progress
+    folder: Path, recipe: _Recipe, drawn: _DrawnTurbine, hours: list[int], jobs: int | Executor, progress: Progress
 ) -> None:
     """The files of those hours that no earlier run has written."""
     todo = [hour for hour in hours if not _hour_path(folder, hour).exists()]
@@ -204,7 +205,7 @@ def _hour_path(folder: Path, hour: int) -> Path:
     return folder / "acceleration" / f"{str(start).replace(':', '').replace('-', '')}Z.h5"
 
 
-def _write_hours(drawn: _Drawn, folder: Path, hours: tuple[int, ...]) -> int:
+def _write_hours(drawn: _DrawnTurbine, folder: Path, hours: tuple[int, ...]) -> int:
     """The files of these hours; returns how many."""
     for hour in hours:
         data = hour_of_data(drawn.turbine, drawn.gaps, drawn.channels, hour)

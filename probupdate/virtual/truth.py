@@ -48,7 +48,7 @@ class _GivenTables:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Given:
+class GivenTruth:
     """A user's truth.toml: parameter values, where the others come from, the tolerances' scale, effects."""
 
     parameters: Mapping[str, float]
@@ -88,7 +88,7 @@ class Truth:
     effects: tuple[Mapping, ...]
 
 
-def read_given(path: str | Path | None, file: TurbineFile) -> Given:
+def read_truth(path: str | Path | None, file: TurbineFile) -> GivenTruth:
     """Read a truth.toml; None means the model's initial values with tolerances and no effect.
 
     The record that `simulate` writes can be given too: its parameters, effects and operation hold, the rest is
@@ -100,7 +100,7 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
         return given_truth(read_toml(Path(path), "truth file"), file, path)
 
 
-def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Given:
+def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> GivenTruth:
     """The same from a truth.toml's content; `path` names it in errors."""
     written = raw.get("format") == 1 and "drawn" in raw
     tables = table_as(_GivenTables, {k: v for k, v in raw.items() if not (written and k in RECORDED)}, str(path))
@@ -111,7 +111,7 @@ def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Give
         if value == 0 and name not in DEPTHS:
             raise InputError(f"{path}, parameters, {name}", f"{value} is not positive", "no structure has it; raise it")
     table_as(_OperationTable, tables.operation, f"{path}, operation")
-    return Given(
+    return GivenTruth(
         parameters=MappingProxyType(tables.parameters),
         parameters_from=tables.parameters_from,
         tolerance_scale=table_as(_ToleranceTable, tables.tolerances, f"{path}, tolerances").scale,
@@ -167,7 +167,7 @@ def _clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.
     return std * np.clip(rng.standard_normal(shape), -limit, limit)
 
 
-def draw_truth(given: Given, file: TurbineFile, rng: np.random.Generator, n_mode: int) -> Truth:
+def draw_truth(given: GivenTruth, file: TurbineFile, rng: np.random.Generator, n_mode: int) -> Truth:
     """Draw what the truth file leaves open. Every number is drawn in a fixed order, whatever was given."""
     values = file.initial_parameters()
     for name, parameter in file.parameters.items():

@@ -35,7 +35,7 @@ from probupdate.virtual import campaign_files, mesh, operation, soil
 from probupdate.virtual.dynamics import N_MODE, heading_modes
 from probupdate.virtual.frame import build_structure
 from probupdate.virtual.hours import RATE_HZ, hour_of_data, make_turbine
-from probupdate.virtual.modal_noise import identified
+from probupdate.virtual.modal_noise import identified_modes
 from probupdate.virtual.simulation import nacelle_labels
 from probupdate.virtual.truth import draw_truth, given_truth
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine
@@ -191,7 +191,7 @@ def _paper_set(bench: Bench, frequency, shape, rng, number: int) -> ModalSet:
 
 
 def _identified_set(frequency, damping, shape, rng, number: int) -> ModalSet:
-    f, zeta, phi, covariance_factors = identified(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
+    f, zeta, phi, covariance_factors = identified_modes(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
     return ModalSet(id=f"{number}", frequency_hz=f, damping_ratio=zeta, shape=phi,
                     covariance_factors=covariance_factors, environment={},
                     frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan))

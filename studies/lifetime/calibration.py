@@ -51,7 +51,7 @@ from probupdate.updating.discrepancy import stated_weights
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
 from probupdate.virtual.modal_blocks import BLOCK_S, LABELS
-from probupdate.virtual.modal_noise import identified
+from probupdate.virtual.modal_noise import identified_modes
 
 CASES = ("plain", "scour", "scour-named")
 SCOUR_M = 3.0
@@ -321,8 +321,8 @@ def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.G
     for e in bench.model.uncertainty.of_sensors.effects:
         amount = e.tolerance * errors[f"{e.cause}: {e.location}"]
         shape = np.column_stack([e.observe(shape[:, j : j + 1], float(f[j]), amount)[0][:, 0] for j in range(len(f))])
-    hz, zeta, phi, covariance_factors = identified(f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S,
-                                                   rng)
+    hz, zeta, phi, covariance_factors = identified_modes(
+        f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S, rng)
     one = ModalSet(
         id="0",
         frequency_hz=hz,

@@ -387,9 +387,8 @@ def identified(frequency, shape, rng) -> ModalSet:
     """What a half hour's identification makes of true modes, as the virtual turbine has it (measured of SSI-cov):
     close modes turn into one another, every channel has its own scatter, and both are estimated with their
     covariance."""
-    f, damping, phi, covariance_factors = modal_noise.identified(frequency, np.full(N_MODE, DAMPING), shape, MODES,
-                                                                 BLOCK_S,
-                                                     rng)
+    f, damping, phi, covariance_factors = modal_noise.identified_modes(
+        frequency, np.full(N_MODE, DAMPING), shape, MODES, BLOCK_S, rng)
     return ModalSet(
         id="",
         frequency_hz=f,

@@ -45,8 +45,8 @@ def scattered():
 
 
 def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file, scattered, validation):
-    """A frame that alarms where a model of beams is taken to be 0.3 % off; what begins within a record is found beside a
-    larger error, with its size."""
+    """A frame that alarms where a model of beams is taken to be 0.3 % off; what begins within a record is found beside
+    a larger error, with its size."""
     row = validation(what="frames whose storeys differ by 6 % along two axes that share a parameter, `--discrepancy` "
                           "0.01: silent; a loss of 15 % from a set on found first; its size in its standard deviations",
                      reference="what was hidden")

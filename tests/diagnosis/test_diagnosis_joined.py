@@ -7,7 +7,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis.prepare import prepare
-from probupdate.modal.joined_modes import joined
+from probupdate.modal.joined_modes import join_modes
 from probupdate.modal.modes import ModalData, ModeRecord
 from tests.diagnosis.conftest import CHANNELS
 
@@ -57,7 +57,7 @@ def test_a_channel_that_is_reversed_amid_the_record_is_named_where_its_modes_hav
               ("named", "sensor polarity", "y5", "step", data.sets[22].id))
     said = f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2 near the same frequency"
     assert any(note.startswith(said) for note in found.notes)
-    corrected, _ = joined(data)
+    corrected, _ = join_modes(data)
     assert corrected.labels == NAMES and all(s.measured.all() for s in corrected.sets)
 
 
@@ -74,18 +74,18 @@ def test_a_storey_that_loosens_is_named_where_its_modes_have_new_numbers(prepare
 def test_modes_that_come_and_go_or_have_names_or_are_elsewhere_stay_two(record):
     data = record(5)
     whole = split(data, 20)
-    assert joined(whole)[0].labels == NAMES and len(joined(whole)[1]) == 1
+    assert join_modes(whole)[0].labels == NAMES and len(join_modes(whole)[1]) == 1
     # of a pair now one is found and now the other, by their names
     named = replace(whole, labels=(*NAMES, "X3", "Y3", "X4", "Y4"))
-    assert joined(named) == (named, [])
+    assert join_modes(named) == (named, [])
     rng = np.random.default_rng(1)
     coming = [s.of_modes([0, -1] if rng.random() < 0.5 else [-1, 0]) for s in data.sets]
     for sets in (coming, [s.of_modes([0, -1] if k < 20 else [-1, 2]) for k, s in enumerate(data.sets)]):
         two = ModalData(channels=data.channels, sets=tuple(sets), labels=("1", "2"))
-        assert joined(two) == (two, [])
+        assert join_modes(two) == (two, [])
     few = replace(data, sets=tuple(s.of_modes([0, -1] if k < 3 else [-1, 0]) for k, s in enumerate(data.sets[:6])),
                   labels=())
-    assert joined(few) == (few, [])
+    assert join_modes(few) == (few, [])
 
 
 def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order(record):
@@ -93,10 +93,10 @@ def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order
     sets = [s.of_modes([0, -1] if k < 12 else [-1, 0]) for k, s in enumerate(data.sets)]
     sets[3] = data.sets[3].of_modes([0, 1])
     made = ModalData(channels=data.channels, sets=tuple(sets[::-1]), labels=("2", "X1"))
-    one, notes = joined(made)
+    one, notes = join_modes(made)
     assert one.labels == ("X1",) and notes[0].startswith(f"from {data.sets[12].id} on X1 instead of 2 near")
     assert [s.frequency_hz[0] for s in one.sets] == [s.frequency_hz[0] for s in data.sets[::-1]]
-    assert joined(replace(made, labels=()))[0].n_mode == 1
+    assert join_modes(replace(made, labels=()))[0].n_mode == 1
 
 
 def test_a_mode_that_the_model_lacks_is_said(prepared, record):

@@ -273,7 +273,8 @@ def test_processes_warn_of_what_the_first_one_does():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="an announcement", category=FutureWarning)
-        with executors.beside((announcing, "an announcement"), (announcing, "a warning")) as (silenced, heard):
+        tasks = (announcing, "an announcement"), (announcing, "a warning")
+        with executors.processes_beside(*tasks) as (silenced, heard):
             assert silenced.result() is None
             with pytest.raises(FutureWarning, match="a warning"):
                 heard.result()

@@ -17,7 +17,7 @@ from probupdate.structure.channels import channel_rows
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Support, tube_property
-from probupdate.structure.readings import as_read
+from probupdate.structure.readings import channel_readings
 from probupdate.structure.turbine_frame import build_frame
 
 
@@ -186,7 +186,7 @@ def test_accelerometers_read_what_opensees_rotations_say(ops, validation):
     assembled = assemble(frame, updated=(), values=values)
     value, phi = lowest_modes(assembled.stiffness[0], assembled.mass[0], 2)
     seen = channel_rows(frame, sensors, {}, "m")[0] @ assembled.transform @ phi
-    ours = as_read(seen, value, np.full(len(sensors), 9.81)), seen[: len(sensors)]
+    ours = channel_readings(seen, value, np.full(len(sensors), 9.81)), seen[: len(sensors)]
     opensees_builder.build(ops, frame, values)
     square = (2 * np.pi * opensees_builder.frequencies(ops, 2)) ** 2
     motion = np.array([[ops.nodeEigenvector(n, j + 1, a + 1) for j in (0, 1)] for n in nodes for a in (0, 1)])

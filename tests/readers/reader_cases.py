@@ -445,7 +445,7 @@ def virtual_turbine(folder: Path) -> Made:
 
 
 def truth(folder: Path) -> Made:
-    from probupdate.virtual.truth import read_given
+    from probupdate.virtual.truth import read_truth
     from probupdate.virtual.turbine_file import read_turbine
 
     path = folder / "truth.toml"
@@ -454,7 +454,7 @@ def truth(folder: Path) -> Made:
                     'kind = "scour"\nleg = "A"\ndepth_m = 2.0\n'
                     '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.2\n')
     file = read_turbine(turbine(folder))
-    return [path], lambda: read_given(path, file)
+    return [path], lambda: read_truth(path, file)
 
 
 def truth_modes(folder: Path) -> Made:

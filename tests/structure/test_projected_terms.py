@@ -72,7 +72,7 @@ def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch, validat
     row = validation(what="terms of a turbine transformed 128 at a time", reference="one by one")
     path = reference_model("as_built")
     model = load_model(path)
-    monkeypatch.setattr(assembly, "TOGETHER", 1)
+    monkeypatch.setattr(assembly, "TERMS_AT_ONCE", 1)
     alone = load_model(path)
     for some, others in ((model.stiffness, alone.stiffness), (model.mass, alone.mass)):
         assert len(some) == len(others) > 1

@@ -14,7 +14,7 @@ def test_same_drawing_near_and_not_equal(state, validation):
                      reference="the model, three states", why="shear in both, another soil law, mesh, lumped mass")
     path = turbine_file.reference_file().with_name(f"{state}.toml")
     file = turbine_file.read_turbine(path)
-    given = truth.Given(
+    given = truth.GivenTruth(
         parameters={}, parameters_from="initial", tolerance_scale=0.0, operation={}, effects=()
     )
     drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)

@@ -115,7 +115,7 @@ def test_scatter_is_as_large_as_it_says(validation):
     frequency, damping = np.array([0.308, 0.320, 1.32, 1.93, 2.03]), np.full(5, 0.012)
     shape = np.linalg.qr(rng.standard_normal((18, 5)))[0]
     labels = modal_blocks.LABELS
-    runs = [modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng) for _ in range(400)]
+    runs = [modal_noise.identified_modes(frequency, damping, shape, labels, 1800.0, rng) for _ in range(400)]
     f = np.array([r[0] for r in runs])
     entries = np.array([np.sqrt((r[3].ln_frequency**2).sum(axis=1)) for r in runs])
     law = modal_noise.ln_frequency_std(frequency, damping, 1800.0, labels)
@@ -128,7 +128,7 @@ def test_scatter_is_as_large_as_it_says(validation):
     moving = estimate > 0.02
     assert moving.sum() > 5
     checked.error(scatter[moving] / estimate[moving] - 1, below=0.25, of="shapes")
-    still = modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng, scale=0.0)
+    still = modal_noise.identified_modes(frequency, damping, shape, labels, 1800.0, rng, scale=0.0)
     assert still[0] == pytest.approx(frequency, rel=1e-12) and still[1] == pytest.approx(damping, rel=1e-9)
 
 

@@ -19,7 +19,7 @@ def test_compliance_is_that_of_opensees(ops, validation):
     raw = copy.deepcopy(dict(file.raw))
     raw["jacket"]["joints"]["law"] = "rigid"
     file = replace(file, raw=MappingProxyType(raw))
-    given = replace(truth.read_given(None, file), tolerance_scale=1.0)
+    given = replace(truth.read_truth(None, file), tolerance_scale=1.0)
     drawn = truth.draw_truth(given, file, np.random.default_rng(2), dynamics.N_MODE)
     structure = frame.build_structure(file, drawn)
     nodes = structure.node_m

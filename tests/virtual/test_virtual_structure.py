@@ -21,7 +21,7 @@ def file():
 
 
 def built(file, *, scale=0.0, effects=(), seed=3, **parameters):
-    given = replace(truth.read_given(None, file), tolerance_scale=scale, parameters=parameters, effects=effects)
+    given = replace(truth.read_truth(None, file), tolerance_scale=scale, parameters=parameters, effects=effects)
     drawn = truth.draw_truth(given, file, np.random.default_rng(seed), dynamics.N_MODE)
     structure = frame.build_structure(file, drawn)
     return structure, drawn
@@ -190,7 +190,7 @@ def test_mistakes_in_a_truth_file_are_named(file, tmp_path, text, where, says):
     path = tmp_path / "truth.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
-        truth.read_given(path, file)
+        truth.read_truth(path, file)
     message = str(caught.value)
     assert str(path) in message and where in message and says in message
     assert "\n" not in message
