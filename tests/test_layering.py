@@ -166,11 +166,12 @@ WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "
 
 
 def writes(path: Path) -> list[str]:
-    """Calls in a module that write a file in its own place rather than under a temporary name of `io.files.whole`."""
+    """Calls in a module that write a file in its own place rather than under a name of `io.files.written_whole`."""
     found = []
     tree = ast.parse(path.read_text(encoding="utf-8"))
     parts = {item.optional_vars.id for node in ast.walk(tree) if isinstance(node, ast.With) for item in node.items
-             if isinstance(item.context_expr, ast.Call) and getattr(item.context_expr.func, "id", "") == "whole"}
+             if isinstance(item.context_expr, ast.Call)
+             and getattr(item.context_expr.func, "id", "") == "written_whole"}
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
@@ -197,7 +198,8 @@ def test_a_write_in_place_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
     (tmp_path / "a.py").write_text(
         "path.write_text('x')\nopen(p, 'w')\nframe.to_csv(out)\nnp.savez(out, a=1)\nh5py.File(out, 'w')\n"
-        "with whole(path) as part, h5py.File(part, 'w') as file:\n    pass\nopen(p)\nh5py.File(p, 'r')\na.copy()\n")
+        "with written_whole(path) as part, h5py.File(part, 'w') as file:\n    pass\n"
+        "open(p)\nh5py.File(p, 'r')\na.copy()\n")
     assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
 
 
