@@ -1,7 +1,7 @@
 """Finite-element model updating of wind turbines and other structures: update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, template, matrices, modes, export, stresses,
+compare, report, demo, template, matrices, modes, explore, export, stresses,
 farm; beside them stand the settings that they take. All are loaded
 when first used, so that importing the package stays light.
 """
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         compare_runs,
         convert,
         diagnose,
+        explore,
         export,
         figures,
         identify,
@@ -47,9 +48,9 @@ __version__ = "0.1.0"
 
 __all__ = [
     "IdentificationSettings", "LikelihoodSettings", "SamplerSettings", "UpdateSettings", "__version__", "check",
-    "check_setups", "compare", "compare_runs", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
-    "identify_setups", "identify_shard", "inform", "matrices", "model_modes", "modes", "open_model", "regress",
-    "report", "sample", "select", "sets", "simulate", "stresses", "template", "update",
+    "check_setups", "compare", "compare_runs", "convert", "demo", "diagnose", "explore", "export", "farm", "figures",
+    "identify", "identify_setups", "identify_shard", "inform", "matrices", "model_modes", "modes", "open_model",
+    "regress", "report", "sample", "select", "sets", "simulate", "stresses", "template", "update",
 ]
 # where those are that do not go by their name in `verbs`: module, name there
 _ELSEWHERE = {

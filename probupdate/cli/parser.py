@@ -14,7 +14,8 @@ from probupdate.cli import beginning, estimates, records, results
 # the commands as --help lists them, in the order in which a job needs them
 GROUPS = {
     "to begin with": ("demo", "simulate", "template", "matrices", "modes"),
-    "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
+    "from records to modes": ("convert", "check", "identify", "explore", "select", "regress",
+                              "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
     "many turbines": ("farm",),
@@ -58,6 +59,7 @@ EXAMPLES = {
     "convert": "convert records run/campaign",
     "check": "check run/campaign --out run/check.json",
     "identify": "identify run/campaign --model run/model.toml --out run/modes.json",
+    "explore": "explore run/campaign --out run/poles.html",
     "select": "select run/modes.json --scada run/campaign/scada.csv --out run/nine.json",
     "regress": "regress run/modes.json --state idling --out run/regression.csv",
     "update": "update --model run/model.toml --modes run/nine.json --out run/update.json",

@@ -76,6 +76,16 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
         answer(a, result, result.write(a.out))
 
 
+def run_explore(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+    from probupdate.identification.settings import IdentificationSettings
+
+    settings = IdentificationSettings(order=a.order, block_rows=a.block_rows, rate_hz=a.rate)
+    result = probupdate.explore(a.source, a.out, campaign=a.campaign, model=a.model, parameters=a.parameters,
+                                block=a.block, settings=settings, progress=progress)
+    answer(a, result, *([[result.path]] if a.json else []))
+
+
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -104,6 +114,7 @@ def run_figures(a: argparse.Namespace, progress: Progress) -> None:
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
     _of_records(verb)
+    _of_poles(verb)
     _of_modes(verb)
 
 
@@ -131,6 +142,8 @@ def _of_records(verb: AddCommand) -> None:
     on_model(p, required=False, without="; then signs, axes and order of the channels are held against it")
     p.add_argument("--out", help="write the findings as JSON too")
 
+
+def _of_poles(verb: AddCommand) -> None:
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
@@ -154,6 +167,19 @@ def _of_records(verb: AddCommand) -> None:
     p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: "
                    "take the rotor's multiples out of records in which its angle can be followed; each block says what "
                    "was done")
+
+    p = verb("explore", run_explore, "a page with stabilisation diagrams, shapes and MAC, on which modes are picked or "
+             "rejected by hand; its choice is for `identify --choice`")
+    p.add_argument("source", metavar="CAMPAIGN|RUN", help="a campaign's folder, of which one block is identified, or "
+                   "the directory of a run or its modes.json, whose stored poles are shown")
+    p.add_argument("--out", required=True, help="page, HTML; it needs no network and no other file")
+    p.add_argument("--campaign", help="of a run, where it does not lie there: places of the sensors, records")
+    on_model(p, required=False, without="; then its lines are drawn with the shapes")
+    p.add_argument("--block", help="id of the block that the page opens with (default: the reference set's, or the "
+                   "first that can be used)")
+    p.add_argument("--order", type=positive(int, "order"), help="of a campaign: model order (default: proposed)")
+    p.add_argument("--block-rows", type=positive(int, "block rows"), help="of a campaign: block rows")
+    p.add_argument("--rate", type=positive(float, "Hz"), help="of a campaign: sampling rate after decimation in Hz")
 
 
 def _of_modes(verb: AddCommand) -> None:

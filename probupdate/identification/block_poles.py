@@ -15,7 +15,7 @@ from probupdate.errors import InputError
 from probupdate.identification.free_decay import SAID, DecayRecord, decay_of
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
-from probupdate.identification.order_average import ModePoles, averages, twins
+from probupdate.identification.order_average import ModePoles, alone, averages, twins
 from probupdate.identification.preprocessing import filter_reach, resampled
 from probupdate.identification.record import IdentifiedRecord, references_within
 from probupdate.identification.ssi import Poles
@@ -106,6 +106,14 @@ class BlockFactors:
     key: tuple[tuple[int, int], ...]
     poles: ModePoles
     kurtosis: np.ndarray
+
+    @property
+    def std(self) -> dict[tuple[int, int], tuple[float, float]]:
+        """(model order, index) of each pole -> standard deviations of its frequency (Hz) and damping ratio."""
+        of_ln, of_damping = (np.linalg.norm(f, axis=1) for f in (self.poles.factors.ln_frequency,
+                                                                 self.poles.factors.damping_ratio))
+        return {(order, alone(k) if k < 0 else k): (float(s * f), float(z)) for (order, k), f, s, z in zip(
+            self.key, self.poles.frequency_hz, of_ln, of_damping, strict=True)}
 
 
 def identify_block(

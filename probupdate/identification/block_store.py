@@ -29,7 +29,7 @@ from probupdate.identification.block_poles import (
     identify_block,
     identify_factors,
 )
-from probupdate.identification.order_average import ModePoles
+from probupdate.identification.order_average import ModePoles, alone
 from probupdate.identification.ssi import Poles
 from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.modal.modes import CovarianceFactors
@@ -246,6 +246,13 @@ class BlockStore:
         _make_poles(self.folder / (self._stem(start) + POLES), *self._task(start))
         return self.read(start)
 
+    def std_of(self, block: BlockPoles) -> dict[tuple[int, int], tuple[float, float]]:
+        """`BlockFactors.std` of every pole of a block, each by itself; reads its record."""
+        keys = tuple((p.order, alone(k)) for p in block.every_order for k in range(len(p.frequency_hz)))
+        if not keys or not self._settings.sub_records:
+            return {}
+        return identify_factors(*self._task(block.start), block, keys).std
+
     def hash_of(self, start: pd.Timestamp) -> str:
         """The hash of a block's stored poles."""
         return _hash_and_sources(self.folder / (self._stem(start) + POLES))[0]
@@ -269,6 +276,11 @@ def stored_ids(folder: Path) -> tuple[str, ...]:
     return tuple(block.id for block in blocks if block.poles is not None)
 
 
+def stored_settings(folder: Path) -> dict:
+    """The settings of identification (`BlockSettings`) that a folder of blocks belongs to."""
+    return _read_head(folder / HEAD).get("settings") or {}
+
+
 def choice_head(folder: Path, ids: Sequence[str]) -> dict:
     """What a choice among the poles of a folder of blocks carries beside them: its channels, settings and of each of
     these blocks its id, the hash of its poles and the records that it was made of."""
@@ -283,12 +295,28 @@ def choice_head(folder: Path, ids: Sequence[str]) -> dict:
     return {"channels": head.get("channels") or [], "settings": head.get("settings") or {}, "blocks": blocks}
 
 
-def _path_of(folder: Path, block_id: str) -> Path | None:
+def stored_std(folder: Path, block_id: str) -> dict[tuple[int, int], tuple[float, float]]:
+    """(model order, index) -> standard deviations of frequency (Hz) and damping ratio of the poles of a block of which
+    they are stored."""
+    poles = _path_of(folder, block_id)
+    path = None if poles is None else poles.with_name(poles.name.replace(POLES, FACTORS))
+    if path is None or not path.exists():
+        return {}
+    return read_block_factors(path).std
+
+
+def start_of(block_id: str) -> pd.Timestamp | None:
+    """When a block of that id starts, UTC; None where the id is no time."""
     try:
         start = pd.Timestamp(block_id)
     except ValueError:
         return None
-    if start is pd.NaT:
+    return None if start is pd.NaT else start.tz_localize("UTC") if start.tzinfo is None else start
+
+
+def _path_of(folder: Path, block_id: str) -> Path | None:
+    start = start_of(block_id)
+    if start is None:
         return None
     # ids have a fraction where blocks are shorter than a second
     path = folder / (_stem(start, 0.0 if start.microsecond else SECOND_MIN) + POLES)

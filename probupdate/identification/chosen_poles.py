@@ -127,10 +127,9 @@ def follow(
         progress("classifying modes", len(found) + number, len(found) + len(usable))
         judged = judge(one)
         choice, start = tracking.choose(judged.poles, row, settings.classifier), one.block.start
-        by_hand = hand is not None and start in hand.picked
         if hand is not None:
             choice = hand.chosen(start, judged.poles, choice)
-        picked[start] = _picked(judged, choice, settings.order, by_hand)
+        picked[start] = _picked(judged, choice, settings.order, start, hand)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
     tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
                       centre_hz=frozen_array(centre), support=frozen_array(support))
@@ -164,8 +163,11 @@ def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
     return rules.stacked((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
 
 
-def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int, by_hand: bool = False) -> ChosenPoles:
-    """`by_hand`: the poles stand for themselves, not for an average over orders."""
+def _picked(
+    judged: JudgedBlock, choice: Choice, chosen_order: int, start: pd.Timestamp, hand: HandPicked | None
+) -> ChosenPoles:
+    """Poles that were picked by hand stand for themselves, not for an average over orders."""
+    by_hand = hand is not None and start in hand.picked
     poles, like = judged.poles.poles, judged.poles.comparison
     n_mode = len(choice.pole)
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
@@ -179,14 +181,15 @@ def _picked(judged: JudgedBlock, choice: Choice, chosen_order: int, by_hand: boo
     # the number of the mode that a pole stands for, else of the one that it is most like, marked by a minus
     mode = -1 - judged.single.best_mode
     mode[taken] = there
-    rejected = np.array([str(text).startswith(rules.REJECTED) for text in choice.criterion], bool)
-    shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT) | rejected
+    shown = (poles.order == chosen_order) | np.isin(choice.criterion, (rules.KEPT, rules.REJECTED))
     rows = {
         "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
         "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
         "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper,
         "order": poles.order,
     }
+    if hand is not None:
+        rows["reason"] = hand.reasons(start, poles)
     return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
                        kurtosis=np.full(n_mode, np.nan),
                    rows={name: value[shown] for name, value in rows.items()})
@@ -234,7 +237,7 @@ def without_uncertain(
             poles = replace(judged.poles, verdict=verdict)
             judged = replace(judged, poles=poles if first.hand is None else first.hand.judged(start, poles))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
-            again[start] = todo[start] = _picked(judged, choice, first.order)
+            again[start] = todo[start] = _picked(judged, choice, first.order, start, first.hand)
     return again
 
 

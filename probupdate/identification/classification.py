@@ -28,8 +28,8 @@ KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (
 HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
     "harmonic", "cluster", "duplicate", "unstable", "other order",
 )
-# with the reason after it: not by a criterion, but by hand
-REJECTED = "rejected: "
+# by no criterion, but by hand
+REJECTED = "rejected"
 # criterion of modes.poles.csv -> what it says of a pole
 POLE_WORDS = {
     "kept": "was taken for a mode", "harmonic": "follows the rotor's speed", "damping": "is damped too strongly or not",
@@ -38,6 +38,7 @@ POLE_WORDS = {
     "frequency": "lies too far from its mode of the model",
     "other order": "stands for a mode that a pole of another order was taken for",
     "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a standard deviation",
+    "rejected": "was rejected by hand",
 }
 STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
     CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,

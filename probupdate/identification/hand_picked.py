@@ -18,7 +18,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification.block_poles import BlockPoles, BlockSettings, same_pole
-from probupdate.identification.block_store import BlockStore, store_head
+from probupdate.identification.block_store import BlockStore, start_of, store_head
 from probupdate.identification.classification import PoleStack
 from probupdate.identification.order_average import TWIN_FREQUENCY, TWIN_MAC
 from probupdate.identification.physical import SAME_MODE, Candidates, PhysicalModes, stated_modes
@@ -42,19 +42,20 @@ class HandPicked:
     picked: Mapping[pd.Timestamp, Mapping[int, tuple[int, int]]]
     rejected: Mapping[pd.Timestamp, Mapping[tuple[int, int], str]]
 
-    def judged(self, start: pd.Timestamp, poles: JudgedPoles) -> JudgedPoles:
-        """The same with the block's rejected poles, and the twins of these at other orders, under their reason."""
-        rejected = self.rejected.get(start)
-        if not rejected:
-            return poles
-        verdict, stack = np.array(poles.verdict, dtype=object), poles.poles
-        for key, reason in rejected.items():
+    def reasons(self, start: pd.Timestamp, stack: PoleStack) -> np.ndarray:
+        """(n_pole,) why a block's poles are rejected, the twins at other orders with each; '' where they are not."""
+        found = np.full(len(stack.order), "", dtype=object)
+        for key, reason in self.rejected.get(start, {}).items():
             place = _place(stack, key)
             near = np.abs(np.log(stack.frequency_hz / stack.frequency_hz[place])) <= TWIN_FREQUENCY
-            verdict[near & (mac(stack.shape[:, [place]], stack.shape)[0] >= TWIN_MAC)] = reason
+            found[near & (mac(stack.shape[:, [place]], stack.shape)[0] >= TWIN_MAC)] = reason
         for key in self.picked.get(start, {}).values():
-            verdict[_place(stack, key)] = rules.KEPT
-        return replace(poles, verdict=verdict)
+            found[_place(stack, key)] = ""
+        return found
+
+    def judged(self, start: pd.Timestamp, poles: JudgedPoles) -> JudgedPoles:
+        """The same without the block's rejected poles."""
+        return replace(poles, verdict=np.where(self.reasons(start, poles.poles) == "", poles.verdict, rules.REJECTED))
 
     def chosen(self, start: pd.Timestamp, poles: JudgedPoles, tracked: Choice) -> Choice:
         """What stands for the modes in a block: the picked poles and none but these, where any were picked there."""
@@ -89,8 +90,8 @@ def refuse_other_records(choice: ModeChoice, blocks: BlockStore, campaign: Campa
                      f"{len(choice.channels)} there, {len(here)} here")
         raise InputError(where, f"was made on other channels than those of {campaign.path}: {first}", ELSEWHERE)
     for block in choice.blocks:
-        start = _start(block.id)
-        if start not in blocks.starts:
+        start = start_of(block.id)
+        if start is None or start not in blocks.starts:
             raise InputError(where, f"was made on other records: {campaign.path} has no block {block.id:.40}",
                              ELSEWHERE)
         now = blocks.origin(start)
@@ -102,21 +103,13 @@ def refuse_other_records(choice: ModeChoice, blocks: BlockStore, campaign: Campa
                              f"{'; '.join(now) or 'none'}", ELSEWHERE)
 
 
-def _start(block_id: str) -> pd.Timestamp | None:
-    try:
-        start = pd.Timestamp(block_id)
-    except ValueError:
-        return None
-    return None if start is pd.NaT else start.tz_localize("UTC") if start.tzinfo is None else start
-
-
 def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPicked:
     """The poles of a choice among those that are stored. Raises InputError where one is not there."""
     found: dict[pd.Timestamp, dict[tuple[int, int], ChosenPole]] = {}
     rejected: dict[pd.Timestamp, dict[tuple[int, int], str]] = {}
     stored, notes = {}, []
     for block in choice.blocks:
-        start = _start(block.id)
+        start = start_of(block.id)
         # `refuse_other_records` was asked before
         assert start is not None
         stored[start] = one = blocks.read(start)
@@ -126,7 +119,7 @@ def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPicke
         if own:
             found[start] = dict(zip(keys, own, strict=False))
         others = [p for p in choice.rejected if p.block == block.id]
-        rejected[start] = {key: rules.REJECTED + (p.reason or "no reason given")
+        rejected[start] = {key: p.reason or "no reason given"
                            for key, p in zip(keys[len(own):], others, strict=True)}
         if not exact:
             notes.append(f"block {block.id}: its poles differ by rounding from those that the choice was made on")

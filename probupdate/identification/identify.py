@@ -17,6 +17,7 @@ from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
+from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import (
     SSISettings,
@@ -48,7 +49,7 @@ from probupdate.identification.tracking import Tracked
 from probupdate.io.files import write_table
 from probupdate.io.result_table import table_of
 from probupdate.modal.mode_choice import ModeChoice
-from probupdate.modal.modes import ModalData, StoredFactors, write_modes
+from probupdate.modal.modes import ModalData, StoredFactors, mac, write_modes
 from probupdate.runtime.executors import Executor, Shard, executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -65,8 +66,9 @@ class Identification:
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
     MAC to the model's modes of interest and that mode; for a kept pole the mode it was taken for), similarity (to the
     campaign's modes, S2MAC to a pair's plane), stability, criterion, paper_criterion, order; those of the chosen order,
-    and those of other orders that stand for a mode. centre_hz: label -> median frequency of the mode's path; tracked:
-    the paths of the campaign's modes, '' one that was left out, a row an identified block.
+    and those of other orders that stand for a mode or were rejected by hand, then with their `reason`. centre_hz: label
+    -> median frequency of the mode's path; tracked: the paths of the campaign's modes, '' one that was left out, a row
+    an identified block.
     """
 
     data: ModalData
@@ -231,6 +233,25 @@ def physical_of(
         gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
         angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes,
         highest_hz=passed_hz(campaign, settings), where=str(campaign.path))
+
+
+def proposed_poles(block: BlockPoles, settings: SSISettings) -> dict[tuple[int, int], str]:
+    """(model order, index) -> number of the mode, of the poles of one block that would be its modes were it all there
+    is: of the chosen order, where it has them."""
+    stack = pole_stack(block, settings)
+    candidates = block_candidates(stack, 0, settings.classifier, PersistenceSettings())
+    try:
+        modes = physical_modes(candidates, n_block=1).modes
+    except InputError:
+        # nothing comes back over the orders
+        return {}
+    found = {}
+    for j, label in enumerate(modes.labels):
+        near = np.exp(-0.5 * (np.log(stack.frequency_hz / modes.frequency_hz[j]) / rules.TWIN_FREQUENCY) ** 2)
+        score = near * mac(stack.shape, modes.shape[:, [j]])[:, 0] * np.where(stack.order == settings.order, 1.0, 0.5)
+        pole = int(np.argmax(score))
+        found[int(stack.order[pole]), int(pole - np.argmax(stack.order == stack.order[pole]))] = label
+    return found
 
 
 def passed_hz(campaign: Campaign, settings: SSISettings) -> float:

@@ -102,7 +102,17 @@ class Viewer:
     kind: str = field(default="viewer", init=False)
 
 
-Element = Text | Notice | Tiles | Items | Table | Picture | Viewer
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """A place that the page's own script fills: the parts of a page that is worked with, by their names (explore.js);
+    `data`: what they are filled from, once a page."""
+
+    names: tuple[str, ...]
+    data: dict | None = None
+    kind: str = field(default="panel", init=False)
+
+
+Element = Text | Notice | Tiles | Items | Table | Picture | Viewer | Panel
 
 
 @dataclass(frozen=True, kw_only=True)

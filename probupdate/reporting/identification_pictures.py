@@ -119,26 +119,27 @@ def stabilisation_drawing(block: BlockPoles, modes: ModalData) -> Drawing:
     # a block that was left out has no poles to draw
     assert block.poles is not None
     every = sorted((block.poles, *block.others), key=lambda p: p.order)
-    steadiness: list[str] = []
+    steady: list[str] = []
     for before, now in zip([None, *every[:-1]], every, strict=True):
-        steadiness += _steadiness(before, now)
+        steady += steadiness(before, now)
     modal = next((s for s in modes.sets if s.id == block.id), None)
     labels = mode_labels(modes)
     chosen = {} if modal is None else dict(zip(labels, modal.frequency_hz, strict=True))
-    bands = {} if modal is None else _bands(modal)
+    swept = {} if modal is None else bands(modal)
     figure = draw.stabilisation(
         block.line_hz, block.spectrum, np.repeat([p.order for p in every], [len(p.frequency_hz) for p in every]),
-        np.concatenate([p.frequency_hz for p in every]), steadiness, chosen_hz=chosen, harmonics_hz=bands,
+        np.concatenate([p.frequency_hz for p in every]), steady, chosen_hz=chosen, harmonics_hz=swept,
         unit=UNITS[block.quantity])
     return Drawing(
         name="stabilisation", figure=figure,
         caption=f"Poles of every model order in block {block.id}, over the spectral density summed over channels. "
         f"Stable: within {100 * SAME_FREQUENCY:g} % in frequency, {100 * SAME_DAMPING:g} % in damping and MAC "
         f"{SAME_MAC:g} of a pole of the order below; dashed: what was taken for a mode"
-        + ("; grey bands: what the rotor's multiples swept." if bands else "."))
+        + ("; grey bands: what the rotor's multiples swept." if swept else "."))
 
 
-def _steadiness(before: Poles | None, now: Poles) -> list[str]:
+def steadiness(before: Poles | None, now: Poles) -> list[str]:
+    """How each pole of an order stands to those of the order below: keys of `figures_identification.STEADINESS`."""
     kinds = list(draw.STEADINESS)
     if before is None or not len(before.frequency_hz):
         return [kinds[2]] * len(now.frequency_hz)
@@ -150,11 +151,12 @@ def _steadiness(before: Poles | None, now: Poles) -> list[str]:
     return [kinds[0] if a else kinds[1] if b else kinds[2] for a, b in zip(full, some, strict=True)]
 
 
-def _bands(modal: ModalSet) -> dict[str, tuple[float, float]]:
+def bands(modal: ModalSet) -> dict[str, tuple[float, float]]:
+    """Name -> what that multiple of the rotor's speed swept in a set's block, Hz."""
     settings = ClassifierSettings()
-    bands = rotor_bands(modal.environment, settings)
+    swept = rotor_bands(modal.environment, settings)
     # an idling rotor's multiples lie at nothing of interest
-    return {f"{n}P": (float(a), float(b)) for n, (a, b) in zip(settings.harmonics, bands, strict=False) if a > 0.05}
+    return {f"{n}P": (float(a), float(b)) for n, (a, b) in zip(settings.harmonics, swept, strict=False) if a > 0.05}
 
 
 def mode_drawings(modes: ModalData) -> Iterator[Drawing]:

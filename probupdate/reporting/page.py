@@ -21,7 +21,11 @@ from probupdate.reporting.elements import MISSING, Element, Picture, Section, Ta
 _FOLDER = Path(__file__).parent
 
 
-def render(sections: Sequence[Section], *, title: str, subtitle: str = "", footer: str = "") -> str:
+def render(
+    sections: Sequence[Section], *, title: str, subtitle: str = "", footer: str = "",
+    kicker: str = "Model updating report", scripts: Sequence[str] = ("viewer.js", "page.js"),
+    styles: Sequence[str] = ("page.css",),
+) -> str:
     """The page as text. Every string is escaped; only the drawings, the style and the script are taken as they are. The
     page's policy lets nothing be fetched, and no script run but this one."""
     environment = Environment(
@@ -30,14 +34,14 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
     )
     environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _folded}
     trusted = [replace(s, items=tuple(_trusted(i) for i in s.items)) for s in sections]
-    script = "\n" + "\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in ("viewer.js", "page.js"))
+    script = "\n" + "\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in scripts)
     return environment.get_template("page.html").render(
         sections=trusted,
         title=title,
         subtitle=subtitle,
-        kicker="Model updating report",
+        kicker=kicker,
         footer=footer,
-        css=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
+        css=Markup("\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in styles)),
         script=Markup(script),
         script_sha256=Markup(base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()),
     )

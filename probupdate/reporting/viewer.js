@@ -29,7 +29,7 @@
     const foot = element("div", { class: "foot" });
     box.append(bar, canvas, foot);
 
-    const modeButtons = data.modes.map((mode, k) => {
+    const modeButtons = (data.modes.length > 1 ? data.modes : []).map((mode, k) => {
       const b = element("button", { type: "button", "aria-pressed": String(k === 0) }, mode.label);
       b.addEventListener("click", () => { state.mode = k; state.phase = Math.PI / 2; refresh(); });
       bar.append(b);
@@ -94,9 +94,15 @@
       return [0.5 * width + state.shift[0] + scale * right, 0.5 * height + state.shift[1] - scale * up];
     }
 
-    function strokeLines(shape, factor, style, thick) {
+    // where a point is in this phase; the imaginary part of a complex shape is ahead of the real one by a quarter
+    function moved(p, real, imaginary) {
+      const a = data.scale * state.amplitude * Math.sin(state.phase), b = data.scale * state.amplitude * Math.cos(state.phase);
+      return real ? p.map((v, i) => v + a * real[i] + (imaginary ? b * imaginary[i] : 0)) : p;
+    }
+
+    function strokeLines(shape, imaginary, style, thick) {
       context.strokeStyle = style.color; context.setLineDash(style.dash);
-      const place = data.nodes.map((p, k) => project(shape ? [p[0] + factor * shape[k][0], p[1] + factor * shape[k][1], p[2] + factor * shape[k][2]] : p));
+      const place = data.nodes.map((p, k) => project(moved(p, shape && shape[k], imaginary && imaginary[k])));
       data.lines.forEach(([i, j], k) => {
         context.lineWidth = style.width * (thick ? (HEAVY[data.groups[k]] || 1) : 1);
         context.beginPath(); context.moveTo(place[i][0], place[i][1]); context.lineTo(place[j][0], place[j][1]); context.stroke();
@@ -141,20 +147,20 @@
       if (!width) return;
       context.clearRect(0, 0, width, height);
       const mode = data.modes[state.mode];
-      const factor = data.scale * state.amplitude * Math.sin(state.phase);
       (data.planes || []).forEach(plane);
-      strokeLines(null, 0, STYLE.rest, false);
+      strokeLines(null, null, STYLE.rest, false);
       ["initial", "updated"].forEach((key) => {
         const v = mode.variants[key];
-        if (v && v.shape && state.shown[key]) strokeLines(v.shape, factor, STYLE[key], key === "updated");
+        if (v && v.shape && state.shown[key]) strokeLines(v.shape, null, STYLE[key], key === "updated");
       });
       const measured = mode.variants.measured;
+      if (measured && measured.wire && state.shown.measured) strokeLines(measured.wire, measured.wire_im, STYLE.measured, true);
       if (measured && measured.shape && state.shown.measured) {
         context.lineWidth = STYLE.measured.width; context.strokeStyle = STYLE.measured.color;
         data.sensors.forEach((p, k) => {
           const d = measured.shape[k];
           if (d === null) return;
-          const a = project(p), b = project([p[0] + factor * d[0], p[1] + factor * d[1], p[2] + factor * d[2]]);
+          const a = project(p), b = project(moved(p, d, measured.shape_im && measured.shape_im[k]));
           context.beginPath(); context.moveTo(...a); context.lineTo(...b); context.stroke();
           context.beginPath(); context.arc(b[0], b[1], 4.2, 0, 2 * Math.PI); context.fillStyle = "#fff"; context.fill(); context.stroke();
           context.beginPath(); context.arc(b[0], b[1], 1.4, 0, 2 * Math.PI); context.fillStyle = STYLE.measured.color; context.fill();
@@ -225,6 +231,8 @@
       draw();
     });
     // within a closed fold it has no size yet
+    // another mode in the place of those that it began with
+    box.viewer = { show(mode) { data.modes = [mode]; state.mode = 0; refresh(); } };
     if ("ResizeObserver" in window) new ResizeObserver(fit).observe(canvas);
     else window.addEventListener("resize", fit);
     window.addEventListener("beforeprint", () => { state.playing = false; state.phase = Math.PI / 2; refresh(); });

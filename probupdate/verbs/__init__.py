@@ -3,6 +3,7 @@
 from probupdate.verbs.checking import check
 from probupdate.verbs.comparing_runs import compare_runs
 from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
+from probupdate.verbs.exploring import explore
 from probupdate.verbs.finishing import diagnose, export, figures, report
 from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
 from probupdate.verbs.lifetime_steps import stresses
@@ -23,6 +24,8 @@ __all__ = [
     "convert",
     "diagnose",
     "estimating",
+    "explore",
+    "exploring",
     "export",
     "figures",
     "finishing",

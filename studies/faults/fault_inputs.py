@@ -88,6 +88,7 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "convert": ["convert", f"{i}/raw", f"{o}/campaign", "--description", f"{i}/convert.toml"],
         "check": ["check", f"{i}/campaign", "--out", f"{o}/check.json"],
         "identify": ["identify", f"{i}/campaign", "--jobs", "1", "--out", f"{o}/modes.json"],
+        "explore": ["explore", f"{i}/campaign", "--out", f"{o}/poles.html"],
         "modes": ["modes", f"{i}/model.npz", "--out", f"{o}/own.json"],
         "select": ["select", f"{i}/nine.json", "--out", f"{o}/selected.json"],
         "regress": ["regress", f"{i}/thirty.json", "--covariates", "water_level_m", "--out", f"{o}/regression.csv"],

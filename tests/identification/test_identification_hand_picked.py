@@ -54,7 +54,8 @@ def test_a_rejected_pole_is_gone_with_its_reason_in_the_record(frame, tmp_path):
     campaign, store = frame
     path, _ = chosen(store, tmp_path / "choice.json")
     found = probupdate.identify(campaign, choice=path, store=store)
-    gone = found.poles[found.poles["criterion"] == "rejected: machine on storey 2"]
+    gone = found.poles[found.poles["criterion"] == "rejected"]
+    assert set(gone["reason"]) == {"machine on storey 2"} and set(found.poles["reason"]) == {"", *gone["reason"]}
     assert len(gone) > 5 and np.all(np.abs(gone["frequency_hz"] - MACHINE_HZ) < 0.05)
     assert "machine on storey 2" in found.summary and "4 poles in 1 block" in found.summary
     found.write(tmp_path / "modes.json")

@@ -56,6 +56,34 @@ class Page:
         """Lay the page out as for paper."""
         self._ask("Emulation.setEmulatedMedia", media="print" if on else "")
 
+    def click(self, selector: str, shift: bool = False) -> None:
+        """A click of the mouse in the middle of the first element, scrolled to."""
+        where = self.value(f"(() => {{ const e = document.querySelector({json.dumps(selector)}); "
+                           "e.scrollIntoView({block: 'center', behavior: 'instant'}); "
+                           "const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()")
+        assert isinstance(where, list)
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self._ask("Input.dispatchMouseEvent", type=kind, x=where[0], y=where[1], button="left", clickCount=1,
+                      modifiers=8 if shift else 0)
+
+    def press(self, key: str) -> None:
+        """A key of the keyboard by its name: Tab, Enter, Delete, ArrowLeft, ..."""
+        code = {"Tab": 9, "Enter": 13, "Delete": 46, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39,
+                "ArrowDown": 40}[key]
+        text = {"text": "\r"} if key == "Enter" else {}
+        for kind in ("keyDown", "keyUp"):
+            self._ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
+
+    def saved(self, folder: Path, selector: str) -> Path:
+        """The file that a click on a link saves into an empty folder."""
+        self._ask("Browser.setDownloadBehavior", session=None, behavior="allow", downloadPath=str(folder))
+        self.click(selector)
+        end = time.monotonic() + SECONDS
+        while not (found := [p for p in folder.iterdir() if p.suffix != ".crdownload"]):
+            assert time.monotonic() < end, "nothing was saved"
+            time.sleep(0.05)
+        return found[0]
+
     def picture(self, path: Path) -> None:
         """A PNG of what the screen shows."""
         path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"]))
