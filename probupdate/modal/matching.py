@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
-from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
+from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac, within_plane
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
@@ -175,11 +176,13 @@ def match(
         refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
+    together = _together(measured, computed, clusters)
+    partner = _spanning(partner, together, modal_set.frequency_hz, solution.frequency_hz)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
     known = halves, {j for j in partner if label_across(name[j]) in unmeasured}
     compared = _Compared(set_id=modal_set.id, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
                          computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
-                         known=known, planes=planes, min_mac=min_mac)
+                         together=together, known=known, planes=planes, min_mac=min_mac)
     chosen = _chosen(compared, partner, len(used), prior_cov, refuse=refuse)
     partner, criterion, groups = chosen.partner, chosen.criterion, chosen.groups
     left_out += chosen.left_out
@@ -268,6 +271,37 @@ def _partners(criterion: np.ndarray, used: Sequence[int]) -> dict[int, int]:
     beyond = np.full((len(used), max(0, len(used) - n_computed)), np.nan)
     pairs = assign(np.hstack([criterion[list(used)], beyond]))
     return {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
+
+
+def _together(
+    measured: np.ndarray, computed: np.ndarray, clusters: Sequence[tuple[int, ...]]
+) -> dict[tuple[int, ...], np.ndarray]:
+    """`within_plane` of each pair's plane, of what channels have both."""
+    result = {}
+    for cluster in clusters:
+        known = np.all(np.isfinite(measured[:, list(cluster)]), axis=1)
+        if len(cluster) == 2 and known.sum() > 2:
+            plane, _ = np.linalg.qr(measured[known][:, list(cluster)])
+            result[cluster] = within_plane(plane, computed[known])
+    return result
+
+
+def _spanning(
+    partner: Mapping[int, int], together: Mapping[tuple[int, ...], np.ndarray], measured_hz: np.ndarray,
+    computed_hz: np.ndarray,
+) -> dict[int, int]:
+    """The partners (measured -> computed mode), of a pair whose two look alike, as a bending and a torsion in which the
+    sensors show that bending, the nearest two in frequency of those that span its plane."""
+    result = dict(partner)
+    for (a, b), value in ((pair, value) for pair, value in together.items() if partner.keys() >= set(pair)):
+        free = [i for i in range(len(computed_hz)) if i not in result.values() or i in (result[a], result[b])]
+        best = float(np.max(value[np.ix_(free, free)]))
+        if value[result[a], result[b]] > best - 2 * CLEAR:
+            continue
+        off = np.abs(np.log(measured_hz[[a, b]][:, None] / computed_hz))
+        result[a], result[b] = min(((i, k) for i, k in permutations(free, 2) if value[i, k] > best - 2 * CLEAR),
+                                   key=lambda pair: off[0, pair[0]] + off[1, pair[1]])
+    return result
 
 
 def _alike(
@@ -441,7 +475,8 @@ def common_factor_words(off: np.ndarray, scatter: float) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Compared:
-    """Measured and computed modes (n_channel, n_mode) beside one another, and how the measured ones are taken."""
+    """Measured and computed modes (n_channel, n_mode) beside one another, and how the measured ones are taken;
+    `together` (n_computed, n_computed) of each measured pair how well each two computed modes span it."""
 
     set_id: str
     name: Sequence[str]
@@ -451,6 +486,7 @@ class _Compared:
     computed: np.ndarray
     criterion: np.ndarray
     clusters: Sequence[tuple[int, ...]]
+    together: Mapping[tuple[int, ...], np.ndarray]
     known: tuple[set[int], set[int]]
     planes: bool
     min_mac: float
@@ -543,7 +579,7 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
     rows, places, visible = found.rows, found.places, np.linalg.norm(x.computed, axis=0)
     score = np.nan_to_num(np.where(_far_off(x, found), -1.0, found.criterion)[rows], nan=-1.0)
     column = np.array([found.partner[j] for j in rows], int)
-    best = score[np.arange(len(rows)), column].sum()
+    best = _sum_of(x, found, score, column)
     result = []
     for group, here in zip(found.groups, places, strict=True):
         for i in group.computed:
@@ -559,12 +595,34 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
             alone[here] = trial[here]
             alone[here, np.delete(column, here)] = -1.0
             for choice in (trial, alone):
-                other = assign(choice)
+                other = _with_planes(x, found, choice, assign(choice))
                 # which member of a group has which of its modes is no difference
                 changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
-                loss = (best - choice[np.arange(len(rows)), other].sum()) / changed
+                loss = (best - _sum_of(x, found, choice, other)) / changed
                 if loss < CLEAR and set(other[here]) - set(group.computed):
                     result.append((group, other))
+    return result
+
+
+def _sum_of(x: _Compared, found: _Grouped, score: np.ndarray, column: np.ndarray) -> float:
+    """Sum of criteria of the rows with these computed modes, of pairs together."""
+    total = 0.0
+    for group, here in zip(found.groups, found.places, strict=True):
+        own = score[np.arange(here.start, here.stop), column[here]]
+        pair = x.together.get(group.measured)
+        total += float(own.sum() if pair is None or own.min() < 0 else pair[tuple(column[here])])
+    return total
+
+
+def _with_planes(x: _Compared, found: _Grouped, choice: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """The computed mode of every row, of pairs the two free ones that are best together."""
+    result = np.array(column)
+    for group, here in zip(found.groups, found.places, strict=True):
+        pair = x.together.get(group.measured)
+        free = [i for i in range(choice.shape[1]) if np.all(choice[here, i] >= 0) and i not in np.delete(result, here)]
+        if pair is None or len(free) < 2:
+            continue
+        result[here] = max(permutations(free, 2), key=lambda two: pair[two])
     return result
 
 

@@ -21,11 +21,12 @@ from probupdate.modal.shape_criteria import (
     rotate_to_real,
     subspace_mac,
     unit_largest,
+    within_plane,
 )
 
 __all__ = [
     "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
     "mac", "modal_phase_collinearity", "normalise", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
-    "rotate_to_real", "subspace_mac", "unit_largest", "write_modes",
+    "rotate_to_real", "subspace_mac", "unit_largest", "within_plane", "write_modes",
 ]

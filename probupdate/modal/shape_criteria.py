@@ -48,6 +48,17 @@ def plane_mac(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.svd(qa.conj().T @ qb, compute_uv=False)[-1] ** 2)
 
 
+def within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """(n_mode, n_mode) how far each two columns of `shape` (n_channel, n_mode) are the directions of an orthonormal
+    plane (n_channel, 2), 2 at most: half the squared sum of their cosines with two directions at right angles, turned
+    in the plane for the best. That is half of both shares in the plane and the area between them: two that look alike
+    have half of what they have one by one."""
+    inside = plane.T @ shape / np.sqrt(np.maximum(np.sum(np.abs(shape) ** 2, axis=0), 1e-300))
+    share = np.sum(np.abs(inside) ** 2, axis=0)
+    area = np.abs(np.outer(inside[0], inside[1]) - np.outer(inside[1], inside[0]))
+    return 0.5 * (share[:, None] + share) + area
+
+
 def modal_phase_collinearity(shape: np.ndarray) -> np.ndarray:
     """MPC of each column (n_mode,): 1 for a shape that is real up to a phase, 0 for an even spread of phases.
 

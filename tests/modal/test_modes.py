@@ -23,6 +23,7 @@ from probupdate.modal.modes import (
     read_modes,
     rotate_to_real,
     subspace_mac,
+    within_plane,
     write_modes,
 )
 
@@ -377,3 +378,18 @@ def test_a_set_goes_to_another_process_and_stays_read_only():
     assert np.array_equal(one.covariance_factors.shape, two.covariance_factors.shape, equal_nan=True)
     with pytest.raises(TypeError):
         two.environment["state"] = "rated"
+
+
+def test_a_plane_is_spanned_by_two_shapes_as_turned_for_the_best(validation):
+    row = validation(what="how well two shapes span a plane: half of their shares and the area between them",
+                     reference="half the squared sum of cosines with two directions at right angles, every half degree",
+                     why="steps of half a degree")
+    rng = np.random.default_rng(3)
+    shape, (plane, _) = rng.standard_normal((7, 5)), np.linalg.qr(rng.standard_normal((7, 2)))
+    found = within_plane(plane, shape)
+    inside = plane.T @ shape / np.linalg.norm(shape, axis=0)
+    angle = np.radians(np.arange(0, 360, 0.5))
+    along, across = np.cos(angle)[:, None] * inside[0] + np.sin(angle)[:, None] * inside[1], \
+        np.cos(angle)[:, None] * inside[1] - np.sin(angle)[:, None] * inside[0]
+    best = np.max([0.5 * (along[:, :, None] + sign * across[:, None, :]) ** 2 for sign in (1, -1)], axis=(0, 1))
+    row.error((found - best)[~np.eye(5, dtype=bool)], 1e-4)

@@ -440,3 +440,23 @@ def test_two_measured_modes_of_one_shape_are_the_mistake_that_is_named():
     assert "check that they are two different modes" in said
     # as paired and exchanged: the two sums are equal, which two MACs of one mode did not show
     assert said.count("MAC 0.60") == 2 and said.count("with MAC 1.00") == 2 and "two computed modes" not in said
+
+
+def test_two_modes_that_look_alike_span_no_plane_of_a_pair():
+    """A monopile's torsion, in which tower sensors see second bending one way, beside that bending: each by itself is
+    the best half of the measured plane, and both were taken for it, or refused as a second choice."""
+    axes = np.eye(len(CHANNELS))
+    torsion = np.sqrt(0.999) * axes[2] + np.sqrt(0.001) * axes[4]
+    shape = np.column_stack([axes[0], np.sqrt(0.98) * axes[1] + np.sqrt(0.02) * axes[5], axes[2], torsion])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.9, 1.58, 1.74, 1.66]), shape=shape)
+    measured = modal_set([0.9, 1.6, 1.73], axes[:, :3])
+
+    def cov():
+        return np.full((4, 4), 0.05**2) + 0.05**2 * np.eye(4)
+
+    assert match(measured, solution, ROWS, prior_cov=cov, refuse=False).computed == (0, 1, 2)
+    # by frequency the torsion may be either where it is near, and is none of both where it is far
+    far = replace(solution, frequency_hz=np.array([0.9, 1.58, 1.74, 2.2]))
+    assert match(measured, far, ROWS, prior_cov=cov).computed == (0, 1, 2)
+    with pytest.raises(InputError, match="mode 2 at 1.58 Hz.*and mode 3 at 1.74 Hz.*or mode 2 .*and mode 4 at 1.66 Hz"):
+        match(measured, solution, ROWS, prior_cov=cov)
