@@ -46,7 +46,14 @@ from probupdate.diagnosis.problem import (
 )
 from probupdate.diagnosis.ranking import Hypothesis, key_of
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
-from probupdate.diagnosis.search import Search, drawn_scores, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.search import (
+    Search,
+    drawn_scores,
+    least_by_chance,
+    model_error_dispersion,
+    scores_beside,
+    search,
+)
 from probupdate.diagnosis.time_profiles import DAY_H, DAY_STD, TIME_OF_DAY
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError, InputError
@@ -348,7 +355,13 @@ def findings_of(
             if number in one.numbers:
                 others, prior = [*others, one.row], [*prior, one.log_prior]
                 explains.append(one.log_evidence / max(left / directions, 1.0))
-        probability = special.softmax(np.add(explains, prior))
+        log_odds = np.add(explains, prior)
+        if None in others and len(best.candidates) == 1:
+            # noise that was itself estimated makes large scores by chance more often than its evidence knows
+            nothing, least = others.index(None), least_by_chance(explored.first.p_value)
+            causes = special.logsumexp(np.delete(log_odds, nothing))
+            log_odds[nothing] = max(log_odds[nothing], causes + np.log(max(least, 1e-300)))
+        probability = special.softmax(log_odds)
         effect, time_profile = n.effect, n.time_profile
         start = problem.blocks.ids[time_profile.at] if time_profile.kind == "step" else ""
         result.append(Finding(
@@ -625,7 +638,7 @@ def _detectable_sizes(problem: DiagnosisProblem, found: Search, fitted: Fit) -> 
                             size=float(size) if reachable else np.inf,
                             unit=effect.unit + problem.time_profiles[problem.which[k, 1]].unit,
                                                share_left=float(left[k]),
-                            z=float(found.z[k])))
+                            z=float(found.z[k]), key=effect.key))
     return tuple(detectable_sizes)
 
 

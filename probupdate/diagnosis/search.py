@@ -27,8 +27,11 @@ MARGIN = 5.0
 DIRECTIONS = 4
 # share of a candidate's information from which its signature along another time profile is an unknown
 LEAST = 1e-9
-# records whose noise is estimated anew
-N_AGAIN = 30
+# records whose noise is estimated anew; of fewer blocks than these so many that they show the tail, as one in a hundred
+# of their largest scores is twice as large as usual
+N_AGAIN, SHORT, N_SHORT = 30, 30, 400
+# share of the largest maxima by which a heavy tail is known
+TAIL = 0.1
 # drawn records that are looked through at once; effects whose overlaps are
 AT_ONCE, EFFECTS_AT_ONCE = 50, 10
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
@@ -81,9 +84,14 @@ def search(
     scale = np.where(usable, std, 0.0)
     can = _possible(problem, scale)
     maxima = _largest(drawn_scores(design, seed, n_draw), scale, can)
+    heavy = False
     if heavier is None:
-        heavier = estimated_noise_factor(problem, design, float(np.mean(maxima)), can, usable, seed=seed)
-    maxima = maxima * heavier
+        again = maxima_with_own_noise(problem, design, can, usable, seed=seed) if np.any(maxima) else maxima
+        heavier = max(1.0, float(np.mean(again) / np.mean(maxima))) if len(again) and np.any(maxima) else 1.0
+        heavy = len(again) == N_SHORT and heavier > 1
+        maxima = again if heavy else maxima * heavier
+    else:
+        maxima = maxima * heavier
     # the threshold is that of noise; what stands out beside a strong effect must exceed that one's model error too
     beside, known = scores_beside(problem, design, fitted.centred, fitted.included, z_included)
     std = np.where(usable, 1 / np.sqrt(np.where(usable, known, 1.0)), np.inf)
@@ -93,7 +101,8 @@ def search(
     largest = float(np.max(np.where(allowed, np.abs(z), 0.0)))
     alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
     return Search(which=problem.which, z=z, size=np.where(usable, z * scale, 0.0), size_std=std, allowed=allowed,
-                  usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
+                  usable=usable, threshold=exceeded(maxima, alarms, heavy=heavy),
+                  p_value=tail(maxima, largest, heavy=heavy),
                   maxima=maxima, heavier=heavier, u=u)
 
 
@@ -129,46 +138,64 @@ def _possible(problem: DiagnosisProblem, scale: np.ndarray):
     return can
 
 
-def estimated_noise_factor(
-    problem: DiagnosisProblem, design: Design, typical: float, can, usable, *, seed: int
-) -> float:
-    """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
-    as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
-    # where not one number is left to be scored, all maxima are zero
-    if all(c is not None for c in problem.stated) or not typical:
-        return 1.0
+def maxima_with_own_noise(problem: DiagnosisProblem, design: Design, can, usable, *, seed: int) -> np.ndarray:
+    """(n,) the largest |z| of records with nothing wrong whose noise is estimated from each, as it was here; none where
+    the identification states the noise's pattern and only its scale was estimated."""
+    if all(c is not None for c in problem.stated):
+        return np.zeros(0)
     rng = np.random.default_rng([seed, 23])
     sizes = tuple(len(g) for g in problem.blocks.groups)
     weights = np.column_stack(design.noise.weight)
     relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
     maxima = []
-    for _ in range(N_AGAIN):
+    for _ in range(N_SHORT if len(weights) < SHORT else N_AGAIN):
         y = design.simulate(rng)
         left = tuple(a - b for a, b in zip(y, design.expected(design.unknowns(y)), strict=True))
         noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""))
         again = replace(design, noise=noise)
         z = np.where(usable, again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300)), 0.0)
         maxima.append(np.max(np.where(can(z), np.abs(z), 0.0)))
-    return max(1.0, float(np.mean(maxima)) / typical)
+    return np.array(maxima)
 
 
-def tail(maxima: np.ndarray, value: float) -> float:
-    """P(max >= value): the share of draws, or where few of them are as large a Gumbel distribution of all."""
+def tail(maxima: np.ndarray, value: float, *, heavy: bool = False) -> float:
+    """P(max >= value): the share of draws, or where few of them are as large a Gumbel distribution of all, and of
+    `heavy` tails, as noise has that was estimated from a few blocks, a power of the value (Hill 1975)."""
     above = int(np.sum(maxima >= value))
     if above >= 10:
         return (above + 1) / (len(maxima) + 1)
-    location, scale = stats.gumbel_r.fit(maxima)
-    return float(min(stats.gumbel_r.sf(value, location, scale), 11 / (len(maxima) + 1)))
+    if heavy:
+        begin, power = _power_tail(maxima)
+        beyond = TAIL * (value / begin) ** -power
+    else:
+        beyond = stats.gumbel_r.sf(value, *stats.gumbel_r.fit(maxima))
+    return float(min(beyond, 11 / (len(maxima) + 1)))
 
 
-def exceeded(maxima: np.ndarray, share: float) -> float:
+def exceeded(maxima: np.ndarray, share: float, *, heavy: bool = False) -> float:
     """The value above which `tail` is less than `share`; infinite where draws are all zero: nothing can be scored."""
     if not np.any(maxima):
         return np.inf
     if share * (len(maxima) + 1) > 11:
         return float(np.quantile(maxima, 1 - share))
-    location, scale = stats.gumbel_r.fit(maxima)
-    return float(max(stats.gumbel_r.isf(share, location, scale), np.sort(maxima)[-10]))
+    if heavy:
+        begin, power = _power_tail(maxima)
+        beyond = begin * (TAIL / share) ** (1 / power)
+    else:
+        beyond = stats.gumbel_r.isf(share, *stats.gumbel_r.fit(maxima))
+    return float(max(beyond, np.sort(maxima)[-10]))
+
+
+def _power_tail(maxima: np.ndarray) -> tuple[float, float]:
+    """Where the tail begins, and the power by which it falls."""
+    begin = float(np.quantile(maxima, 1 - TAIL))
+    return begin, 1 / max(float(np.mean(np.log(maxima[maxima >= begin] / begin))), 1e-9)
+
+
+def least_by_chance(p: float) -> float:
+    """The least odds of chance against any causes, alike before, where they leave p: -e p ln p (Sellke, Bayarri &
+    Berger 2001)."""
+    return float(-np.e * p * np.log(p)) if 0 < p < 1 / np.e else float(p > 0)
 
 
 def model_error_dispersion(z: float, scale: float = MODEL_ERROR_SCALE) -> float:

@@ -17,7 +17,7 @@ from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import sizes_of, tried_whole
-from probupdate.diagnosis.search import drawn_scores, estimated_noise_factor
+from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
@@ -163,14 +163,6 @@ def test_sets_whose_every_pair_is_one_shape_are_refused(prepared, record):
         sets = (*data.sets[:number], *alike.sets[number:])
         with pytest.raises(InputError, match=f"modes: {40 - number} of 40 sets say nothing.*without shapes"):
             probupdate.diagnose(prepared, replace(data, sets=sets), extend=False)
-
-
-def test_where_nothing_can_be_scored_noise_is_no_heavier(prepared, record):
-    """Largest scores that are all zero."""
-    problem, theta = diagnosis_problem(prepared, record(14))
-    usable = np.ones(len(problem.which), bool)
-    heavier = estimated_noise_factor(problem, fit(problem, theta).design, 0.0, lambda z: z != 0, usable, seed=1)
-    assert heavier == 1.0
 
 
 def test_sets_that_say_nothing_since_a_time_are_not_nothing(prepared, record, validation):
