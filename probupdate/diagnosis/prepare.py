@@ -83,6 +83,9 @@ def prepare(
     of_matrices = model_sensors(path) is None
     # matrices have their own channels only: what is stated of sensors says where these are
     model = load_model(path, parameters=parameters, sensors=None if of_matrices else sensors)
+    if not len(model.parameters):
+        raise InputError(model.name, "has no parameters, so that nothing says what of it is uncertain",
+                         "list at least one [[parameter]] in its TOML")
     if of_matrices and sensors is not None:
         model = model.with_gravity({s.channel: bool(s.gravity) for s in sensors})
     added = [e for e in effects if e.adds is not None]

@@ -63,7 +63,7 @@ class Finding:
 @dataclass(frozen=True, kw_only=True)
 class DetectableSize:
     """The least size of a candidate that would be found in nine of ten records like this one; `share_left` of its
-    signature that what is normal leaves; z as found."""
+    signature that what is normal leaves; z as found; the identity (`key`) of its row of the catalogue."""
 
     kind: str
     cause: str
@@ -73,6 +73,7 @@ class DetectableSize:
     unit: str
     share_left: float
     z: float
+    key: Hashable = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,6 +139,9 @@ class Diagnosis:
 
     def content(self) -> dict:
         """As in diagnosis.json."""
+        row: dict[Hashable, int] = {}
+        for x in self.detectable_sizes:
+            row.setdefault(x.key or (x.cause, x.location), len(row))
         return {
             "format": FORMAT,
             "verdict": self.verdict,
@@ -162,9 +166,9 @@ class Diagnosis:
             "adequacy_p": _plain(self.adequacy_p),
             "splits": list(self.splits),
             "detectable_sizes": [
-                {"kind": x.kind, "cause": x.cause, "location": x.location, "time_profile": x.time_profile,
-                 "size": _plain(x.size),
-                 "unit": x.unit, "share_left": _plain(x.share_left), "z": _plain(x.z)}
+                {"row": row[x.key or (x.cause, x.location)], "kind": x.kind, "cause": x.cause, "location": x.location,
+                 "time_profile": x.time_profile, "size": _plain(x.size), "unit": x.unit,
+                 "share_left": _plain(x.share_left), "z": _plain(x.z)}
                 for x in self.detectable_sizes
             ],
             "parameters": [{k: _plain(v) for k, v in p.items()} for p in self.parameters],
@@ -217,6 +221,7 @@ class DetectableSizeTable:
     unit: str
     share_left: float | None = None
     z: float | None = None
+    row: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

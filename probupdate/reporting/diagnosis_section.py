@@ -33,6 +33,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
+from probupdate.reporting.figures_diagnosis import row_of
 from probupdate.reporting.values import Run
 
 HEADLINES = {
@@ -336,7 +337,7 @@ def _detectable_sizes(content: Mapping) -> list[Element]:
     reached = chosen_sizes([*static, *along])
     if not reached:
         return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
-    steps = {(x["cause"], x["location"]): x["size"] for x in entries if x["time_profile"] == "step" and x.get("size")}
+    steps = {row_of(x): x["size"] for x in entries if x["time_profile"] == "step" and x.get("size")}
     count = sum(bool(x.get("size")) for x in entries)
     return [_picture(
         figures.detectable_sizes(reached, steps), "detectable_sizes",

@@ -4,7 +4,7 @@ they are."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from itertools import product
 from typing import TypedDict
 
@@ -355,11 +355,16 @@ def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     return figure
 
 
+def row_of(entry: Mapping) -> Hashable:
+    """Which row of the catalogue an entry of detectable_sizes is of; by its words in files of before."""
+    return entry.get("row") if entry.get("row") is not None else (entry["cause"], entry["location"])
+
+
 @styled
-def detectable_sizes(entries: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
+def detectable_sizes(entries: Sequence[Mapping], steps: Mapping[Hashable, float]) -> Figure:
     """Least size that this record excludes, a panel for each kind and unit; open marks: as a step within the record,
-    which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: (cause, location) -> size
-    of a step."""
+    which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: `row_of` one -> size of
+    a step."""
     groups: dict[tuple[str, str], list[Mapping]] = {}
     for kind in KIND_COLOURS:
         for x in entries:
@@ -372,7 +377,7 @@ def detectable_sizes(entries: Sequence[Mapping], steps: Mapping[tuple[str, str],
     for axes, ((kind, unit), rows) in zip(panels, groups.items(), strict=True):
         scale = 100.0 if unit.startswith("%") else 1.0
         values = scale * np.array([abs(x["size"]) for x in rows])
-        inside = scale * np.abs(np.array([steps.get((x["cause"], x["location"]), np.nan) for x in rows], float))
+        inside = scale * np.abs(np.array([steps.get(row_of(x), np.nan) for x in rows], float))
         low = np.nanmin(np.concatenate([values, inside])) / 2
         axes.barh(range(len(rows)), values - low, left=low, color=KIND_COLOURS[kind], height=0.6, alpha=0.85)
         axes.plot(inside, range(len(rows)), ls="none", marker="D", ms=3.5, mfc="white", mec=PURPLE, zorder=3)

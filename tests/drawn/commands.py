@@ -55,6 +55,7 @@ def steps(model: list[str], folder: Path, *, extend: bool) -> list[list[str]]:
     return [
         ["modes", name, "--count", "6", "--out", at("own.json")],
         ["select", at("modes.json"), "--out", at("nine.json")],
+        ["figures", at("modes.json"), "--format", "svg", "--out", at("figures")],
         ["inform", *model, *data, "--out", at("information.json")],
         ["update", *model, *data, "--out", at("update.json")],
         ["sample", *model, *data, *FEW_DRAWS, "--out", at("posterior.nc")],
@@ -83,6 +84,8 @@ def run_case(case: Case, folder: Path, *, only: tuple[str, ...] = (), extend: bo
     line = {"id": case.id + ("-raw" if raw else ""), "kind": case.kind, "class": case.hidden_class, "seed": case.seed,
             "title": s.drawn.title, "hidden": hidden_row(s), "truth_s": round(time.process_time() - begun, 1)}
     after = [w for w in steps(model, folder, extend=extend) if not only or w[0] in only]
+    if not only and s.blocks[0].columns:
+        after.append(["regress", str(folder / "modes.json"), "--out", str(folder / "regression.csv")])
     line["commands"] = []
     for words in (*before, *after):
         after_each(line | {"running": words[0]})

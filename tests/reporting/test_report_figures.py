@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures, figures_identification, style
+from probupdate.reporting.figures_diagnosis import row_of
 
 
 def standard(name: str) -> Parameter:
@@ -263,3 +264,17 @@ def test_a_narrow_posterior_can_be_read_beside_a_wide_prior():
     axes = figures.marginals([Parameter(name="k", unit="-", initial=1.0, std=1.0, lower=0.05)], draws, []).axes[0]
     width = np.ptp(np.percentile(draws, [0.2, 99.8]))
     assert np.ptp(axes.get_xlim()) < 5 * width
+
+
+def test_steps_of_rows_that_read_alike_stand_beside_their_own():
+    """Two braces of one face had the same words, and the step of the second stood beside both."""
+    def entry(row, profile, size):
+        return {"row": row, "kind": "structural", "cause": "stiffness", "location": "face AB, bay 1", "unit": "-",
+                "time_profile": profile, "size": size, "share_left": 0.5, "z": 0.1}
+
+    steps = {row_of(x): x["size"] for x in (entry(0, "step", 0.01), entry(1, "step", 0.02))}
+    figure = figures.detectable_sizes([entry(0, "constant", 0.3), entry(1, "constant", 0.4)], steps)
+    (marks,) = figure.axes[0].lines
+    assert marks.get_xdata().tolist() == [0.01, 0.02]
+    # a file of before has no numbers
+    assert row_of({"cause": "stiffness", "location": "leg A"}) == ("stiffness", "leg A")
