@@ -37,9 +37,9 @@ class Block:
     """data (n_sample, n_channel) in SI units, NaN for every sample that was not measured: nothing is drawn over gaps.
 
     missing (n_channel,) share of samples lost; impossible (n_channel,) number of those that were there but beyond
-    LARGEST_SI; repeated, filled (n_channel,) share of samples that only repeat the one before, or lie on a straight
-    line drawn over a gap (`gaps`), lost too; excluded: why the block cannot be used, empty where it can; notes: what
-    was done to it.
+    LARGEST_SI, or a number that stands for lost ones; repeated, filled (n_channel,) share of samples that only repeat
+    the one before, or lie on a straight line drawn over a gap (`gaps`), lost too; excluded: why the block cannot be
+    used, empty where it can; notes: what was done to it.
     """
 
     start: pd.Timestamp
@@ -219,12 +219,22 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         data *= campaign.unit_factor
     # no sensor measures what its square would overflow on: the bit pattern of a damaged file
     lost = ~(np.abs(data) < LARGEST_SI)
-    missing, impossible = lost.mean(axis=0), np.sum(lost & ~np.isnan(data), axis=0)
+    impossible = np.sum(lost & ~np.isnan(data), axis=0)
     for name, count in zip(campaign.channels, impossible, strict=True):
         if count:
             notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
                          f"measures: {COUNTED_AS_LOST}")
     data[lost] = np.nan
+    for c in gaps.with_markers(data):
+        column, name = np.ascontiguousarray(data[:, c]), campaign.channels[c]
+        for value in gaps.markers(column):
+            at = column == value
+            impossible[c] += at.sum()
+            lost[at, c] = True
+            data[at, c] = np.nan
+            notes.append(f"{plural(int(at.sum()), 'sample')} of {name} at {value:.6g}, a number for lost ones: "
+                         f"{COUNTED_AS_LOST}")
+    missing = lost.mean(axis=0)
     again, drawn = _not_measured(data, lost, campaign.sampling_rate_hz)
     repeated, line = again.mean(axis=0), drawn.mean(axis=0)
     data[again | drawn] = np.nan

@@ -98,9 +98,10 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> 
     if spikes := int(rows["spikes"].sum()):
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
     if impossible := int(rows["impossible"].sum()):
-        found.append(f"{name} has {plural(impossible, 'sample')} beyond {LARGEST_SI:g} (SI), which no sensor measures, "
-                     f"in {plural(int((rows['impossible'] > 0).sum()), 'block')}: counted as lost; a damaged file, or "
-                     "a number that stands for a lost sample")
+        found_in = plural(int((rows["impossible"] > 0).sum()), "block")
+        found.append(f"{name} has {plural(impossible, 'sample')} beyond {LARGEST_SI:g} (SI) or at one number far more "
+                     f"often than beside it, in {found_in}: counted as lost; a damaged file, or a number that stands "
+                     "for lost samples")
     if clipped := int(rows["clipped"].sum()):
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())

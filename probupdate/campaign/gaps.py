@@ -1,7 +1,8 @@
 """Samples that were not measured: lost ones, values that a converter or a radio repeated, straight lines over gaps.
 
 A number that stands in a file need not be a sample. A converter slower than the table repeats its values, a radio that
-loses a packet sends the last one again, and who exports a record may draw straight lines over what is missing.
+loses a packet sends the last one again, or a zero, and who exports a record may draw straight lines over what is
+missing.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ MOST_FILLED = 0.9
 COARSE = 0.05
 # of so many samples one is looked at before all are
 EACH = 12
+# samples among which a number that stands for lost ones is looked for, and the largest share that may be lost so
+LOOKED_AT, MOST_MARKED = 2500, 0.5
+# a number so many robust standard deviations away that stands so often, and is reached from near the middle, is none
+# that a sensor measured
+FAR, OFTEN, NEAR = 30.0, 3, 0.3
 
 
 def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -35,6 +41,53 @@ def suspected(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     again = np.count_nonzero(data[1:] == data[:-1], axis=0) >= FEWEST
     kink = np.abs(data[2::EACH] - 2 * data[1:-1:EACH] + data[:-2:EACH])
     return np.flatnonzero(again), np.flatnonzero((kink <= ROUNDING * np.abs(data[1:-1:EACH])).any(axis=0))
+
+
+def with_markers(data: np.ndarray) -> np.ndarray:
+    """Columns of data (n, n_channel) worth a look by `markers`, in one quick pass."""
+    if len(data) < 2 * FEWEST:
+        return np.zeros(0, int)
+    some = np.sort(np.ascontiguousarray(data[:: max(len(data) // LOOKED_AT, 1)].T))
+    n = some.shape[1]
+    often = (some[:, FEWEST - 1:] == some[:, : n - FEWEST + 1]).any(axis=1)
+    quarter, middle, upper = some[:, n // 4], some[:, n // 2], some[:, 3 * n // 4]
+    # of rows side by side, which is one pass through memory
+    wide = data[: len(data) // EACH * EACH].reshape(-1, EACH * data.shape[1])
+    high, low = (of(axis=0).reshape(EACH, -1) for of in (wide.max, wide.min))
+    away = np.maximum(high.max(axis=0) - middle, middle - low.min(axis=0))
+    # of a normal distribution the quartiles lie 1.35 standard deviations apart
+    return np.flatnonzero(often | ~(away <= FAR * (upper - quarter) / 1.35))
+
+
+def markers(column: np.ndarray) -> list[float]:
+    """Numbers that stand for lost samples in column (n,), NaN where lost: one that is far more frequent than those next
+    to it, and one far outside that comes again and again, as 0 and -9999. What a record is clipped at is neither."""
+    known = column[np.isfinite(column)]
+    some = known[:: max(len(known) // LOOKED_AT, 1)]
+    if len(some) < 2 * FEWEST:
+        return []
+    low, high = float(known.min()), float(known.max())
+    middle = float(np.median(some))
+    spread = 1.4826 * float(np.median(np.abs(some - middle)))
+    found = [x for x in (low, high) if abs(x - middle) > FAR * spread > 0 and _jumps_to(known, x, middle)]
+    value, count = np.unique(some[~np.isin(some, found)], return_counts=True)
+    if len(value) < FEWEST or np.diff(value).min() > COARSE * np.std(value):
+        return found
+    k = int(np.argmax(count))
+    usual = count[max(k - 1, 0): k + 2].sum() - count[k]
+    if count[k] >= FEWEST and PILE * usual < count[k] <= MOST_MARKED * len(some) and (
+            value[k] not in (low, high) or _jumps_to(known, value[k], middle)):
+        found.append(float(value[k]))
+    return found
+
+
+def _jumps_to(known: np.ndarray, value: float, middle: float) -> bool:
+    """Whether the record stands at a value several times, coming from near its middle."""
+    at = known == value
+    starts, _ = runs(at)
+    before = known[starts[starts > 0] - 1]
+    return bool(np.count_nonzero(at) >= OFTEN and len(before)
+                and np.median(np.abs(before - middle)) < NEAR * abs(value - middle))
 
 
 def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:

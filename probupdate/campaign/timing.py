@@ -164,7 +164,7 @@ class Clock:
             texts = pd.Series(time)
             index = pd.DatetimeIndex(pd.to_datetime(texts.astype(str) if described.time_format else texts, format=form))
         except (ValueError, TypeError) as error:
-            raise InputError(where, f"is not a time ({str(error).splitlines()[0]})",
+            raise InputError(where, f"is not a time ({str(error).splitlines()[0].partition('. You')[0]})",
                              "write ISO 8601, numbers with time_unit, or state time_format, such as "
                              "\"%d.%m.%Y %H:%M:%S.%f\", in convert.toml") from None
         if index.hasnans:

@@ -50,6 +50,7 @@ def summarise(
         lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
     elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
+    lines += campaign.scada.attrs.get("notes", []) if campaign.scada is not None else []
     return "\n".join(lines)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check
-from probupdate.campaign.gaps import filled, repeated, zero_filled
+from probupdate.campaign.gaps import filled, markers, repeated, with_markers, zero_filled
 from probupdate.campaign.reading import read_campaign
 
 RATE = 20.0
@@ -90,3 +90,29 @@ def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
     assert "clock" not in text
     first = next(blocks(campaign))
     assert first.repeated == pytest.approx([0, 0.5, 0], abs=1e-3) and np.isnan(first.data[1::2, 1]).mean() > 0.999
+
+
+@pytest.mark.parametrize(("value", "share"), [(0.0, 0.1), (0.0, 0.04), (-9999.0, 0.3), (-9999.0, 0.001), (3.0, 0.05),
+                                              (32767.0, 0.01)])
+@pytest.mark.parametrize("in_runs", [False, True])
+def test_a_number_that_stands_for_lost_samples_is_found(value, share, in_runs):
+    rng = np.random.default_rng(2)
+    lost = rng.random(12000) < share
+    if in_runs:
+        lost = np.repeat(rng.random(600) < max(share, 0.01), 20)
+    column = np.where(lost, value, vibration())
+    column = of_four_bytes(column)
+    assert markers(column) == [value] and with_markers(np.column_stack([vibration(), column])).tolist() == [1]
+
+
+@pytest.mark.parametrize("of", [
+    vibration(), np.round(vibration() / 0.02) * 0.02, np.round(vibration()), np.clip(vibration(), -0.8, 0.8),
+    np.zeros(12000), np.where(np.arange(12000) % 3000 < 40, 60.0, 1.0) * vibration(),
+    np.round(np.where(np.arange(12000) < 9000, 0.02, 1.0) * vibration() / 0.1) * 0.1,
+    np.clip(np.exp(-np.arange(12000) % 4000 / 40) * 500 * vibration(), -200, 200),
+    np.sin(np.arange(12000) * np.pi / 10),
+    np.repeat(vibration()[::2], 2),
+], ids=["vibration", "converter", "few levels", "clipped", "dead", "bursts", "quiet beside coarse", "clipped impacts",
+        "sine", "held"])
+def test_what_a_sensor_measured_is_no_number_for_lost_samples(of):
+    assert markers(of) == [] and markers(of_four_bytes(of)) == []
