@@ -15,7 +15,7 @@ import pytest
 from validation import MARK, Row, properties, written
 
 import probupdate
-from probupdate.campaign.reading import CAMPAIGN_KEYS, SENSOR_KEYS, UNITS
+from probupdate.campaign.reading import UNITS, WrittenCampaign, WrittenSensor
 from probupdate.campaign.scada import COLUMNS
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
@@ -108,7 +108,8 @@ def test_targets_of_make_exist():
 
 def test_keys_of_the_campaign_are_those_that_are_read():
     table = tomllib.loads(next(b for b in blocks(CAMPAIGN, "toml") if "[[sensor]]" in b))
-    assert set(table) == set(CAMPAIGN_KEYS) and set(table["sensor"][0]) == set(SENSOR_KEYS)
+    for keys, kind in ((table, WrittenCampaign), (table["sensor"][0], WrittenSensor)):
+        assert set(keys) == {f.name for f in dataclasses.fields(kind)}
     for columns in (COLUMNS, *UNITS.values()):
         for name in columns:
             assert name in text(CAMPAIGN) or name == "m/s^2"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, path_inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
-from probupdate.io.schema import table_as
+from probupdate.io.schema import Range, table_as
 from probupdate.modal.modes import Sensor
 
 # how long a block must be its rate decides, by the samples that identify a mode at all: a laboratory's kHz record may
@@ -31,13 +31,40 @@ HIGHEST_RATE_HZ = 1e5
 LONGEST_RECORD_S = 3.2e8
 # what one block may take in memory, at eight bytes a sample; reading and checking hold a few copies of it
 LARGEST_BLOCK_BYTES = 128 * 2**20
-CAMPAIGN_KEYS = (
-    "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
-    "scada", "sensor",
-)
 # what stands in a campaign.toml that is to be filled in
 BLANK = "?"
-SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit", "gravity")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenSensor:
+    """A [[sensor]] of campaign.toml as it is written; position_m, direction and gravity `Sensor` checks, wherever they
+    come from."""
+
+    channel: str
+    level: str
+    position_m: object
+    direction: object
+    quantity: str = "acceleration"
+    unit: str = "m/s2"
+    gravity: object = None
+
+
+Positive = Annotated[float, Range(0, above=True)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenCampaign:
+    """campaign.toml as it is written: kinds and bounds of its keys."""
+
+    sampling_rate_hz: Positive
+    block_minutes: Positive
+    name: str | None = None
+    water_depth_m: Positive | None = None
+    rated_power_kw: Positive | None = None
+    x_axis_heading_deg: Annotated[float, Range(-360, 360)] = 0.0
+    leave_out: tuple[str, ...] = ()
+    scada: Mapping[str, object] = field(default_factory=dict)
+    sensor: tuple[Mapping[str, object], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,14 +146,20 @@ def nearest(key: str, known: tuple[str, ...]) -> str:
 class CampaignHead:
     """What campaign.toml alone says."""
 
-    raw: Mapping
+    written: WrittenCampaign
     sensors: tuple[Sensor, ...]
-    sampling_rate_hz: float
-    block_minutes: float
 
     @property
     def channels(self) -> tuple[str, ...]:
         return tuple(s.channel for s in self.sensors)
+
+    @property
+    def sampling_rate_hz(self) -> float:
+        return self.written.sampling_rate_hz
+
+    @property
+    def block_minutes(self) -> float:
+        return self.written.block_minutes
 
 
 def campaign_toml(place: str | Path) -> Path:
@@ -139,15 +172,11 @@ def read_head(path: str | Path) -> CampaignHead:
     """Read campaign.toml. Raises InputError where a key, a unit or a number is not what the campaign's layout says."""
     path = Path(path)
     raw = read_toml(path, absent="write it, or give the folder that holds it")
-    for key in raw:
-        if key not in CAMPAIGN_KEYS:
-            raise InputError(str(path), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
     _refuse_blanks(path, raw)
-    rate = _positive(path, raw, "sampling_rate_hz")
-    sensors = _sensors(path, raw)
-    minutes = _positive(path, raw, "block_minutes")
-    refuse_absurd(path, rate, minutes, len(sensors))
-    return CampaignHead(raw=raw, sensors=sensors, sampling_rate_hz=rate, block_minutes=minutes)
+    written = table_as(WrittenCampaign, raw, str(path))
+    sensors = _sensors(path, written.sensor)
+    refuse_absurd(path, written.sampling_rate_hz, written.block_minutes, len(sensors))
+    return CampaignHead(written=written, sensors=sensors)
 
 
 def read_campaign(path: str | Path) -> Campaign:
@@ -158,20 +187,20 @@ def read_campaign(path: str | Path) -> Campaign:
     path = input_folder(path, remedy="give the folder that holds campaign.toml")
     where = path_inside(path / "campaign.toml", path)
     head = read_head(where)
-    raw, scada = head.raw, path / "scada.csv"
-    left_out = _left_out(where, raw, head.channels)
+    written, scada = head.written, path / "scada.csv"
+    left_out = _left_out(where, written.leave_out, head.channels)
     columns = tuple(k for k, c in enumerate(head.channels) if c not in left_out)
     return Campaign(
         path=path,
-        name=str(raw.get("name", path.name)),
+        name=path.name if written.name is None else written.name,
         sensors=tuple(head.sensors[k] for k in columns),
         sampling_rate_hz=head.sampling_rate_hz,
         block_minutes=head.block_minutes,
-        water_depth_m=_positive(where, raw, "water_depth_m") if "water_depth_m" in raw else None,
-        rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
-        x_axis_heading_deg=_heading(where, raw),
+        water_depth_m=written.water_depth_m,
+        rated_power_kw=written.rated_power_kw,
+        x_axis_heading_deg=written.x_axis_heading_deg,
         files=_record_files(path / "acceleration", head.sampling_rate_hz, head.sensors),
-        scada=_scada(where, raw, path_inside(scada, path)) if present(scada) else None,
+        scada=_scada(where, written, path_inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
     )
@@ -188,17 +217,13 @@ def _refuse_blanks(path: Path, raw: Mapping) -> None:
                          "write what was measured where, as docs/formats/campaign.md has it")
 
 
-def _scada(where: Path, raw: Mapping, path: Path) -> pd.DataFrame:
-    stated = table_as(StatedScada, raw.get("scada", {}), f"{where}, scada")
-    rated = _positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None
-    return read_scada(path, rated_power_kw=rated, stated=stated)
+def _scada(where: Path, written: WrittenCampaign, path: Path) -> pd.DataFrame:
+    stated = table_as(StatedScada, written.scada, f"{where}, scada")
+    return read_scada(path, rated_power_kw=written.rated_power_kw, stated=stated)
 
 
-def _left_out(where: Path, raw: Mapping, channels: tuple[str, ...]) -> tuple[str, ...]:
+def _left_out(where: Path, names: Sequence[str], channels: tuple[str, ...]) -> tuple[str, ...]:
     """Channels that are in the files but not to be used, such as dead ones."""
-    names = raw.get("leave_out", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
-        raise InputError(f"{where}, leave_out", f"{names!r} is no list of channels", 'write such as ["T90-x"]')
     for name in names:
         if name not in channels:
             raise InputError(f"{where}, leave_out", f"'{name}' is no channel", nearest(name, channels))
@@ -226,40 +251,15 @@ def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_cha
                          f"{8e-6 * n_sample * n_channel:.0f} MB a block", f"give at most {longest:.3g} minutes")
 
 
-def _positive(where: Path, raw: Mapping, key: str) -> float:
-    value = raw.get(key)
-    if value is None:
-        raise InputError(str(where), f"'{key}' is missing", "add it")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
-        raise InputError(f"{where}, {key}", f"{value!r} is not a positive number", "give one")
-    return float(value)
-
-
-def _heading(where: Path, raw: Mapping) -> float:
-    value = raw.get("x_axis_heading_deg", 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -360 <= value <= 360:
-        raise InputError(f"{where}, x_axis_heading_deg", f"{value!r} is not in -360 to 360", "give a compass heading")
-    return float(value)
-
-
-def _sensors(where: Path, raw: Mapping) -> tuple[Sensor, ...]:
-    tables = raw.get("sensor")
-    if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
+def _sensors(where: Path, tables: Sequence[Mapping]) -> tuple[Sensor, ...]:
+    if not tables:
         raise InputError(str(where), "there is no [[sensor]]", "write one table per channel, in column order")
     sensors: list[Sensor] = []
     for number, table in enumerate(tables, 1):
         here = f"{where}, sensor {table.get('channel', number)}"
-        for key in table:
-            if key not in SENSOR_KEYS:
-                raise InputError(here, f"unknown key '{key}'", nearest(key, SENSOR_KEYS))
-        for key in ("channel", "level", "position_m", "direction"):
-            if key not in table:
-                raise InputError(here, f"'{key}' is missing", "add it")
-        for key in ("channel", "level", "quantity", "unit"):
-            if not isinstance(table.get(key, ""), str):
-                raise InputError(f"{here}, {key}", f"{table[key]!r} is no text", "write it in quotes")
+        written = table_as(WrittenSensor, table, here)
         try:
-            sensor = Sensor(**table)
+            sensor = Sensor(**vars(written))
         except InputError as error:
             # the sensor knows its name, not the file it came from
             raise InputError(here, error.problem, error.remedy) from None

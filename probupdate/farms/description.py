@@ -153,10 +153,6 @@ def read_farm(path: str | Path) -> Farm:
     step without what it needs, folders outside the file's own, names that are no folder's, no month at all."""
     path = Path(path)
     content = read_toml(path, REMEDY)
-    asked = content.get("select")
-    if isinstance(asked, dict) and "deviations" in asked:
-        # the key's former name
-        content["select"] = {"std_from": asked["deviations"], **{k: v for k, v in asked.items() if k != "deviations"}}
     refuse_unknown(content, [*FarmTable.__dataclass_fields__, "turbine", "joint", *TABLES], str(path))
     head = table_as(FarmTable, {k: v for k, v in content.items() if k in FarmTable.__dataclass_fields__}, str(path))
     options = Options(**{name: table_as(kind, content[name], f"{path}, [{name}]") for name, kind in TABLES.items()

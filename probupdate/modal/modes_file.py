@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,10 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
-from probupdate.io.schema import LARGEST
+from probupdate.io.schema import LARGEST, table_as
 from probupdate.modal.conditions import KNOWN_COLUMNS, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
-from probupdate.modal.mode_choice import ModeChoice, choice_of
+from probupdate.modal.mode_choice import choice_of
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
@@ -146,8 +146,24 @@ def _refuse_mixed(path: Path, sets: Sequence[ModalSet]) -> None:
 HIGHEST_HZ = 1e8
 # what a quartz oscillator keeps for a while, as a share: no frequency of a record is known better
 CLOCK = 1e-7
-FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only",
-             "gravity", "choice"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Written:
+    """modes.json as it is written, but for its sets, which `_read_set` reads one by one."""
+
+    channels: tuple[str, ...]
+    labels: tuple[str, ...] = ()
+    reference_set: str | None = None
+    format: int = FORMAT
+    mode_records: tuple[Mapping[str, object], ...] | None = None
+    model_only: tuple[Mapping[str, object], ...] | None = None
+    gravity: object = None
+    choice: Mapping[str, object] | None = None
+
+
+OWN_KEYS = {f.name for f in fields(_Written)}
+FILE_KEYS = OWN_KEYS | {"sets", "deviations"}
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
     "environment",
@@ -183,10 +199,14 @@ def read_modes(path: str | Path) -> ModalData:
 
 def _read_modes(path: Path) -> ModalData:
     content = _json_of_modes(path)
-    channels = _texts(path, content, "channels")
+    # other tools may add keys of their own
+    written = table_as(_Written, {k: v for k, v in content.items() if k in OWN_KEYS}, str(path))
+    if written.format > FORMAT:
+        raise InputError(str(path), f"has the format {written.format}; {FORMAT} is the newest known",
+                         "read it with the version that wrote it, or identify again")
+    channels, labels = written.channels, written.labels
     if repeated := [c for c in dict.fromkeys(channels) if channels.count(c) > 1]:
         raise InputError(f"{path}, channels", f"{repeated[0]} is listed twice", "keep one")
-    labels = _texts(path, content, "labels")
     twice = [label for label, n in Counter(labels).items() if label and n > 1]
     if twice:
         raise InputError(f"{path}, labels", f"{twice[0]} stands for {labels.count(twice[0])} modes",
@@ -202,27 +222,16 @@ def _read_modes(path: Path) -> ModalData:
         channels=channels,
         sets=sets,
         labels=labels,
-        reference_set=_text_or_none(path, content, "reference_set"),
-        records=_records(path, content, "mode_records", ModeRecord),
-        gravity=_gravity(path, content, len(channels)),
-        model_only=_records(path, content, "model_only", ModelMode),
-        choice=_choice(path, content),
+        reference_set=written.reference_set,
+        records=_records(f"{path}, mode_records", written.mode_records, ModeRecord),
+        gravity=_gravity(path, written.gravity, len(channels)),
+        model_only=_records(f"{path}, model_only", written.model_only, ModelMode),
+        choice=None if written.choice is None else choice_of(written.choice, f"{path}, choice"),
     )
 
 
-def _choice(path: Path, content: Mapping) -> ModeChoice | None:
-    """What was picked by hand, where it was."""
-    table = content.get("choice")
-    if table is None:
-        return None
-    if not isinstance(table, dict):
-        raise InputError(f"{path}, choice", f"{table!r:.60} is no table", "identify again, or leave the key out")
-    return choice_of(table, f"{path}, choice")
-
-
-def _gravity(path: Path, content: Mapping, n_channel: int) -> tuple[bool, ...]:
+def _gravity(path: Path, value: object, n_channel: int) -> tuple[bool, ...]:
     """One value for all channels, or one for each; () where it is not stated."""
-    value = content.get("gravity")
     if value is None:
         return ()
     values = [value] * n_channel if isinstance(value, bool) else value
@@ -251,10 +260,6 @@ def _json_of_modes(path: Path) -> dict:
         if key not in content or (key == "sets" and not isinstance(content[key], list)):
             raise InputError(f"{path}, {key}", "is no list" if key in content else "is missing",
                              "give modal sets, as `probupdate identify` writes them (docs/formats/modes.md)")
-    known = content.get("format", FORMAT)
-    if isinstance(known, bool) or not isinstance(known, int) or known > FORMAT:
-        raise InputError(str(path), f"has the format {known!r}; {FORMAT} is the newest known",
-                         "read it with the version that wrote it, or identify again")
     return content
 
 
@@ -343,60 +348,14 @@ def _refuse_odd_length(where: str, raw: dict, n_mode: int, n_channel: int) -> No
                          "give every mode an entry in each of them, null where not measured")
 
 
-def _text_or_none(path: Path, content: Mapping, key: str) -> str | None:
-    value = content.get(key)
-    if value is not None and not isinstance(value, str):
-        raise InputError(f"{path}, {key}", f"{value!r:.60} is no text", "name a set's id, or leave the key out")
-    return value
-
-
-def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:
+def _records(where: str, rows: Sequence[Mapping] | None, kind: type) -> tuple:
     """Plain values by the names of the record's fields; null is NaN; keys that are not known are other tools'."""
-    rows, found = content.get(key) or [], []
-    known = {f.name: f.type for f in fields(kind)}
-    if not isinstance(rows, list):
-        raise InputError(f"{path}, {key}", "is no list", "identify again, or leave the key out")
-    for number, row in enumerate(rows):
-        where = f"{path}, {key} {number + 1}"
-        if not isinstance(row, dict) or not isinstance(row.get("label"), str):
-            raise InputError(where, "is no table with a label", "identify again, or leave the key out")
-        _refuse_misspelt(where, row, set(known))
-        value = {}
-        for name in set(row) & set(known):
-            try:
-                value[name] = _plain(row[name], known[name])
-            except (TypeError, ValueError, AttributeError):
-                raise InputError(f"{where}, {name}", f"{row[name]!r} is not what belongs there",
-                                 "identify again, or leave the key out") from None
-        try:
-            found.append(kind(**value))
-        except TypeError:
-            raise InputError(where, f"lacks one of {', '.join(known)}",
-                             "identify again, or leave the key out") from None
+    known, found = {f.name: f.type for f in fields(kind)}, []
+    for number, row in enumerate(rows or (), 1):
+        _refuse_misspelt(f"{where} {number}", row, set(known))
+        table = {k: np.nan if v is None and known[k] == "float" else v for k, v in row.items() if k in known}
+        found.append(table_as(kind, table, f"{where} {number}"))
     return tuple(found)
-
-
-def _plain(value, kind: str | type):
-    """A JSON value as a field of that kind, a name as annotations are written in `sets`."""
-    kind = str(kind)
-    if kind == "float":
-        return np.nan if value is None else float(value)
-    if kind == "int":
-        return int(value)
-    if kind.startswith("Mapping"):
-        return {str(state): (int(n), int(of)) for state, (n, of) in value.items()}
-    if kind.startswith("tuple"):
-        return tuple((str(name), float(share)) for name, share in value)
-    if (kind == "bool") != isinstance(value, bool) or (kind == "str") != isinstance(value, str):
-        raise ValueError
-    return value
-
-
-def _texts(path: Path, content: Mapping, key: str) -> tuple[str, ...]:
-    value = content.get(key, [])
-    if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
-        raise InputError(f"{path}, {key}", "is not a list of names", 'write ["TP-A-x", ...]')
-    return tuple(value)
 
 
 def _nulls(array: np.ndarray):

@@ -28,9 +28,9 @@ def test_a_campaign_is_read_in_the_order_of_the_starts(campaign_folder, signal):
 WRONG_HEADS = [
     ('sampling_rate_hz = 10.0', 'sampling_rate = 10.0', "unknown key 'sampling_rate'", "mean 'sampling_rate_hz'"),
     ('sampling_rate_hz = 10.0', '', "'sampling_rate_hz' is missing", "add it"),
-    ('sampling_rate_hz = 10.0', 'sampling_rate_hz = "10"', "'10' is not a positive number", "give one"),
-    ('block_minutes = 10', 'block_minutes = 0', "0 is not a positive number", "give one"),
-    ('block_minutes = 10', 'block_minutes = 10\nx_axis_heading_deg = 400', "400 is not in -360 to 360", "heading"),
+    ('sampling_rate_hz = 10.0', 'sampling_rate_hz = "10"', "'10' is not a number", "without quotes"),
+    ('block_minutes = 10', 'block_minutes = 0', "0 is no number above 0", "another"),
+    ('block_minutes = 10', 'block_minutes = 10\nx_axis_heading_deg = 400', "400 is not in -360 to 360", "another"),
     ('block_minutes = 10', 'block_minutes = 0.001', "0.001 minutes at 10 Hz are fewer", "at least 0.167 minutes"),
     ('block_minutes = 10', 'block_minutes = 0.12', "at 10 Hz are fewer than 100 samples", "at least 0.167 minutes"),
     ('block_minutes = 10', 'block_minutes = 1e9', "1e+09 is more than a day", "such as 30"),

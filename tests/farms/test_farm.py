@@ -318,6 +318,7 @@ def test_a_month_that_ends_its_process_fails_alone(copied):
     ("lowest = 3", "lowest = 0", "lowest: 0 is not in 1 to 1000"),
     ("[diagnose]", "[sample]\ness = 5\n[diagnose]", "is a table of a step that is not among steps"),
     ("[[turbine]]", "[[turbines]]", "unknown key 'turbines'; did you mean 'turbine'"),
+    ("[select]", '[select]\ndeviations = "identification"', "unknown key 'deviations'; known are preset, std_from"),
 ])
 def test_mistakes_of_the_description_are_named(described, tmp_path, old, new, said):
     assert old in DESCRIPTION
@@ -326,16 +327,6 @@ def test_mistakes_of_the_description_are_named(described, tmp_path, old, new, sa
     with pytest.raises(InputError) as error:
         read_farm(path)
     assert said in str(error.value) and "wrong.toml" in str(error.value)
-
-
-def test_the_former_name_of_a_key_is_read(described):
-    description = described.with_name("former.toml")
-    former = described.read_text().replace("[select]", '[select]\ndeviations = "identification"')
-    description.write_text(former)
-    assert read_farm(description).options.select.std_from == "identification"
-    description.write_text(former.replace('"identification"', '"both"'))
-    with pytest.raises(InputError, match="std_from"):
-        read_farm(description)
 
 
 def test_two_shards_that_begin_in_the_same_moment_take_one_folder(described, tmp_path, monkeypatch):

@@ -149,10 +149,10 @@ def test_records_are_written_read_and_chosen_by(tmp_path):
 
 @pytest.mark.parametrize(("old", "new", "word"), [
     ('"format": 2', '"format": 3', "has the format 3; 2 is the newest known"),
-    ('"format": 2', '"format": "x"', "has the format 'x'; 2 is the newest known"),
-    ('"match": "alike"', '"match": 1', r"mode_records 1, match: 1 is not what belongs there"),
+    ('"format": 2', '"format": "x"', "format: 'x' is not a number"),
+    ('"match": "alike"', '"match": 1', "mode_records 1, match: 1 is no text"),
     ('"found": 3', '"fuond": 3', "unknown key 'fuond'"),
-    ('"expected": true', '"other": true', r"model_only 1: lacks one of label, frequency_hz, expected"),
+    ('"expected": true', '"other": true', "model_only 1: 'expected' is missing; .* label, frequency_hz, expected"),
 ])
 def test_damaged_records_are_named(tmp_path, old, new, word):
     write_modes(data_of(records()), tmp_path / "modes.json")
