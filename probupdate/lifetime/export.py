@@ -36,6 +36,7 @@ from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.description_file import read_description as read_turbine
+from probupdate.structure.frame import Frame
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.mode_labels import mode_labels
@@ -43,7 +44,8 @@ from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
 from probupdate.structure.subdyn_writing import NOT_WRITTEN, NoWord
-from probupdate.structure.substructure import NothingBelow, turbine_substructure
+from probupdate.structure.substructure import NothingBelow, turbine_substructures
+from probupdate.structure.turbine_frame import build_frame
 from probupdate.updating.posterior_file import Posterior
 
 if TYPE_CHECKING:
@@ -201,7 +203,7 @@ def export_lifetime(
     solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
     named = _labels_of(model, run.modes)
     damping = _modes(files, named, solved, run.modes, left_out, rng)
-    truncation = _superelements(files, len(draws), path, settings.n_mode, left_out, progress)
+    truncation = _superelements(files, len(draws), path, model.parameters.names, settings.n_mode, left_out, progress)
     assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, named, left_out,
                         settings.seed, progress)
     manifest = {
@@ -291,8 +293,9 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
 
 
 def _models(files: _Files, model: Model, path: Path, parameters_file, draws, left_out, progress) -> list[ModalSolution]:
-    """models/NNN, each solved again from what was written; returns the modes of every draw."""
-    n = min(10, model.n_available)
+    """models/NNN, read back: SubDyn files and the first draw's TOML are solved again, the others' TOML is held against
+    the run's, as it differs by initial values only; returns the modes of every draw."""
+    n, frame = min(10, model.n_available), _frame(path)
     solved, own, limit = [], 0.0, SOFTENED if _softened(path) else READ_BACK
     for k, theta in enumerate(draws):
         progress("writing models", k, len(draws))
@@ -301,9 +304,9 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
         solved.append(model.solve(theta, n))
         expected = solved[-1].frequency_hz
         written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
-                               files.status.remark, left_out if k == 0 else None)
+                               files.status.remark, left_out if k == 0 else None, frame)
         for entry, opened in written.items():
-            if opened is not None:
+            if not isinstance(opened, bool):
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
                 error = float(np.max(np.abs(found / expected - 1)))
                 own = max(own, error)
@@ -319,6 +322,13 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
     return solved
 
 
+def _frame(path: Path) -> Frame | None:
+    """Of a turbine's model.toml, else None. Parameters' values are no part of it: it is that of every draw."""
+    if path.suffix != ".toml" or is_subdyn(path) or "matrices" in read_toml(path):
+        return None
+    return build_frame(read_turbine(path))
+
+
 def _softened(path: Path) -> bool:
     """Whether a turbine's weight softens it, which the run has of the initial masses and each draw of its own."""
     if path.suffix != ".toml" or not isinstance(mesh := read_toml(path).get("mesh"), dict):
@@ -327,13 +337,13 @@ def _softened(path: Path) -> bool:
 
 
 def _model_files(
-    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str] | None
-) -> dict[str, Model | None]:
-    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of
-    one. `left_out`: of the first draw, where what all of them lack is said."""
+    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str] | None, frame: Frame | None
+) -> dict[str, Model | bool]:
+    """Write a model at one draw; name of each file -> the model opened again from it, True where its text was compared,
+    False where it is a part of one. `left_out`: of the first draw, where what all of them lack is said."""
     said: list[str] = [] if left_out is None else left_out
     if is_subdyn(path):
-        written: dict[str, Model | None] = {}
+        written: dict[str, Model | bool] = {}
         tower, odd = "tower" in read_toml(path), unspeakable(path)
         if odd:
             said.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
@@ -342,12 +352,12 @@ def _model_files(
             place = _at_draw(path)
             target = write_subdyn(_with_remark(file, remark), folder / place, folder)
             for name in file.soil:
-                written[_joined(place.parent, name)] = None
-            written[place.as_posix()] = None if tower else subdyn_model(target, root=folder)
+                written[_joined(place.parent, name)] = False
+            written[place.as_posix()] = False if tower else subdyn_model(target, root=folder)
             if above:
                 said.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
         if tower or not written:
-            written |= _toml_model(folder, path, values, remark)
+            written |= _toml_model(folder, path, values, remark, left_out is not None)
         return written
     if path.suffix == ".npz":
         _copy_archive(path, folder / "model.npz", remark)
@@ -355,16 +365,16 @@ def _model_files(
         own = parameters_file or next(p for p in usual if p.exists())
         text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
         write_text(folder / "parameters.toml", text)
-        return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
-    written = _toml_model(folder, path, values, remark)
-    return written if "matrices" in read_toml(path) else written | _substructure(folder, remark, left_out)
+        return {"parameters.toml": False, "model.npz": load_model(folder / "model.npz")}
+    written = _toml_model(folder, path, values, remark, left_out is not None)
+    return written if frame is None else written | _substructure(folder, remark, left_out, frame)
 
 
-def _substructure(folder: Path, remark: str, left_out: list[str] | None) -> dict[str, Model | None]:
+def _substructure(folder: Path, remark: str, left_out: list[str] | None, frame: Frame) -> dict[str, Model | bool]:
     """SubDyn's file of a turbine's draw; that of the first draw is solved again, for what it says of all."""
     described = read_turbine(folder / "model.toml")
     try:
-        paths = write_substructure(described, folder, remark)
+        paths = write_substructure(described, folder, remark, frame)
     except (NothingBelow, NoWord) as error:
         if left_out is not None:
             left_out.append(f"models as SubDyn files: {error}")
@@ -373,16 +383,16 @@ def _substructure(folder: Path, remark: str, left_out: list[str] | None) -> dict
         worst = float(np.abs(differences(described, paths[0])).max())
         left_out.append(f"in models/*/{NAME}: {'; '.join(NOT_WRITTEN)}; without these, read back below the tower of "
                         f"the first draw, the turbine's lowest frequencies are the model's within {worst:.1e}")
-    return {p.name: None for p in paths}
+    return {p.name: False for p in paths}
 
 
-def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Model | None]:
+def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> dict[str, Model | bool]:
     """The user's TOML with the draw as initial values, and the files it names."""
     raw = read_toml(path)
-    written: dict[str, Model | None] = {}
+    written: dict[str, Model | bool] = {}
     if "matrices" in raw:
         source, _ = matrices_file(path)
-        written[raw["matrices"]["file"]] = None
+        written[raw["matrices"]["file"]] = False
         _copy_archive(source, folder / raw["matrices"]["file"], remark)
     if "subdyn" in raw:
         file = read_subdyn(file_beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
@@ -391,16 +401,32 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
         lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
         write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target, folder)
         own = Path(raw["subdyn"]["file"])
-        written |= {own.as_posix(): None} | {_joined(own.parent, name): None for name in file.soil}
+        written |= dict.fromkeys((own.as_posix(), *(_joined(own.parent, name) for name in file.soil)), False)
         if "elastodyn" in raw.get("tower", {}):
             root = path.resolve().parent
             for source in named_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
                 name = source.relative_to(root)
-                written[name.as_posix()] = None
+                written[name.as_posix()] = False
                 _copy_openfast(source, folder / name, remark)
     text = f"# {remark}\n" + with_initial(read_text(path), values, str(path))
-    write_text(folder / "model.toml", text)
-    return written | {"model.toml": load_model(folder / "model.toml")}
+    target = folder / "model.toml"
+    write_text(target, text)
+    if read_toml(target) != _at_values(raw, values):
+        raise InputError(str(target), "what was read back differs from the run's model by more than initial values",
+                         "report this: the model was not written as it is")
+    return written | {"model.toml": load_model(target) if first or _softened(path) else True}
+
+
+def _at_values(raw: Mapping, values: Mapping[str, float]) -> dict:
+    """A TOML's content with a draw as initial values; `cov` becomes the std it stood for."""
+    def moved(p: Mapping) -> Mapping:
+        if p.get("name") not in values:
+            return p
+        kept = {key: v for key, v in p.items() if key != "cov"}
+        std = {"std": float(p["cov"]) * abs(float(p["initial"]))} if "cov" in p else {}
+        return kept | std | {"initial": float(values[p["name"]])}
+
+    return dict(raw) | ({"parameter": [moved(p) for p in raw["parameter"]]} if "parameter" in raw else {})
 
 
 def _at_draw(path: Path) -> Path:
@@ -545,35 +571,33 @@ def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) 
 
 
 def _superelements(
-    files: _Files, count: int, path: Path, n_mode: int, left_out: list[str], progress: Progress
+    files: _Files, count: int, path: Path, names: tuple[str, ...], n_mode: int, left_out: list[str],
+    progress: Progress,
 ) -> float | None:
     """superelements/NNN.{guyan,cb}.{npz,dat} of the files that were written; returns the largest truncation error of
     the first two frequencies, None where none were made."""
-    reduce = _reducer(path, left_out)
+    reduce = _reducer(path, names, left_out)
     if reduce is None:
         return None
     folder = files.folder / "superelements"
     worst = 0.0
     for k in range(count):
         progress("writing superelements", k, count)
-        try:
-            held = files.folder / "models" / f"{k + 1:03d}"
-            made = {name: reduce(held, n) for name, n in (("guyan", 0), ("cb", n_mode))}
-        except NothingBelow as error:
-            left_out.append(f"superelements: {error}")
-            return None
+        whole, ends = reduce(files.folder / "models" / f"{k + 1:03d}", n_mode)
         folder.mkdir(exist_ok=True)
-        for name, (one, ends) in made.items():
+        for name, one in (("guyan", whole.guyan), ("cb", whole)):
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.status.remark):
                 files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, {ends}",
                           "N, m, rad, kg, s", checked_to=READ_BACK, frequency_hz=one.frequency_hz.tolist(),
                           truncation=one.truncation.tolist())
-        worst = max(worst, float(made["cb"][0].truncation[:2].max()))
+        worst = max(worst, float(whole.truncation[:2].max()))
     progress("writing superelements", count, count)
     return worst
 
 
-def _reducer(path: Path, left_out: list[str]) -> Callable[[Path, int], tuple[Superelement, str]] | None:
+def _reducer(
+    path: Path, names: tuple[str, ...], left_out: list[str]
+) -> Callable[[Path, int], tuple[Superelement, str]] | None:
     """What makes a superelement, and says where it ends, of a folder of models/ and a number of modes."""
     if is_subdyn(path):
         if unspeakable(path):
@@ -589,8 +613,16 @@ def _reducer(path: Path, left_out: list[str]) -> Callable[[Path, int], tuple[Sup
         left_out.append("superelements: matrices do not say where the tower stands")
         return None
 
+    turbine = read_turbine(path)
+    try:
+        below = turbine_substructures(turbine, names)
+    except NothingBelow as error:
+        left_out.append(f"superelements: {error}")
+        return None
+
     def of_turbine(folder: Path, n_mode: int):
-        return reduced(turbine_substructure(read_turbine(folder / "model.toml")), n_mode=n_mode), "the tower's foot"
+        written = {p["name"]: float(p["initial"]) for p in read_toml(folder / "model.toml")["parameter"]}
+        return reduced(below({name: written[name] for name in names}), n_mode=n_mode), "the tower's foot"
 
     return of_turbine
 

@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.lifetime.damping import StateDamping
-from probupdate.lifetime.stress import HIGHEST_HZ, LOWEST_HZ, Case, ModalStress, StressModel
+from probupdate.lifetime.modal_stress import ModalStress
+from probupdate.lifetime.stress import HIGHEST_HZ, LOWEST_HZ, Case, StressModel
 from probupdate.runtime.arrays import frozen_array
 
 # densities are constant in bands of this ratio, learnt of so many lines of each, in so many steps

@@ -25,6 +25,7 @@ from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail
+from probupdate.lifetime.modal_stress import ModalStress, Slopes, times
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -42,11 +43,12 @@ from probupdate.structure.subdyn_model import Coefficients as SubDynCoefficients
 from probupdate.structure.turbine_frame import build_frame
 
 # frequencies of stress. From one cycle in ten minutes: S-N practice counts records of that length, and slower wind is
-# another mean, not another cycle. Relative steps where wind alone acts, where waves do, and where modes may lie; of the
-# latter 0.008 is 0.8 of a damping ratio of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its
-# variance
-LOWEST_HZ, WAVES_FROM_HZ, MODES_FROM_HZ, HIGHEST_HZ = 1 / 600, 0.03, 0.2, 3.0
+# another mean, not another cycle. Relative steps where wind alone acts, where waves do, and where modes may lie, from
+# 0.6 of the lowest on; there at most 0.8 of the damping ratio, where trapezoids of a resonance err by
+# 2 exp(-2 pi / 0.8) = 8e-4 of its variance. Of smaller ratios than the step (4e-3) the step is halved
+LOWEST_HZ, WAVES_FROM_HZ, HIGHEST_HZ = 1 / 600, 0.03, 3.0
 SMOOTH, COARSE, FINE = 0.05, 0.025, 0.008
+BELOW_LOWEST, OF_RATIO = 0.6, 0.8
 # the shortest waves that load the structure
 WAVES_TO_HZ = 0.6
 # points of Gauss and Legendre along an element under water: at least three, and so many metres each; the shortest waves
@@ -55,20 +57,30 @@ LEAST_POINTS, POINT_EVERY_M = 3, 1.2
 N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
 BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
+# modes above it follow loads without their own dynamics but for powers of (f / DYNAMIC_HZ)^2, of waves up to the first,
+# of thrust up to the second: 6e-6 and 2e-4 of their share at the highest frequencies; what of the waves' loads may be
+# left out
+DYNAMIC_HZ, WAVE_TOLERANCE = 12.0, 1e-7
+# (lowest frequency over that of a mode)^2 from which it is without mass
+MASSLESS = 1e-14
+# of the three nominal stresses
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIR_OF = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 LABELLED = 10
 # modes whose eigenvalues differ by less than this, relative, are equal but for rounding
 EQUAL = 1e-9
-# modes nearer than this, relative, are a pair
-CLOSE = 0.1
 MANY_TERMS = 60
 
 
-def frequency_grid() -> np.ndarray:
-    """(n_frequency,) Hz."""
-    wind, low = (np.geomspace(start, end, int(np.log(end / start) / step), endpoint=False)
-                 for start, end, step in ((LOWEST_HZ, WAVES_FROM_HZ, SMOOTH), (WAVES_FROM_HZ, MODES_FROM_HZ, COARSE)))
-    high = np.geomspace(MODES_FROM_HZ, HIGHEST_HZ, int(np.log(HIGHEST_HZ / MODES_FROM_HZ) / FINE))
-    return np.concatenate([wind, low, high])
+def frequency_grid(model: AffineModel, ratio: float) -> np.ndarray:
+    """(n_frequency,) Hz, for a model whose modes are damped by this ratio and more."""
+    value, _ = model.solve_full(model.parameters.initial, min(N_MODE, model.n_available))
+    modes = float(np.clip(BELOW_LOWEST * np.sqrt(value[0]) / (2 * np.pi), WAVES_FROM_HZ, HIGHEST_HZ / 2))
+    wind, low, high = (
+        np.geomspace(start, end, max(2, int(np.log(end / start) / step)), endpoint=end == HIGHEST_HZ)
+        for start, end, step in ((LOWEST_HZ, WAVES_FROM_HZ, SMOOTH), (WAVES_FROM_HZ, modes, COARSE),
+                                 (modes, HIGHEST_HZ, min(FINE, OF_RATIO * ratio))))
+    return frozen_array(np.unique(np.concatenate([wind, low, high])))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,13 +127,11 @@ class Case:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Response:
-    """At one parameter vector: frequency_hz (n_mode,), labels and damping_ratio of the modes; moments (n_case, 4,
-    n_detail, 3, 3) in MPa^2 Hz^k, k = 0, 1, 2, 4, of nominal axial and bending stress at crown and saddle; with
-    derivatives change (n_param, n_case, 4, n_detail, 3, 3)."""
+    """At one parameter vector: frequency_hz (n_mode,); moments (n_case, 4, n_detail, 3, 3) in MPa^2 Hz^k, k = 0, 1, 2,
+    4, of nominal axial and bending stress at crown and saddle; with derivatives change (n_param, n_case, 4, n_detail,
+    3, 3)."""
 
     frequency_hz: np.ndarray
-    labels: tuple[str, ...]
-    damping_ratio: np.ndarray
     moments: np.ndarray
     change: np.ndarray | None = None
 
@@ -278,8 +288,8 @@ class StressModel:
             found.append(
                 Case(
                     state=state,
-                    load=_times(spread, load),
-                    own=_times(self.waves.of_details, load),
+                    load=times(spread, load),
+                    own=times(self.waves.of_details, load),
                     thrust=thrust,
                     elevation=elevation,
                     damping_nspm=rate if state.operating else 0.0,
@@ -300,32 +310,39 @@ class StressModel:
                 known[tube] = [1e-6 / tube.area(values), bending, bending]
         return np.array([x for detail in self.details for x in known[detail.section]])
 
-    def modes_at(self, theta: np.ndarray, damping: Mapping[str, float]) -> ModalStress:
-        """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's
-        damping."""
-        K, M, RK, RM = self._at(theta)
-        value, U = linalg.eigh(K, M)
-        if value[0] <= 0:
-            raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
-        labels = self._labels(theta, U, value)
-        ratio = np.full(len(value), self.conditions.damping.ratio)
-        ratio[: len(labels)] = _shared_damping(np.sqrt(value[: len(labels)]), labels, damping, ratio[: len(labels)])
-        omega = 2 * np.pi * self.frequency_hz
+    def modes_at(
+        self, theta: np.ndarray, damping: Mapping[str, float], count: int | None = None
+    ) -> ModalStress:
+        """The modes on the basis, all or the lowest, their damping, member forces and what a thrust of 1 N
+        does, without the rotor's damping."""
+        K, M, RK, RM = at = self._at(theta)
+        value, U = self._eigen(K, M, count)
+        labels = self._labels(theta, U, value) if damping else ()
         scale = self._scale(theta)[:, None]
-        plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
-        hub = U.T @ self._project(self.hub)
-        return ModalStress(
-            value=value,
-            U=U,
-            labels=labels,
-            ratio=ratio,
-            plain=plain,
-            hub=hub,
-            scale=scale,
-            RK=scale * (RK @ U),
-            RM=scale * (RM @ U),
-            omega=omega,
-        )
+        one = ModalStress(
+            value=value, U=U, labels=labels, ratio=np.full(len(value), self.conditions.damping.ratio),
+            plain=np.zeros(0), hub=U.T @ self._project(self.hub), scale=scale, RK=scale * (RK @ U),
+            RM=scale * (RM @ U), omega=2 * np.pi * self.frequency_hz, at=at)
+        return one.damped(damping)
+
+    def _eigen(self, K: np.ndarray, M: np.ndarray, count: int | None) -> tuple[np.ndarray, np.ndarray]:
+        """All modes, or the lowest: of M before K where the number is given, as springs at joints may carry no mass."""
+        try:
+            if count is None and (found := linalg.eigh(K, M))[0][0] > 0:
+                return found
+        except linalg.LinAlgError:
+            pass
+        try:
+            root = linalg.cholesky(K, lower=True)
+        except linalg.LinAlgError:
+            raise InputError(self.model.name, "its stiffness is not positive definite",
+                             "check the parameters") from None
+        half = linalg.solve_triangular(root, linalg.solve_triangular(root, M, lower=True).T, lower=True)
+        n = len(K)
+        slow, V = linalg.eigh(0.5 * (half + half.T), subset_by_index=(max(n - (count or n), 0), n - 1), driver="evr")
+        U = linalg.solve_triangular(root, V, lower=True, trans=1)
+        slow, U = np.maximum(slow[::-1], MASSLESS * slow[-1]), U[:, ::-1]
+        return 1 / slow, U / np.sqrt(slow)
 
     def solve(
         self, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, *, derivatives: bool = False
@@ -334,51 +351,103 @@ class StressModel:
         their damping are given as those of an idling turbine, where there is such a state."""
         theta = np.asarray(theta, float)
         known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
-        # one set of modes where both kinds of state are damped alike
-        kinds = dict.fromkeys(case.state.operating for case in self.cases)
-        modes: dict[bool, ModalStress] = {}
-        for kind in sorted(kinds):
-            same = kind and False in modes and known.operating is known.idling
-            modes[kind] = modes[False] if same else self.modes_at(theta, known.of(kind))
-        alone = {id(m): self._alone(m) for m in modes.values()}
-        slopes = {key: self._slopes(theta, m) for key, m in {id(m): m for m in modes.values()}.items()
-                  } if derivatives else {}
-        moments, changes = [], []
-        for case in self.cases:
-            m = modes[case.state.operating]
-            rate = 1j * m.omega * (case.damping_nspm if known.rotor else 0.0)
-            found, change = self._of_case(case, rate, m, *alone[id(m)], slopes.get(id(m)))
-            moments.append(found)
-            changes.append(change)
-        first = next(iter(modes.values()))
+        least = min((*known.idling.values(), *known.operating.values()), default=np.inf)
+        if (step := float(np.log(self.frequency_hz[-1] / self.frequency_hz[-2]))) > least:
+            return self._finer(int(np.ceil(np.log2(step / least)))).solve(theta, known, derivatives=derivatives)
+        first = self.modes_at(theta, {**known.operating, **known.idling}, None if derivatives else self._n_dynamic)
+        rest = None if derivatives else self._static_rest(first)
+        moments, changes = [None] * len(self.cases), [None] * len(self.cases)
+        for operating in {case.state.operating: None for case in self.cases}:
+            m = first.damped(known.of(operating))
+            here = [k for k, case in enumerate(self.cases) if case.state.operating == operating]
+            rates = [1j * m.omega * (self.cases[k].damping_nspm if known.rotor else 0.0) for k in here]
+            if rest is None:
+                slopes = self._slopes(theta, m)
+                for k, rate in zip(here, rates, strict=True):
+                    moments[k], changes[k] = self._with_change(self.cases[k], rate, m, slopes)
+            else:
+                for k, found in zip(here, self._of_cases(m, rest, here, rates), strict=True):
+                    moments[k] = found
         return Response(
-            frequency_hz=frozen_array(np.sqrt(first.value[:N_MODE]) / (2 * np.pi)),
-            labels=first.labels,
-            damping_ratio=frozen_array(first.ratio[:N_MODE]),
-            moments=frozen_array(moments),
-            change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
-        )
+            frequency_hz=frozen_array(np.sqrt(first.value[:N_MODE]) / (2 * np.pi)), moments=frozen_array(moments),
+            change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None)
 
-    def _alone(self, m: ModalStress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a thrust of 1 N does without the rotor's damping: motion of the modes, stresses, motion of the hub."""
+    def _finer(self, halvings: int) -> StressModel:
+        """With smaller steps where modes may lie."""
+        if halvings not in self._finer_ones:
+            ratio = min(FINE / OF_RATIO, self.conditions.damping.ratio) / 2**halvings
+            finer = replace(self, frequency_hz=frequency_grid(self.model, ratio))
+            # of no frequency
+            finer.__dict__.update({name: getattr(self, name) for name in ("_terms", "_n_dynamic")})
+            self._finer_ones[halvings] = finer
+        return self._finer_ones[halvings]
+
+    @cached_property
+    def _finer_ones(self) -> dict[int, StressModel]:
+        return {}
+
+    @cached_property
+    def _n_dynamic(self) -> int:
+        """Modes below DYNAMIC_HZ at the initial parameters, at least one."""
+        K, M, _, _ = self._at(self.parameters.initial)
+        slow = linalg.eigh(M, K, eigvals_only=True, subset_by_value=((2 * np.pi * DYNAMIC_HZ) ** -2, np.inf))
+        return max(1, len(slow))
+
+    @cached_property
+    def _wave_loads(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """Loads of all cases as L (n_basis, r) times a (r, n) at the frequencies of waves."""
+        every = np.hstack([part(case.load) for case in self.cases for part in (np.real, np.imag)])
+        norm = np.linalg.norm(every, axis=0)
+        left, size, _ = np.linalg.svd(every / np.where(norm > 0, norm, 1.0), full_matrices=False)
+        L = left[:, size > WAVE_TOLERANCE * size.max(initial=0.0)]
+        return L, tuple(times(L.T, case.load) for case in self.cases)
+
+    def _static_rest(self, m: ModalStress) -> tuple[np.ndarray, np.ndarray]:
+        """What the modes above those of m do under thrust and under each column of the waves' L, as powers of omega^2:
+        stresses (3, 3 n_detail, 1 + r) and the hub's motion (3, 1 + r)."""
+        K, M, RK, RM = m.at
+        hub = self._project(self.hub)
+        factor = linalg.cho_factor(K)
+        B = np.column_stack([hub, self._wave_loads[0]])
+        X = [linalg.cho_solve(factor, B) - m.U @ ((m.U.T @ B) / m.value[:, None])]
+        for _ in range(2):
+            X.append(linalg.cho_solve(factor, M @ X[-1]))
+        none = np.zeros((len(RM), B.shape[1]))
+        stress = [m.scale * (RK @ x) - y for x, y in zip(X, [none, *(m.scale * (RM @ x) for x in X)], strict=False)]
+        return np.array(stress), np.array([hub @ x for x in X])
+
+    def _of_cases(self, m: ModalStress, rest, numbers: Sequence[int], rates) -> list[np.ndarray]:
+        """Moments (4, n_detail, 3, 3) of cases with the same modes."""
+        wet, w2 = self._wet, m.omega**2
+        by_hub, hub_by = rest[0][:, :, 0], rest[1][:, 0]
         alone = m.hub[:, None] / m.plain
-        return alone, m.stress(alone), m.hub @ alone
+        powers = np.array([np.ones_like(w2), w2, w2**2])
+        thrust = m.stress(alone) + by_hub.T @ powers
+        receptance = m.hub @ alone + hub_by @ powers
+        closed = [1 / (1 + rate * receptance) for rate in rates]
+        density = [self.cases[k].thrust * np.abs(c) ** 2 for k, c in zip(numbers, closed, strict=True)]
+        from_wind = self._moments(thrust, np.array(density))
+        side_by_side = np.hstack([m.RK, -m.RM, rest[0][0, :, 1:], rest[0][1, :, 1:]])
+        L, shares = self._wave_loads
+        load, found = m.U.T @ L, []
+        for k, rate, c, wind in zip(numbers, rates, closed, from_wind, strict=True):
+            case, a = self.cases[k], shares[k]
+            q = times(load, a) / m.plain[:, :wet]
+            z = times(side_by_side, np.vstack([q, w2[:wet] * q, a, w2[:wet] * a])) - m.scale * case.own
+            moved = m.hub @ q + rest[1][0, 1:] @ a + w2[:wet] * (rest[1][1, 1:] @ a)
+            z -= thrust[:, :wet] * (rate[:wet] * moved * c[:wet])
+            found.append(wind + self._moments(z, case.elevation[None])[0])
+        return found
 
-    def _of_case(self, case: Case, rate, m: ModalStress, alone, thrust_alone, receptance, slopes: _Slopes | None):
-        """Moments of one case and, with slopes, their change by every parameter."""
-        wet = self._wet
-        closed = 1 / (1 + rate * receptance)
-        q0 = (m.U.T @ case.load) / m.plain[:, :wet]
-        back = rate[:wet] * (m.hub @ q0) * closed[:wet]
-        z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
-        w = thrust_alone * closed
-        moments = self._moments(z, case.elevation) + self._moments(w, case.thrust)
-        if slopes is None:
-            return moments, None
-        q, p = q0 - alone[:, :wet] * back, alone * closed
+    def _with_change(self, case: Case, rate, m: ModalStress, slopes: Slopes):
+        """Moments of one case and their change by every parameter, by all modes."""
+        p = m.solved(np.repeat(m.hub[:, None], len(m.omega), axis=1), rate)
+        q = m.solved(m.U.T @ case.load, rate)
+        z, w = m.stress(q) - m.scale * case.own, m.stress(p)
+        moments = self._moments(z, case.elevation[None])[0] + self._moments(w, case.thrust[None])[0]
         dz, dw = (slopes.of(x, m, rate) for x in (q, p))
         dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
-        return moments, [self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
+        return moments, [self._change(z, case.elevation, a) + self._change(w, case.thrust, b)
                          for a, b in zip(dz, dw, strict=True)]
 
     def transfer(
@@ -398,7 +467,7 @@ class StressModel:
         V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
         return labels_of_shapes(self.model, theta, V, np.sqrt(value[:n]) / (2 * np.pi))
 
-    def _slopes(self, theta: np.ndarray, m: ModalStress) -> _Slopes:
+    def _slopes(self, theta: np.ndarray, m: ModalStress) -> Slopes:
         """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with
         g = 2 zeta omega; its change by Phi's own, W_ij = (k_ij - lambda_j m_ij) / (lambda_j - lambda_i)."""
         (Kt, Mt, RKt, RMt), U, value, ratio = self._terms, m.U, m.value, m.ratio
@@ -429,96 +498,27 @@ class StressModel:
             C.append(dC)
             RK.append(scale[:, None] * (_weighted(RKt, drK[k]) @ U))
             RM.append(scale[:, None] * (_weighted(RMt, drM[k]) @ U))
-        return _Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
+        return Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
 
-    def _moments(self, z: np.ndarray, density: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
-        """(4, n_detail, 3, 3): trapezoids of f^k Re(z_i conj z_j) S, or their change."""
-        f = self.frequency_hz[: z.shape[1]]
-        weight = np.convolve(np.diff(f), [0.5, 0.5])
-        weights = weight * density * f ** np.array([0, 1, 2, 4])[:, None]
+    def _line_weights(self, n: int) -> np.ndarray:
+        """(4, n) of f^0, f^1, f^2, f^4 by trapezoids."""
+        f = self.frequency_hz[:n]
+        return np.convolve(np.diff(f), [0.5, 0.5]) * f ** np.array([0, 1, 2, 4])[:, None]
+
+    def _moments(self, z: np.ndarray, density: np.ndarray) -> np.ndarray:
+        """(n, 4, n_detail, 3, 3) sums of f^k Re(z_i conj z_j) times each of n densities (n, n_frequency)."""
         z = z.reshape(len(self.details), 3, -1)
-        if change is None:
-            return _gram(z, z, weights)
-        one = _gram(change.reshape(z.shape), z, weights)
+        pairs = np.stack([z[:, i].real * z[:, j].real + z[:, i].imag * z[:, j].imag for i, j in PAIRS], axis=1)
+        weights = self._line_weights(z.shape[-1]) * density[:, None]
+        found = (pairs.reshape(-1, z.shape[-1]) @ weights.reshape(-1, z.shape[-1]).T).reshape(*pairs.shape[:2], -1, 4)
+        return found[:, PAIR_OF].transpose(3, 4, 0, 1, 2)
+
+    def _change(self, z: np.ndarray, density: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(4, n_detail, 3, 3) change of the moments with that of z."""
+        weights = self._line_weights(z.shape[1]) * density
+        a, b = (x.reshape(len(self.details), 3, -1) for x in (change, z))
+        one = np.real(np.einsum("dif,kf,djf->kdij", a, weights, np.conj(b), optimize=True))
         return one + np.swapaxes(one, -1, -2)
-
-
-def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(4, n, 3, 3) sum_f weights Re(a_i conj b_j)."""
-    both = tuple(np.concatenate([np.real(x), np.imag(x)], axis=-1) for x in (a, b))
-    return np.array([np.matmul(both[0] * np.tile(w, 2), both[1].transpose(0, 2, 1)) for w in weights])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ModalStress:
-    """One parameter vector on the basis: value (n,) omega^2, U (n_basis, n), plain (n, n_frequency) the modes' dynamic
-    stiffness, RK, RM (3 n_detail, n) stresses by motion and by acceleration, scale (3 n_detail, 1)."""
-
-    value: np.ndarray
-    U: np.ndarray
-    labels: tuple[str, ...]
-    ratio: np.ndarray
-    plain: np.ndarray
-    hub: np.ndarray
-    scale: np.ndarray
-    RK: np.ndarray
-    RM: np.ndarray
-    omega: np.ndarray
-
-    def stress(self, q: np.ndarray) -> np.ndarray:
-        """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
-        return _times(self.RK, q) - _times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
-
-    def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""
-        n = load.shape[1]
-        q = load / self.plain[:, :n]
-        alone = self.hub[:, None] / self.plain[:, :n]
-        return q - alone * (rate[:n] * (self.hub @ q) / (1 + rate[:n] * (self.hub @ alone)))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Slopes:
-    K: list[np.ndarray]
-    M: list[np.ndarray]
-    C: list[np.ndarray]
-    RK: list[np.ndarray]
-    RM: list[np.ndarray]
-    scale: np.ndarray
-
-    def of(self, q: np.ndarray, m: ModalStress, rate: np.ndarray) -> list[np.ndarray]:
-        """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
-        omega = m.omega[: q.shape[1]]
-        z, changes = m.stress(q), []
-        for k in range(len(self.K)):
-            force = _times(self.K[k], q) - _times(self.M[k], omega**2 * q) + _times(self.C[k], 1j * omega * q)
-            own = _times(self.RK[k], q) - _times(self.RM[k], omega**2 * q)
-            changes.append(own - m.stress(m.solved(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
-        return changes
-
-
-def _times(real, x: np.ndarray) -> np.ndarray:
-    """A real matrix times a complex one: half of what complex products cost."""
-    n = x.shape[1]
-    both = np.asarray(real @ np.hstack([np.real(x), np.imag(x)]))
-    return both[:, :n] + 1j * both[:, n:]
-
-
-def _shared_damping(frequency, labels: Sequence[str], damping: Mapping[str, float], assumed: np.ndarray) -> np.ndarray:
-    """Ratios by label; modes of a close pair share their geometric mean, as the pair turns and its names change
-    places."""
-    known = [k for k, label in enumerate(labels) if label in damping]
-    log = np.log(assumed)
-    groups: list[list[int]] = []
-    for k in known:
-        log[k] = np.log(damping[labels[k]])
-        if groups and frequency[k] < (1 + CLOSE) * frequency[groups[-1][-1]]:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    for group in groups:
-        log[group] = np.mean(log[group])
-    return np.exp(log)
 
 
 def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
@@ -584,7 +584,7 @@ def stress_model(
         waves=_waves(description, frame, transform, details, values),
         hub=_hub(description, frame, transform, heading_deg, 0.0),
         across=_hub(description, frame, transform, heading_deg, 90.0),
-        frequency_hz=frozen_array(frequency_grid()),
+        frequency_hz=frequency_grid(model, conditions.damping.ratio),
         spectra=dict(spectra or {}),
     )
 

@@ -307,7 +307,7 @@ def subdyn_stress_model(
         waves=_waves(own, site, details),
         hub=_hub(own, site, heading_deg, 0.0, where),
         across=_hub(own, site, heading_deg, 90.0, where),
-        frequency_hz=frozen_array(frequency_grid()),
+        frequency_hz=frequency_grid(model, conditions.damping.ratio),
         spectra=dict(spectra or {}),
     )
 

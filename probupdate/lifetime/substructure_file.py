@@ -11,6 +11,7 @@ from probupdate.io.subdyn_file import read_subdyn, write_subdyn
 from probupdate.structure.assembly import supporting_matrices
 from probupdate.structure.description import Description
 from probupdate.structure.eigen import lowest_modes
+from probupdate.structure.frame import Frame
 from probupdate.structure.subdyn_model import assembled_file
 from probupdate.structure.subdyn_writing import as_subdyn, structure_alone
 from probupdate.structure.substructure import split, subdyn_substructure, with_tower
@@ -22,18 +23,18 @@ NAME = "substructure.dat"
 N_COMPARED, DIFFERENT = 6, 0.01
 
 
-def write_substructure(d: Description, folder: Path, remark: str) -> list[Path]:
-    """-> the paths, SubDyn's file first. Raises NothingBelow where the tower stands on no structure, NoWord where it is
-    more than SubDyn can be given."""
-    frame, theory = build_frame(d), d.mesh.theory
+def write_substructure(d: Description, folder: Path, remark: str, frame: Frame | None = None) -> list[Path]:
+    """Of a turbine (`frame`: where it has been built already) -> the paths, SubDyn's file first. Raises NothingBelow
+    where the tower stands on no structure, NoWord where it is more than SubDyn can be given."""
+    frame = build_frame(d) if frame is None else frame
     above, foot = split(frame, d.name)
-    file = as_subdyn(frame, d.values, above, foot, theory=theory, title=f"{d.name} | {remark}")
+    file = as_subdyn(frame, d.values, above, foot, theory=d.mesh.theory, title=f"{d.name} | {remark}")
     return [write_subdyn(file, folder / NAME), *(folder / name for name in file.soil)]
 
 
 def differences(d: Description, path: Path) -> np.ndarray:
     """(n,) relative, of the turbine's lowest frequencies with what is read from `path` below its tower from those of
-    its frame without what the file leaves out (`subdyn_writing.LEFT_OUT`). Raises InputError where it is another
+    its frame without what the file leaves out (`subdyn_writing.NOT_WRITTEN`). Raises InputError where it is another
     structure."""
     frame, theory = build_frame(d), d.mesh.theory
     alone, read = structure_alone(frame), read_subdyn(path)

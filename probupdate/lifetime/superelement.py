@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -49,6 +49,15 @@ class Superelement:
     def truncation(self) -> np.ndarray:
         """(n,) relative error of each frequency, not negative but for rounding."""
         return self.frequency_hz / self.full_hz - 1
+
+    @property
+    def guyan(self) -> Superelement:
+        """Of the six motions alone."""
+        stiffness, mass = self.stiffness[:6, :6], self.mass[:6, :6]
+        own = frequencies(stiffness, mass)[: len(self.full_hz)]
+        return replace(self, stiffness=stiffness, mass=mass, damping=self.damping[:6, :6],
+                       recovery=self.recovery[..., :6], frequency_hz=frozen_array(own),
+                       full_hz=self.full_hz[: len(own)])
 
 
 def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: int = 6) -> Superelement:

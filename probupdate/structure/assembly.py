@@ -371,37 +371,41 @@ def assemble(
     """
     if theory not in THEORIES:
         raise InputError("mesh.theory", f"'{theory}' is unknown", f"choose from {', '.join(THEORIES)}")
-    transform = transformation(frame)
-    stiffness = _with_prestress(frame, values, theory, gravity_mps2)
-    collected_k = _collect(stiffness, updated, values)
-    collected_m = _collect(_mass(frame, theory), updated, values)
-    fixed = {name: value for name, value in values.items() if name not in updated}
-    return AssembledFrame(
-        stiffness=tuple(_sum_terms(collected_k, transform)),
-        mass=tuple(_sum_terms(collected_m, transform)),
-        coefficients=build_coefficients(collected_k, collected_m, tuple(updated), fixed),
-        transform=transform[: 6 * len(frame.node_m)],
-    )
+    parts = (_with_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
+    return _assembled(frame, parts, transformation(frame), tuple(updated), values)
 
 
-def supporting_matrices(
-    frame: Frame, values: Mapping[str, float], kept: np.ndarray, *, theory: str, gravity_mps2: float | None
-) -> tuple[sparse.csc_array, sparse.csc_array, sparse.csr_array]:
-    """K, M (n, n) at parameter values (all by name) of what acts between the nodes `kept` (n_node,) alone, and the
-    motions of all nodes (6 n_node, n), zero for the others. Member forces of prestress are those of the whole frame."""
+def supporting_frame(
+    frame: Frame, kept: np.ndarray, *, updated: tuple[str, ...], values: Mapping[str, float], theory: str,
+    gravity_mps2: float | None,
+) -> AssembledFrame:
+    """As `assemble`, of what acts between the nodes `kept` (n_node,) alone; `transform` (6 n_node, n): the motions of
+    all nodes, zero for the others. Member forces of prestress are those of the whole frame."""
     transform = transformation(frame)
-    stiffness = _with_prestress(frame, values, theory, gravity_mps2)
     released = [bool(kept[tie.node]) for tie in frame.ties for _ in tie.released]
     inside = np.concatenate([np.repeat(kept, 6), np.array(released, bool)])
     transform = sparse.diags_array(inside.astype(float)) @ transform
     columns = np.flatnonzero(abs(transform).sum(axis=0) > 0)
     transform = sparse.csr_array(transform)[:, columns]
-    matrices = []
-    for contributions in (stiffness, list(_mass(frame, theory))):
-        own = [part for part in contributions if inside[part[0]].all()]
-        (matrix,) = _sum_terms(_collect(own, (), values), transform)
-        matrices.append(matrix)
-    return matrices[0], matrices[1], transform[: 6 * len(frame.node_m)]
+    parts = (_with_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
+    return _assembled(frame, ((part for part in own if inside[part[0]].all()) for own in parts), transform, updated,
+                      values)
+
+
+def supporting_matrices(
+    frame: Frame, values: Mapping[str, float], kept: np.ndarray, *, theory: str, gravity_mps2: float | None
+) -> tuple[sparse.csc_array, sparse.csc_array, sparse.csr_array]:
+    """K, M (n, n) of `supporting_frame` at parameter values (all by name), and its motions."""
+    found = supporting_frame(frame, kept, updated=(), values=values, theory=theory, gravity_mps2=gravity_mps2)
+    return found.stiffness[0], found.mass[0], found.transform
+
+
+def _assembled(frame: Frame, contributions, transform, updated: tuple[str, ...], values) -> AssembledFrame:
+    collected = tuple(_collect(own, updated, values) for own in contributions)
+    fixed = {name: value for name, value in values.items() if name not in updated}
+    stiffness, mass = (tuple(_sum_terms(own, transform)) for own in collected)
+    return AssembledFrame(stiffness=stiffness, mass=mass, transform=transform[: 6 * len(frame.node_m)],
+                          coefficients=build_coefficients(*collected, tuple(updated), fixed))
 
 
 def _with_prestress(

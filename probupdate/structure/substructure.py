@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.assembly import rigid_motion, supporting_matrices
+from probupdate.structure.assembly import AssembledFrame, rigid_motion, supporting_frame, supporting_matrices
 from probupdate.structure.description import Description
 from probupdate.structure.frame import Frame
 from probupdate.structure.subdyn_frame import SubDynFrame
@@ -62,15 +62,35 @@ def turbine_substructure(d: Description) -> Substructure:
     """Of a turbine at its parameters' values: everything but the tower above its foot, with the soil, the water's added
     mass and the member forces that the whole turbine's weight makes. The foot's flange is in it. `joints` count the
     nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
+    return turbine_substructures(d, ())({})
+
+
+def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[[Mapping[str, float]], Substructure]:
+    """`turbine_substructure` as a function of the values of `updated` parameters."""
     frame, where = build_frame(d), d.name
     above, foot = split(frame, where)
     gravity = d.gravity_mps2 if d.mesh.geometric_stiffness else None
-    K, M, motion = supporting_matrices(frame, d.values, ~above, theory=d.mesh.theory, gravity_mps2=gravity)
+    # member forces under the weight are of all values
+    affine = gravity is None and not frame.prestress
     below = np.flatnonzero(~above)
-    return Substructure(
-        where=where, stiffness=K, mass=M, interface=motion[6 * foot : 6 * foot + 6], rigid=np.eye(6),
-        reference_m=frozen_array(frame.node_m[foot]), joints=tuple(int(k) + 1 for k in below),
-        joint_motion=motion[(6 * below[:, None] + np.arange(6)).ravel()], there=np.ones((len(below), 6), bool))
+
+    def assembled(names: tuple[str, ...], values: Mapping[str, float]) -> AssembledFrame:
+        return supporting_frame(frame, ~above, updated=names, values=values, theory=d.mesh.theory, gravity_mps2=gravity)
+
+    known = assembled(updated, d.values) if affine else None
+
+    def at(values: Mapping[str, float]) -> Substructure:
+        one = assembled((), d.values | values) if known is None else known
+        weights = one.coefficients(np.array([] if known is None else [values[name] for name in updated], float))
+        K, M = (sparse.csc_array(sum(c * X for c, X in zip(cs, Xs, strict=True)))
+                for cs, Xs in zip(weights, (one.stiffness, one.mass), strict=True))
+        motion = one.transform
+        return Substructure(
+            where=where, stiffness=K, mass=M, interface=motion[6 * foot : 6 * foot + 6], rigid=np.eye(6),
+            reference_m=frozen_array(frame.node_m[foot]), joints=tuple(int(k) + 1 for k in below),
+            joint_motion=motion[(6 * below[:, None] + np.arange(6)).ravel()], there=np.ones((len(below), 6), bool))
+
+    return at
 
 
 def with_tower(

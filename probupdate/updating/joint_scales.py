@@ -1,7 +1,8 @@
 """How much the varying parameters scatter and what the turbines' common error amounts to: maximum, and emcee.
 
 Everything else of a `FarmSystem` is integrated out in closed form, so that the chain walks over ln tau and the scales
-alone; common parameters, means and turbines' values follow from each of its draws exactly.
+alone; common parameters, means and turbines' values follow from each of its draws exactly. Independent draws about the
+maximum are weighed first; emcee walks only where they do not represent the density.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from probupdate.updating.hierarchical import half_normal
 from probupdate.updating.importance import StudentT
 from probupdate.updating.joint_system import FarmSystem
 from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.predictive import smoothed_weights
 from probupdate.updating.scales import log_half_cauchy
 from probupdate.updating.settings import CONSTANTS
 
 # of w, standard normal a priori, and of ln of a scale over its hyper-prior's
 W_RANGE, LN_RANGE = (-5.0, 6.0), (-6.0, 4.0)
 N_WALKER, SEGMENT, MAX_STEPS, TARGET_ESS, BURN_IN = 32, 120, 3000, 400, 0.25
+# independent draws at a time, and at most
+AT_ONCE, MOST_DRAWS = 200, 2000
 # how much wider in variance proposals are
 WIDER = 1.3
 # step of central differences of w and of ln of a scale
@@ -106,16 +110,12 @@ class Scales:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScaleChain:
-    """x (n, n_x) of the chain after its start, with what is said of its convergence."""
+    """Equally likely draws x (n, n_x), effectively `ess` of them, with what is said of their convergence."""
 
     x: np.ndarray
-    r_hat: float
     ess: float
+    converged: bool
     verdict: str
-
-    @property
-    def converged(self) -> bool:
-        return self.r_hat < CONSTANTS.population_r_hat_limit and self.ess >= TARGET_ESS
 
     def evenly(self, n: int) -> np.ndarray:
         """n of its draws (n, n_x)."""
@@ -143,12 +143,44 @@ class _Redraw(emcee.moves.RedBlueMove):
 def sample_scales(
     scales: Scales, system: FarmSystem, maximum: np.ndarray, *, seed: int, progress: Progress = silent
 ) -> ScaleChain:
-    """emcee from about the maximum; no chain where no scale is unknown."""
+    """Weighed independent draws about the maximum; emcee from there where these do not represent the density."""
     n = len(maximum)
     if not n:
-        return ScaleChain(x=np.zeros((1, 0)), r_hat=1.0, ess=float(TARGET_ESS), verdict="no scale is unknown")
+        return ScaleChain(x=np.zeros((1, 0)), ess=float(TARGET_ESS), converged=True, verdict="no scale is unknown")
     rng = np.random.default_rng([seed, 31])
     about = student_about(scales, system, maximum)
+    return independent_draws(scales, system, about, rng, progress) or walked(scales, system, about, rng, progress)
+
+
+def independent_draws(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
+                      progress: Progress = silent) -> ScaleChain | None:
+    """Draws of a Student t distribution taken by their weights (importance sampling, resampled); None where Pareto k or
+    their effective number say that they are not those of the density."""
+    x, log_weight = np.zeros((0, len(about.centre))), np.zeros(0)
+    while len(x) < MOST_DRAWS:
+        progress("scatter between turbines", len(x), MOST_DRAWS)
+        fresh = about.draw(AT_ONCE, rng)
+        x = np.vstack([x, fresh])
+        log_weight = np.append(log_weight, scales.log_posterior(fresh, system) - about.of_coordinates(fresh))
+        inside = np.flatnonzero(np.isfinite(log_weight))
+        if len(inside) < AT_ONCE // 2:
+            continue
+        smooth, k = smoothed_weights(log_weight[inside])
+        ess = float(1 / np.sum(np.exp(2 * smooth)))
+        if k <= CONSTANTS.trusted_k and ess >= TARGET_ESS:
+            progress("scatter between turbines", MOST_DRAWS, MOST_DRAWS)
+            # each as often as its weight, in drawn order
+            at = (np.arange(MOST_DRAWS) + rng.uniform()) / MOST_DRAWS
+            taken = np.minimum(np.searchsorted(np.cumsum(np.exp(smooth)), at), len(inside) - 1)
+            return ScaleChain(x=frozen_array(x[inside][rng.permutation(taken)]), ess=ess, converged=True,
+                              verdict=f"converged: {len(x)} independent draws, {ess:.0f} effective, Pareto k {k:.2f}")
+    return None
+
+
+def walked(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
+           progress: Progress = silent) -> ScaleChain:
+    """emcee."""
+    n = len(about.centre)
     low, high = scales.bounds(n).T
     start = np.clip(about.draw(max(N_WALKER, 2 * n + 2), rng), low + 0.1, high - 0.1)
     moves = [(_Redraw(about), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.StretchMove(), 0.1)]
@@ -166,5 +198,5 @@ def sample_scales(
     progress("scatter between turbines", MAX_STEPS, MAX_STEPS)
     words = f"{sampler.iteration} steps, R-hat {judged[0]:.3f}, effective size {judged[1]:.0f}"
     settled = judged[0] < CONSTANTS.population_r_hat_limit and judged[1] >= TARGET_ESS
-    return ScaleChain(x=frozen_array(kept.reshape(-1, n)), r_hat=judged[0], ess=judged[1],
+    return ScaleChain(x=frozen_array(kept.reshape(-1, n)), ess=judged[1], converged=settled,
                       verdict=f"{'converged' if settled else 'NOT converged'}: {words}")

@@ -68,11 +68,13 @@ class Structure:
 
 def structure(folder: Path) -> Structure:
     b = Recorded(jacket.read_description(folder), jacket.State(), dry=True)
+    return equations(b, {lead for lead, _ in b.d.rigid} | set(b.d.piles) | set(b.d.masses))
+
+
+def equations(b, leaders: set[int]) -> Structure:
+    """K and M of a model that stands in OpenSees. b: its `ops`, `place` of nodes, `pieces` and `outer` of elements;
+    leaders: nodes that others follow rigidly."""
     ops = b.ops
-    ops.constraints("Transformation")
-    ops.numberer("Plain")
-    ops.system("FullGeneral")
-    ops.algorithm("Linear")
 
     def matrix(m: float, k: float) -> np.ndarray:
         ops.wipeAnalysis()
@@ -88,8 +90,6 @@ def structure(folder: Path) -> Structure:
 
     K, M = matrix(0.0, 1.0), matrix(1.0, 0.0)
     equation = {node: np.array(ops.nodeDOFs(node)) for node in ops.getNodeTags()}
-    d = b.d
-    leaders = {lead for lead, _ in d.rigid} | set(d.piles) | set(d.masses)
     at = {tuple(equation[node]): node for node in leaders}
     # a node that is linked rigidly has its leader's equations
     follows = {node: (at[tuple(own)], b.place[node] - b.place[at[tuple(own)]]) for node, own in equation.items()
@@ -260,7 +260,8 @@ def world(folder: Path, sensors, details, hub_offset=(-5.0191, 0.0, 2.4), seed: 
         motion.append(rows[axis])
         # along x a tilt about y reads +g theta_y beside w^2 u_x, along y -g theta_x beside w^2 u_y
         tilt.append(rows[4] if axis == 0 else -rows[3])
-    rows = np.vstack([motion, tilt, *(_nominal(s, *d) for d in details)])
+    pieces = [nominal(s, *d) for d in details]
+    rows = np.vstack([motion, tilt, *(stress @ end_forces(s, number) for number, stress in pieces)])
     r = np.array(hub_offset)
     top, cross = s.rows(jacket.TOP), np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
     hub = np.vstack([top[:3] - cross @ top[3:], top[3:]])
@@ -271,8 +272,8 @@ def world(folder: Path, sensors, details, hub_offset=(-5.0191, 0.0, 2.4), seed: 
                  wave_modes=phi.T @ wet.spread)
 
 
-def _nominal(s: Structure, place, along, crown, saddle, end: int) -> np.ndarray:
-    """(3, n) axial stress and bending stress at crown and saddle, MPa."""
+def nominal(s: Structure, place, along, crown, saddle, end: int) -> tuple[int, np.ndarray]:
+    """A piece's number, and (3, 12) axial stress and bending stress at crown and saddle, MPa, of its end forces."""
     for number in s.build.outer:
         a, b, q = s.build.pieces[number]
         x = s.build.place[b] - s.build.place[a]
@@ -284,12 +285,12 @@ def _nominal(s: Structure, place, along, crown, saddle, end: int) -> np.ndarray:
                 wanted = along if end == 0 else -along
                 if away @ wanted < 0:
                     continue
-                forces = end_forces(s, number)[6 * own : 6 * own + 6]
                 # on the face that looks along the member, as the details count it
                 sign = 1.0 if end else -1.0
-                R = s.build.outer[number] / 2
-                return 1e-6 * np.vstack([
-                    sign * along @ forces[:3] / q["area"],
-                    sign * np.cross(crown, along) @ forces[3:] * R / q["second"],
-                    sign * np.cross(saddle, along) @ forces[3:] * R / q["second"]])
+                bending = s.build.outer[number] / 2 / q["second"]
+                found = np.zeros((3, 12))
+                found[0, 6 * own : 6 * own + 3] = sign * along / q["area"]
+                found[1, 6 * own + 3 : 6 * own + 6] = sign * bending * np.cross(crown, along)
+                found[2, 6 * own + 3 : 6 * own + 6] = sign * bending * np.cross(saddle, along)
+                return number, 1e-6 * found
     raise LookupError(f"no piece at {place} along {along}")

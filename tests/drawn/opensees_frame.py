@@ -13,8 +13,8 @@ RIGID = 1e13  # N/m and N m/rad where a spring joins rigidly
 LEAST = 1e-3  # kg and kg m2 of a node that carries none: the Lanczos solver asks for a mass
 
 
-class _Build:
-    """One model of OpenSees, which keeps a single one."""
+class Build:
+    """One model of OpenSees, which keeps a single one; of_member: nodes, member and shear area of each element."""
 
     def __init__(self, s: Skeleton):
         self.ops, self.s = opensees_loader.load_opensees(), s
@@ -25,6 +25,7 @@ class _Build:
         for tag, at in self.at.items():
             self.ops.node(tag, *map(float, at))
         self.mass: dict[int, np.ndarray] = {}
+        self.of_member: dict[int, tuple] = {}
         self.element = 0
         for member in s.members:
             self._member(member)
@@ -69,6 +70,7 @@ class _Build:
             self.ops.geomTransf("Linear", self.element, *map(float, across))
             self.ops.element("ElasticTimoshenkoBeam", self.element, a, b, m.steel.E, m.steel.G, area, 2 * second,
                              second, second, shear, shear, self.element)
+            self.of_member[self.element] = (a, b, m, shear)
             for node in (a, b):
                 self.mass.setdefault(node, np.zeros(6))[:] += np.r_[half, turning]
 
@@ -94,7 +96,7 @@ class _Build:
 
 def modes(s: Skeleton, count: int, names) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (count,) in Hz and motions (n_node, 6, count), translations and rotations, at the named nodes."""
-    build = _Build(s)
+    build = Build(s)
     ops = build.ops
     ops.constraints("Transformation")
     ops.numberer("RCM")

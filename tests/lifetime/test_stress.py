@@ -2,6 +2,7 @@
 basis."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,7 +168,7 @@ def test_modes_and_a_direct_solution_agree(whole, validation):
     K, M = (X.toarray() for X in one.model.matrices(theta))
     value, phi = stresses.linalg.eigh(K, M)
     # a pair shares the geometric mean of what its names have
-    names = one.solve(theta, {}).labels[:2]
+    names = one.modes_at(theta, {"FA1": 0.02}).labels[:2]
     labels = {names[0]: 0.1, names[1]: 0.025}
     ratio = np.full(len(value), 0.02)
     ratio[:2] = 0.05
@@ -217,18 +218,21 @@ def test_a_brace_carries_one_force_from_leg_to_crossing():
 
 def test_derivatives_are_those_of_differences(whole, validation):
     checked = validation(what="d ln DEL / d theta, seven parameters", reference="central differences, of the largest",
-                         why="the step's own error, and rounding (2e-5 on the reference turbine)")
+                         why="high modes' damping, which the values leave out")
     rng = np.random.default_rng(3)
     thetas = whole.parameters.initial * (1 + 0.05 * rng.standard_normal((3, len(UPDATED))))
     small, theta = whole.reduced(thetas), thetas[0]
     damping = {"FA1": 0.03, "SS1": 0.012}
     exact = [small.solve(theta, damping, derivatives=True).equivalent_change(m) for m in (3.0, 5.0)]
+    # where symmetry leaves hardly any stress the differences are those of how high modes are damped
+    stressed = small.solve(theta, damping).equivalent_mpa(5.0)
+    stressed = stressed > 0.02 * stressed.max()
     for k in range(len(theta)):
         h = 1e-4 * theta[k]
         up, down = (small.solve(theta + s * h * np.eye(len(theta))[k], damping) for s in (1, -1))
         for m, own in zip((3.0, 5.0), exact, strict=True):
             change = (np.log(up.equivalent_mpa(m)) - np.log(down.equivalent_mpa(m))) / (2 * h)
-            checked.error((own[k] - change) / (np.abs(change) + np.abs(change).max()), below=1e-4)
+            checked.error(((own[k] - change) / (np.abs(change) + np.abs(change).max()))[stressed], below=1e-3)
     with pytest.raises(ValueError, match="without derivatives"):
         whole.solve(theta).equivalent_change(3.0)
 
@@ -241,6 +245,44 @@ def test_the_basis_answers_what_it_has_not_seen(whole, validation):
     assert small.models[0].basis.shape[1] < whole.models[0].model.n_dof
     for theta in thetas[8:]:
         row.error(small.solve(theta).equivalent_mpa(5.0) / whole.solve(theta).equivalent_mpa(5.0) - 1, below=5e-3)
+
+
+def test_a_slow_modes_resonance_is_resolved(validation):
+    """A first mode below 0.2 Hz with 1 and 0.3 % of damping, under thrust: the stress' variance on a line every 1e-3 of
+    the frequency."""
+    row = validation(what="variance of stress with a first mode at 0.15 Hz, 1 and 0.3 % damping, thrust",
+                     reference="trapezoids of 1e-3 of the frequency", why="trapezoids of a resonance; low steps")
+    raw = small_turbine()
+    for body, mass in zip(raw["rna"], (1.2e6, 7e5), strict=True):
+        body["mass_kg"] = mass
+    for p in raw["parameter"]:
+        p["update"] = p["name"] == "k_t"
+        p["initial"] = {"m_h": 7e5, "k_t": 0.5}.get(p["name"], p["initial"])
+        p["upper"] = max(p["upper"], 1.2 * p["initial"])
+    conditions = copy.deepcopy(CONDITIONS) | {"damping": {"ratio": 0.01}, "direction": [
+        {"heading_deg": 0.0, "share": 1.0}], "state": [{**CONDITIONS["state"][0], "share": 1.0, "hs_m": 0.01}]}
+    one = fatigue_model(parse_description(raw, "slow"), "slow", Conditions.model_validate(conditions)).models[0]
+    theta, girth = one.parameters.initial, 0
+    one = one.picked([len(one.details) - 1]).reduced([theta])
+    assert 0.1 < one.solve(theta, {}).frequency_hz[0] < 0.18
+    fine = stresses.replace(one, frequency_hz=np.geomspace(1 / 600, 3.0, int(np.log(1800) / 1e-3)))
+    names = one.modes_at(theta, {"FA1": 0.01}).labels
+    for damping in ({}, dict.fromkeys(names, 0.003)):
+        z = fine.transfer(theta, damping, wind=True)[girth, 1]
+        exact = np.trapezoid(np.abs(z) ** 2 * fine.cases[0].thrust, fine.frequency_hz)
+        row.error(one.solve(theta, damping).moments[0, 0, girth, 1, 1] / exact - 1, below=0.01)
+
+
+def test_static_rest_of_high_modes_and_all_modes_agree(whole, validation):
+    row = validation(what="ranges with modes above 12 Hz as static shapes, m = 3 and 5",
+                     reference="all modes one by one", why="powers of (f / 12 Hz)^2, damping of high modes")
+    one = whole.models[0]
+    whole = replace(whole, models=(one,), conditions=one.conditions.model_copy(update={"direction": (
+        one.conditions.direction[0].model_copy(update={"share": 1.0}),)}))
+    theta = whole.parameters.initial * 1.03
+    some, every = whole.solve(theta), whole.solve(theta, derivatives=True)
+    for m in (3.0, 5.0):
+        row.error(some.equivalent_mpa(m) / every.equivalent_mpa(m) - 1, below=1e-3)
 
 
 def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, validation):

@@ -1,0 +1,93 @@
+"""Modes of one parameter vector with the stresses that they make, and how these change with the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+# modes nearer than this, relative, are a pair
+CLOSE = 0.1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalStress:
+    """One parameter vector on the basis: value (n,) omega^2, U (n_basis, n), plain (n, n_frequency) the modes' dynamic
+    stiffness, RK, RM (3 n_detail, n) stresses by motion and by acceleration, scale (3 n_detail, 1); `at`: K, M and
+    unscaled R_K, R_M on the basis."""
+
+    value: np.ndarray
+    U: np.ndarray
+    labels: tuple[str, ...]
+    ratio: np.ndarray
+    plain: np.ndarray
+    hub: np.ndarray
+    scale: np.ndarray
+    RK: np.ndarray
+    RM: np.ndarray
+    omega: np.ndarray
+    at: tuple[np.ndarray, ...]
+
+    def damped(self, ratios: Mapping[str, float]) -> ModalStress:
+        """With these ratios by label, others as they are."""
+        n, ratio = len(self.labels), np.array(self.ratio)
+        ratio[:n] = shared_damping(np.sqrt(self.value[:n]), self.labels, ratios, ratio[:n])
+        plain = (self.value[:, None] - self.omega**2
+                 + 2j * self.omega * (ratio * np.sqrt(self.value))[:, None])
+        return replace(self, ratio=ratio, plain=plain)
+
+    def stress(self, q: np.ndarray) -> np.ndarray:
+        """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
+        return times(self.RK, q) - times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
+
+    def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""
+        n = load.shape[1]
+        q = load / self.plain[:, :n]
+        alone = self.hub[:, None] / self.plain[:, :n]
+        return q - alone * (rate[:n] * (self.hub @ q) / (1 + rate[:n] * (self.hub @ alone)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slopes:
+    K: list[np.ndarray]
+    M: list[np.ndarray]
+    C: list[np.ndarray]
+    RK: list[np.ndarray]
+    RM: list[np.ndarray]
+    scale: np.ndarray
+
+    def of(self, q: np.ndarray, m: ModalStress, rate: np.ndarray) -> list[np.ndarray]:
+        """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
+        omega = m.omega[: q.shape[1]]
+        z, changes = m.stress(q), []
+        for k in range(len(self.K)):
+            force = times(self.K[k], q) - times(self.M[k], omega**2 * q) + times(self.C[k], 1j * omega * q)
+            own = times(self.RK[k], q) - times(self.RM[k], omega**2 * q)
+            changes.append(own - m.stress(m.solved(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
+        return changes
+
+
+def times(real, x: np.ndarray) -> np.ndarray:
+    """A real matrix times a complex one: half of what complex products cost."""
+    n = x.shape[1]
+    both = np.asarray(real @ np.hstack([np.real(x), np.imag(x)]))
+    return both[:, :n] + 1j * both[:, n:]
+
+
+def shared_damping(frequency, labels: Sequence[str], damping: Mapping[str, float], assumed: np.ndarray) -> np.ndarray:
+    """Ratios by label; modes of a close pair share their geometric mean, as the pair turns and its names change
+    places."""
+    known = [k for k, label in enumerate(labels) if label in damping]
+    log = np.log(assumed)
+    groups: list[list[int]] = []
+    for k in known:
+        log[k] = np.log(damping[labels[k]])
+        if groups and frequency[k] < (1 + CLOSE) * frequency[groups[-1][-1]]:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    for group in groups:
+        log[group] = np.mean(log[group])
+    return np.exp(log)
