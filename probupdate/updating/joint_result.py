@@ -31,6 +31,8 @@ from probupdate.updating.joint_next import next_measurements
 from probupdate.updating.joint_odd import odd_sentences
 from probupdate.updating.joint_system import OWN, VARYING
 
+# share of draws that are effective from which weights hardly differ, and the shape of their tail says nothing
+ALIKE = 0.9
 # a month's value has changed by so many standard deviations of both months
 UNLIKE = 3.0
 INTERVAL = (0.05, 0.5, 0.95)
@@ -47,7 +49,7 @@ def infer_farm(
     estimate = estimate_farm(turbines, common=common, varying=varying, settings=settings, progress=progress)
     posterior = sample_farm(estimate, seed=settings.seed, jobs=jobs, progress=progress)
     names = tuple(t.name for t in turbines)
-    corrected = posterior.pareto_k <= TRUSTED_K
+    corrected = posterior.pareto_k <= TRUSTED_K or posterior.effective >= ALIKE * len(posterior.weight)
     weight = posterior.weight if corrected else np.full(len(posterior.weight), 1 / len(posterior.weight))
     k = posterior.pareto_k
     return FarmJoint(
