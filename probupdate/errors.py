@@ -74,8 +74,8 @@ def of_file(path: object) -> Iterator[None]:
 ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression",
               "covariate", "block", "record", "references", "tracking", "sub-records", "scada")
 # arguments of steps that are paths, and options that have other words than their argument's name
-FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters",
-         "posterior", "run", "scada", "truth", "update")
+FILES = ("campaign", "campaigns", "choice", "criteria", "description", "groups", "model", "modes", "out", "parameters",
+         "posterior", "run", "scada", "source", "truth", "update")
 OPTIONS = ("classifier", "diagnose", "figures", "frequency", "frequencies", "shapes", "target", "weights")
 
 

@@ -23,7 +23,6 @@ from probupdate.identification.classification import PoleStack
 from probupdate.identification.order_average import TWIN_FREQUENCY, TWIN_MAC
 from probupdate.identification.physical import SAME_MODE, Candidates, PhysicalModes, stated_modes
 from probupdate.identification.tracking import Choice, JudgedPoles
-from probupdate.io.result_table import plural
 from probupdate.modal.mode_choice import ChosenPole, ModeChoice, read_choice
 from probupdate.modal.modes import mac, pair_by_mac
 from probupdate.runtime.arrays import frozen_array
@@ -123,12 +122,7 @@ def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPicke
                            for key, p in zip(keys[len(own):], others, strict=True)}
         if not exact:
             notes.append(f"block {block.id}: its poles differ by rounding from those that the choice was made on")
-    n_picked = plural(len(choice.picked), "pole")
-    notes.append(f"modes as picked by hand ({where}): {n_picked} in {plural(len(found), 'block')}, "
-                 f"{len(choice.rejected)} rejected")
-    notes += [f"rejected by hand in block {p.block}: {p.frequency_hz:.4g} Hz at order {p.order}"
-              + (f", {p.reason}" if p.reason else "") for p in choice.rejected]
-    physical, picked = _modes(found, stored, tuple(notes), where)
+    physical, picked = _modes(found, stored, (*choice.sentences, *notes), where)
     return HandPicked(physical=physical, picked=picked, rejected=rejected)
 
 

@@ -10,12 +10,15 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json_table
+from probupdate.io.result_table import plural
 from probupdate.io.schema import Length, Range, refuse_unknown, table_as
 
 T = TypeVar("T")
 FORMAT = 1
 # poles of one choice, and blocks that it may be of; hands make fewer
 MOST_POLES, MOST_BLOCKS, LONGEST_REASON = 10_000, 1000, 200
+# rejected poles that are listed in words
+MOST_SAID = 20
 REMEDY = "save it from a page of `probupdate explore` (docs/howto/identify.md)"
 
 
@@ -64,6 +67,17 @@ class ModeChoice:
     rejected: tuple[ChosenPole, ...] = ()
     format: int = FORMAT
 
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was picked and rejected, and why."""
+        blocks = len({p.block for p in self.picked})
+        first = (f"modes as picked by hand: {plural(len(self.picked), 'pole')} in {plural(blocks, 'block')}, "
+                 f"{len(self.rejected)} rejected")
+        said = [f"rejected by hand in block {p.block}: {p.frequency_hz:.4g} Hz at order {p.order}"
+                + (f", {p.reason}" if p.reason else "") for p in self.rejected]
+        more = [f"and {len(said) - MOST_SAID} more"] if len(said) > MOST_SAID else []
+        return first, *said[:MOST_SAID], *more
+
 
 def read_choice(path: str | Path) -> ModeChoice:
     """A choice as a page of `explore` saves it."""
@@ -75,6 +89,8 @@ def read_choice(path: str | Path) -> ModeChoice:
 
 def choice_of(table: Mapping[str, Any], where: str) -> ModeChoice:
     """The table of a choice, here or in modes.json, with every value within its bounds."""
+    if "picked" not in table:
+        raise InputError(where, "is no choice of modes: it has no 'picked'", REMEDY)
     refuse_unknown(table, [f.name for f in fields(ModeChoice)], where)
     known = table.get("format")
     if known != FORMAT or isinstance(known, bool):

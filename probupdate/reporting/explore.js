@@ -35,6 +35,7 @@
       i, order, index: raw.index[i], hz: raw.hz[i], damping: raw.damping[i], mpc: raw.mpc[i], steady: raw.steady[i],
       hz_std: raw.hz_std[i], damping_std: raw.damping_std[i], said: raw.words[raw.word[i]], mode: raw.mode[i], shape: null, choice: "", reason: "" }));
     poles.forEach((p) => Object.defineProperty(p, "phi", { get() { return (p.shape = p.shape || shape(p.i)); } }));
+    raw.chosen.forEach(([i, choice, reason]) => Object.assign(poles[i], { choice, reason }));
     ready[id] = Object.assign({}, raw, { poles, n });
     return ready[id];
   }
@@ -357,6 +358,7 @@
   }
 
   state.block = data.first;
+  data.blocks.filter((b) => b.chosen.length).forEach((b) => opened(b.id));
   controls();
   legend();
   listen();

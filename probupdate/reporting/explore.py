@@ -20,7 +20,7 @@ from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import choice_head, stored_block, stored_std
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
-from probupdate.modal.mode_choice import FORMAT
+from probupdate.modal.mode_choice import FORMAT, ModeChoice
 from probupdate.modal.modes import ModalData, ModalSet, Sensor, modal_phase_collinearity, rotate_to_real
 from probupdate.model.interface import Wireframe
 from probupdate.reporting.elements import Column, Items, Panel, Section, Table, Text, Viewer
@@ -61,6 +61,11 @@ class PoleSource:
     at_sensors: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def choice(self) -> ModeChoice | None:
+        """What modes.json was made of, where poles were picked by hand."""
+        return None if self.modes is None else self.modes.choice
+
 
 def write_explorer(source: PoleSource, out: str | Path, progress: Progress = silent) -> tuple[Path, int]:
     """The page at `out`, and how many blocks are in it: all, or as many, evenly over the record, as a page holds."""
@@ -68,7 +73,7 @@ def write_explorer(source: PoleSource, out: str | Path, progress: Progress = sil
     head = choice_head(source.folder, [b["id"] for b in blocks])
     for values, own in zip(blocks, head["blocks"], strict=True):
         values["head"] = own
-    channels = [words.split(" [")[0] for words in head["channels"]]
+    channels = [words.rsplit(" [", 1)[0] for words in head["channels"]]
     data = {
         "format": FORMAT, "head": {"channels": head["channels"], "settings": head["settings"]}, "channels": channels,
         "blocks": blocks, "first": source.first, "highest_hz": round(head["settings"]["target_rate_hz"] / 2, 6),
@@ -124,7 +129,10 @@ def _chosen_blocks(source: PoleSource, progress: Progress) -> list[dict]:
     most = max(int(MOST_BYTES / (1.2 * size)), 1)
     others = [one for one in source.ids if one != source.first]
     if len(others) > most - 1:
-        others = [others[k] for k in sorted(set(np.linspace(0, len(others) - 1, most - 1).astype(int)))]
+        evenly = {others[k] for k in np.linspace(0, len(others) - 1, most - 1).astype(int)}
+        # those in which something was chosen before are there in any case
+        before = [] if source.choice is None else [b.id for b in source.choice.blocks if b.id in others]
+        others = [*before, *(one for one in others if one in evenly and one not in before)]
     found = []
     for number, one in enumerate(others):
         progress("blocks of the page", number, len(others))
@@ -163,8 +171,8 @@ def _block_values(source: PoleSource, block_id: str) -> dict:
         "damping": [_significant(z, 9) for z in damping],
         "mpc": [round(float(x), 4) for x in modal_phase_collinearity(shape)],
         "steady": [kinds.index(one) for one in steady], "word": [listed.index(one) for one in words], "words": listed,
-        "mode": label, "hz_std": [_known(std, key, 0) for key in keys], "damping_std": [_known(std, key, 1)
-                                                                                        for key in keys],
+        "mode": label, "chosen": _chosen(source, block_id, keys, hz),
+        "hz_std": [_known(std, key, 0) for key in keys], "damping_std": [_known(std, key, 1) for key in keys],
         # a number a channel as two 16-bit integers: a thousandth of what a shape is known to
         "shape": base64.b64encode(np.rint(32767 * np.stack([shape.T.real, shape.T.imag], axis=-1)).clip(
             -32767, 32767).astype("<i2").tobytes()).decode(),
@@ -209,6 +217,21 @@ def _judged(
             words[k] = f"identified as {mode}" if kept else f"by identify: {criterion}" + (f", {why}" if why else "")
             label[k] = str(mode) if kept else ""
     return words, label
+
+
+def _chosen(
+    source: PoleSource, block_id: str, keys: Sequence[tuple[int, int]], hz: np.ndarray
+) -> list[tuple[int, str, str]]:
+    """What was chosen before, where modes.json is of a choice: the pole's place, picked or rejected, the reason."""
+    if source.choice is None:
+        return []
+    place, found = {key: k for k, key in enumerate(keys)}, []
+    for what, poles in (("picked", source.choice.picked), ("rejected", source.choice.rejected)):
+        for p in poles:
+            k = place.get((p.order, p.index)) if p.block == block_id else None
+            if k is not None and abs(hz[k] / p.frequency_hz - 1) < 1e-4:
+                found.append((k, what, p.reason))
+    return found
 
 
 def _known(std: Mapping[tuple[int, int], tuple[float, float]], key: tuple[int, int], which: int) -> float | None:

@@ -123,6 +123,9 @@ def identification_section(run: Run) -> Section:
     if run.modes is None:
         items.append(Notice(level="missing", text="modes.json, so there are no frequencies to show."))
     else:
+        if run.modes.choice is not None:
+            items.append(Items(title="Modes picked by hand", statements=tuple(
+                map(full_sentence, run.modes.choice.sentences))))
         items += _frequency_tables(run, run.modes)
         items += _judged_pictures(run, run.modes)
         said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)

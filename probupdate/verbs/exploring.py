@@ -51,7 +51,7 @@ class Exploration:
                           *self.notes])
 
 
-@names_files("source", "run")
+@names_files("source")
 def explore(
     source: str | Path,
     out: str | Path,

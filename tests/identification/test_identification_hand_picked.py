@@ -65,6 +65,20 @@ def test_a_rejected_pole_is_gone_with_its_reason_in_the_record(frame, tmp_path):
         {k: v for k, v in asdict(p).items() if k != "reason"} for p in kept.picked]
 
 
+def test_the_report_says_that_modes_were_picked_by_hand(frame, tmp_path):
+    from probupdate.reporting.measurement_sections import identification_section
+    from probupdate.reporting.run_files import read_run
+
+    campaign, store = frame
+    path, _ = chosen(store, tmp_path / "choice.json")
+    probupdate.identify(campaign, choice=path, store=store).write(tmp_path / "modes.json")
+    (tmp_path / "modes.poles.csv").unlink()
+    items = identification_section(read_run(tmp_path, lambda *a: None)).items
+    (found,) = (i for i in items if getattr(i, "title", "") == "Modes picked by hand")
+    assert found.statements[0] == "Modes as picked by hand: 4 poles in 1 block, 1 rejected."
+    assert "machine on storey 2" in found.statements[1]
+
+
 def test_picks_in_two_blocks_are_one_mode_where_alike(frame, tmp_path):
     campaign, store = frame
     ids = stored_ids(store)

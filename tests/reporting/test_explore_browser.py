@@ -119,6 +119,21 @@ def test_a_pole_of_another_order_takes_the_place_of_its_mode_s(page, frame):
     assert page.value('document.querySelector("[data-explore=save]").getAttribute("href")') is None
 
 
+def test_what_was_chosen_before_is_there_to_be_revised(page, frame, tmp_path):
+    campaign, path = frame
+    page.show(path, 1400)
+    by_mouse(page)
+    (tmp_path / "saved").mkdir()
+    choice = page.saved(tmp_path / "saved", '[data-explore="save"]')
+    run = tmp_path / "run"
+    probupdate.identify(campaign, choice=choice, store=run / "modes.json.blocks").write(run / "modes.json")
+    again = probupdate.explore(run, tmp_path / "again.html").path
+    page.show(again, 1400)
+    (tmp_path / "again").mkdir()
+    assert json.loads(page.saved(tmp_path / "again", '[data-explore="save"]').read_text()) == json.loads(
+        choice.read_text())
+
+
 def test_mac_and_argand_of_the_picked_modes_are_drawn(page, frame):
     page.show(frame[1], 1400)
     page.click("#pick-proposed")
