@@ -20,7 +20,7 @@ from probupdate.campaign.zarr_records import zarr_head
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, path_inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
-from probupdate.io.schema import Range, table_as
+from probupdate.io.schema import Length, Range, table_as
 from probupdate.modal.modes import Sensor
 
 # how long a block must be its rate decides, by the samples that identify a mode at all: a laboratory's kHz record may
@@ -40,7 +40,7 @@ class WrittenSensor:
     """A [[sensor]] of campaign.toml as it is written; position_m, direction and gravity `Sensor` checks, wherever they
     come from."""
 
-    channel: str
+    channel: Annotated[str, Length(1)]
     level: str
     position_m: object
     direction: object

@@ -10,13 +10,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
-from probupdate.io.schema import LARGEST, table_as
+from probupdate.io.schema import LARGEST, Length, table_as
 from probupdate.modal.conditions import KNOWN_COLUMNS, misspelt
 from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.mode_choice import choice_of
@@ -152,7 +153,7 @@ CLOCK = 1e-7
 class _Written:
     """modes.json as it is written, but for its sets, which `_read_set` reads one by one."""
 
-    channels: tuple[str, ...]
+    channels: tuple[Annotated[str, Length(1)], ...]
     labels: tuple[str, ...] = ()
     reference_set: str | None = None
     format: int = FORMAT

@@ -71,9 +71,9 @@ def test_cross_spectra_with_lost_samples_are_right_on_average():
     assert piece[:, 0] @ piece[:, 1] / (one @ one) == pytest.approx(0.7, abs=0.01)
 
 
-def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
+def three_channels(tmp_path, change):
     data = np.column_stack([vibration(36000, k) + vibration(36000, 9) for k in range(3)])
-    data[:, 1] = np.repeat(data[::2, 1], 2)
+    change(data)
     lines = ['name = "held"', f"sampling_rate_hz = {RATE}", "block_minutes = 10"]
     for k in range(3):
         lines += ["[[sensor]]", f'channel = "F{k}"', f'level = "F{k}"', f"position_m = [0.0, 0.0, {3.0 * k}]",
@@ -84,7 +84,14 @@ def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
         stored = file.create_dataset("data", data=(0.01 * data).astype("f4"))
         stored.attrs.update(start="2024-05-01T00:00:00Z", sampling_rate_hz=RATE,
                             channels=json.dumps(["F0", "F1", "F2"]))
-    campaign = read_campaign(tmp_path)
+    return read_campaign(tmp_path)
+
+
+def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
+    def held(data):
+        data[:, 1] = np.repeat(data[::2, 1], 2)
+
+    campaign = three_channels(tmp_path, held)
     text = "\n".join(check(campaign).findings)
     assert "F1 repeats: 50 % of its samples are the one before once more (each value stands 2 times" in text
     assert "clock" not in text
@@ -116,3 +123,17 @@ def test_a_number_that_stands_for_lost_samples_is_found(value, share, in_runs):
         "sine", "held"])
 def test_what_a_sensor_measured_is_no_number_for_lost_samples(of):
     assert markers(of) == [] and markers(of_four_bytes(of)) == []
+
+
+@pytest.mark.parametrize("value", [0.0, -9999.0])
+def test_a_number_for_lost_samples_is_lost_and_said(tmp_path, value):
+    def marked(data):
+        data[np.random.default_rng(4).random(len(data)) < 0.1, 2] = 100 * value
+
+    campaign = three_channels(tmp_path, marked)
+    first = next(blocks(campaign))
+    assert first.missing == pytest.approx([0, 0, 0.1], abs=0.01) and first.impossible[2] == np.isnan(first.data).sum()
+    assert f"of F2 at {value:.6g}, a number for lost ones: counted as lost" in first.notes[0]
+    text = "\n".join(check(campaign).findings)
+    assert "F2 lacks 10" in text or "F2 lacks 9." in text
+    assert "or at one number far more often than beside it" in text and "spike" not in text and "dead" not in text

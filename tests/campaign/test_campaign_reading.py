@@ -38,6 +38,7 @@ WRONG_HEADS = [
     ('sampling_rate_hz = 10.0', 'sampling_rate_hz = 1e5', "960 MB a block", "at most 1.4 minutes"),
     ('name = "Small"', 'name = "Small', "not TOML", "mend"),
     ('channel = "a-y"', 'channel = "a-x"', "the channel is listed twice", "once"),
+    ('channel = "a-y"', 'channel = ""', "'' is empty", "another"),
     ('channel = "a-y"', 'chanel = "a-y"', "unknown key 'chanel'", "did you mean 'channel'"),
     ('level = "a"', '', "'level' is missing", "add it"),
     ('unit = "g"', 'unit = "kg"', "unit 'kg' is none of acceleration", "m/s2"),
