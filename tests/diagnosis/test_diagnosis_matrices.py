@@ -34,11 +34,7 @@ from probupdate.diagnosis.small_model import LocalModel
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
-from probupdate.updating.ensemble import SamplerSettings
 from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
-
-# a chain of one segment: same seed, same numbers, converged or not
-QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=20)
 
 
 @pytest.fixture(scope="module")
@@ -542,7 +538,7 @@ def test_hypotheses_are_compared_about_the_same_parameters(loosened, validation)
 
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
     data = record(4, storey=2, factor=0.9, from_block=20)
-    found = [probupdate.diagnose(prepared, data, seed=7, sampler=QUICK) for _ in range(2)]
+    found = [probupdate.diagnose(prepared, data, seed=7, sampler=False) for _ in range(2)]
     assert found[0].content() == found[1].content()
     (path,) = found[0].write(tmp_path / "diagnosis.json")
     content = json.loads(path.read_text())
