@@ -284,6 +284,13 @@ def test_the_readme_is_short():
     assert len(text("README.md").split()) <= 450
 
 
+def test_the_documents_hold_25_000_words():
+    """Whatever has a letter or a digit, outside code and equations."""
+    left_out, whole = r"^```.*?^```|^\$\$.*?\$\$|\$[^$\n]+\$", "\n".join(map(text, PAGES))
+    prose = re.sub(left_out, "", whole, flags=re.DOTALL | re.MULTILINE)
+    assert len([word for word in prose.split() if re.search(r"\w", word)]) <= 25_000
+
+
 def test_the_change_log_is_read_in_two_minutes():
     assert len(text("CHANGELOG.md").splitlines()) <= 60
 
