@@ -45,6 +45,14 @@ def test_a_file_s_name_is_the_model_alone(tmp_path, capsys):
     assert "a file that ends in .toml" in capsys.readouterr().err
 
 
+def test_the_virtual_turbine_says_that_it_stands_on_jackets(tmp_path, capsys):
+    assert main(["template", "monopile", str(tmp_path / "model.toml")]) == 0
+    capsys.readouterr()
+    assert main(["simulate", str(tmp_path / "records"), "--model", str(tmp_path / "model.toml")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "built on jackets alone" in error and "or measured records" in error
+
+
 def test_an_unknown_kind_is_named(tmp_path):
     with pytest.raises(probupdate.errors.InputError, match="choose from monopile, jacket, tower, matrices"):
         probupdate.template("tripod", tmp_path / "run")

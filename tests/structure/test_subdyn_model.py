@@ -489,14 +489,15 @@ def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
         assert captured.out == "" and name in captured.err and captured.err.count("\n") == 1
 
 
-def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys):
+@pytest.mark.parametrize(("verb", "problem"), [("update", "no parameters to update"), ("diagnose", "no parameters, so")])
+def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys, verb, problem):
     modes = tmp_path / "modes.json"
     modes.write_text(json.dumps({"channels": ["J4x", "J4y"], "sets": [{
         "id": "a", "frequency_hz": [5.0], "damping_ratio": [0.01], "frequency_std_hz": [0.1],
         "shape_re": [[1.0, 0.0]], "shape_std": [[0.1, 0.1]]}]}))
-    assert main(["update", "--model", str(framed.with_name("structure.dat")), "--modes", str(modes), "--out",
-                 str(tmp_path / "update.json")]) == 2
-    assert "no parameters to update" in capsys.readouterr().err
+    assert main([verb, "--model", str(framed.with_name("structure.dat")), "--modes", str(modes), "--out",
+                 str(tmp_path / f"{verb}.json")]) == 2
+    assert problem in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not OC4.exists(), reason="the OC4 input files of ../shared/reference/oc4 are not here")
