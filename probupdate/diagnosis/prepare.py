@@ -59,9 +59,10 @@ class Prepared:
         return replace(self, small=self.small.with_gravity(data.felt),
                        sensors=tuple(s.stated(data.felt) for s in self.sensors))
 
-    def effects_on(self, channels: Sequence[str]) -> tuple[Effect, ...]:
-        """The whole catalogue for a record of these channels, in their order."""
-        return (*_felt(self.effects, channels), *measurement_effects(channels, self.sensors), *self.own)
+    def effects_on(self, channels: Sequence[str], highest_hz: float = np.inf) -> tuple[Effect, ...]:
+        """The whole catalogue for a record of these channels, in their order, and of modes up to `highest_hz`."""
+        return (*_felt(self.effects, channels), *measurement_effects(channels, self.sensors, highest_hz),
+                *self.own)
 
 
 def prepare(

@@ -247,7 +247,7 @@ def diagnosis_problem(
     blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
     predictor = build_predictor(prepared.small, blocks, theta, unmatched)
     _refuse_another_order(data, blocks.channels, prepared.small, theta)
-    effects = prepared.effects_on(blocks.channels)
+    effects = prepared.effects_on(blocks.channels, float(np.nanmax(np.nanmedian(blocks.frequency_hz, axis=0))))
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
     unrecorded = _unrecorded(with_columns, effects)

@@ -30,6 +30,8 @@ GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, FRAME_TOLERANCE_DEG = 0.01, 1.0, 1.0
 GAIN_RANGE = (-0.98, 20.0)
 # loggers on one network time agree to this
 CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
+# clocks and filters are looked for up to this, half a period of the highest mode where that is longer
+LATE_MS = 200.0
 
 # Prior odds, beside one member of the structure that has changed. Judgement, no statistics: steel warms in every
 # record; one clock serves a whole logger, is checked when it is installed and steps with a new firmware only; of the
@@ -285,15 +287,19 @@ SIGNAL_PATH = ((Stiffness, Turn), (Gain, FrequencyResponse), (Swap, Crosstalk), 
 LAWS = tuple(law for laws in SIGNAL_PATH for law in laws)
 
 
-def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:
+def measurement_effects(
+    channels: Sequence[str], sensors: Sequence[Sensor] = (), highest_hz: float = np.inf
+) -> tuple[Effect, ...]:
     """Gain, polarity and swapped cables of every channel; with `sensors` (places and directions) also rotation of every
-    sensor and of the whole frame, and the gain, clock and filter of every logger (a position, or all of a level)."""
+    sensor and of the whole frame, and the gain, clock and filter of every logger (a position, or all of a level), of
+    modes up to `highest_hz`."""
     row = {name: k for k, name in enumerate(channels)}
     placed = [s for s in sensors if s.channel in row]
     effects = [*_gains_and_polarities(channels, row), *_swaps(channels, placed, row)]
     if not placed:
         return tuple(effects)
-    return (*effects, *_rotations(placed, row), *_logger_faults(placed, row), _sampling_rate())
+    return (*effects, *_rotations(placed, row), *_logger_faults(placed, row, max(LATE_MS, 500.0 / highest_hz)),
+            _sampling_rate())
 
 
 def _gains_and_polarities(channels: Sequence[str], row: Mapping[str, int]) -> list[Effect]:
@@ -349,14 +355,15 @@ def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]
     return effects
 
 
-def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
+def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int], late_ms: float) -> list[Effect]:
     effects = []
     for name, rows in sensor_groups(placed, row):
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
                                       ("low-pass filter", LowPass(rows), 0.1)):
             effects.append(Effect(
-                kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance, prior_scale=20.0,
-                lower=-200.0 if cause == "clock offset" else 0.0, upper=200.0, observe=law, step_of_size=0.1,
+                kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance,
+                prior_scale=0.1 * late_ms, lower=-late_ms if cause == "clock offset" else 0.0, upper=late_ms,
+                observe=law, step_of_size=0.1,
                 signature="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
             ))

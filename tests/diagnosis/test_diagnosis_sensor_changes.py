@@ -15,6 +15,7 @@ from probupdate.diagnosis.evidence import size_by_secant
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.sensor_changes import log_stretch
 from probupdate.effects.catalogue import measurement_effects
+from probupdate.modal.modes import Sensor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
 from records import draw_record
@@ -110,3 +111,15 @@ def test_blocks_of_a_mended_record_are_no_strays(validation):
     now = mended(blocks, effect_named("swapped channels, W6 and W9", blocks.channels), acting)
     seen = watch(now, (), (), np.zeros((len(blocks), 0)))
     row.equal(sum(int(np.sum(w < 0.5 * np.median(w))) for w in seen.noise.weight), 0, "blocks")
+
+
+@pytest.mark.parametrize(("highest_hz", "late_ms"), [(2.5, 200.0), (40.0, 200.0), (0.1, 5000.0)])
+def test_clocks_and_filters_are_looked_for_up_to_half_a_period(highest_hz, late_ms):
+    """A bridge whose modes take ten seconds has loggers that are seconds late: *unexplained* with an end of 200 ms."""
+    sensors = [Sensor(channel=f"{place}-{axis}", level=place, position_m=(0.0, 0.0, z), direction=direction)
+               for place, z in (("A", 0.0), ("B", 40.0))
+               for axis, direction in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)))]
+    found = {e.cause: e for e in measurement_effects([s.channel for s in sensors], sensors, highest_hz)}
+    clock, low_pass = found["clock offset"], found["low-pass filter"]
+    assert (clock.lower, clock.upper, low_pass.lower, low_pass.upper) == (-late_ms, late_ms, 0.0, late_ms)
+    assert clock.prior_scale == low_pass.prior_scale == 0.1 * late_ms

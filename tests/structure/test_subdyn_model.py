@@ -489,7 +489,8 @@ def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
         assert captured.out == "" and name in captured.err and captured.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(("verb", "problem"), [("update", "no parameters to update"), ("diagnose", "no parameters, so")])
+@pytest.mark.parametrize(("verb", "problem"), [("update", "no parameters to update"),
+                                               ("diagnose", "no parameters, so that")])
 def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys, verb, problem):
     modes = tmp_path / "modes.json"
     modes.write_text(json.dumps({"channels": ["J4x", "J4y"], "sets": [{
