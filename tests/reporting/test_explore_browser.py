@@ -3,6 +3,7 @@ keyboard, wide and narrow; the file that is saved is what `identify --choice` ma
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 
@@ -139,6 +140,21 @@ def test_mac_and_argand_of_the_picked_modes_are_drawn(page, frame):
     page.click("#pick-proposed")
     n = page.value('document.querySelectorAll(".pole[aria-pressed=true]").length')
     cells = page.value('[...document.querySelectorAll("table.mac td")].map((c) => Number(c.textContent))')
-    assert n >= 4 and np.allclose(np.diag(np.reshape(cells, (n, n))), 1.0)
+    picked = page.value('[...document.querySelectorAll(".pole[aria-pressed=true]")].map((g) => Number(g.dataset.pole))')
+    data = json.loads(page.value('document.getElementById("explore-data").textContent'))["blocks"][0]
+    parts = np.frombuffer(base64.b64decode(data["shape"]), "<i2").reshape(-1, 4, 2).astype(float)
+    shape = (parts[..., 0] + 1j * parts[..., 1])[sorted(picked, key=lambda k: data["hz"][k])].T
+    assert n >= 4 and np.allclose(np.reshape(cells, (n, n)), mac(shape, shape), atol=0.006)
     assert page.value('document.querySelectorAll("[data-explore=argand] svg").length') == n
     assert "Hz" in page.value('document.querySelector(".viewer .foot").textContent')
+
+
+def test_values_of_a_pole_stand_beside_the_mouse(page, frame):
+    page.show(frame[1], 400)
+    page.click('[data-click="look"]')
+    page.click(f'[data-pole="{nearest(page, modes()[0][1])}"]')
+    said = page.value('document.querySelector(".tip").innerText')
+    assert re.match(r"4\.7\d+ ± 0\.00\d+ Hz\ndamping 1\.\d+ ± 0\.\d+ %\norder 20, MPC 1\.000\n", said)
+    assert page.value('document.querySelectorAll(".pole[aria-pressed=true]").length') == 0
+    box = page.value('(({left, right}) => [left, right])(document.querySelector(".tip").getBoundingClientRect())')
+    assert 0 <= box[0] < box[1] <= 400
