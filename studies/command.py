@@ -84,8 +84,10 @@ STUDIES = {
         takes="minutes"),
     "lifetime": Study(
         question="From a posterior to remaining life: is its uncertainty calibrated?",
-        runs=(("calibration.py", OUT),), quick=(("calibration.py", OUT, "--turbines", "1", "--minutes", "2"),),
-        seeds="the number of the turbine", takes="25 minutes a case at most"),
+        runs=(("calibration.py", OUT), ("time_domain.py", f"{OUT}/time")),
+        quick=(("calibration.py", OUT, "--turbines", "1", "--minutes", "2"),),
+        seeds="the number of the turbine", takes="25 minutes a case at most",
+        data="`pip install rainflow` for time_domain.py"),
     "measured_frame": Study(
         question="Is the braced storey of a measured frame named from a uniform model, and what stands in the way?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--discrepancy", "1"),), seeds="1", takes="three minutes",

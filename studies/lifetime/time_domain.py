@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import rainflow
 from scipy import linalg, sparse
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "stresses"))
@@ -250,7 +249,7 @@ def stepped(t: Truth, ratio: float, c: float) -> tuple[np.ndarray, ...]:
     return e[: 2 * m, : 2 * m], e[: 2 * m, 2 * m : 3 * m] - B1, B1
 
 
-def simulated(t: Truth, c: Conditions, state, depth: float, rng):
+def simulated(t: Truth, c: Conditions, state, depth: float, batches: int, rng):
     """Yields stresses (10, n_piece, n_sample) of ten-minute pieces, MPa, after each batch; first their variances
     (10,) by the same solver's transfer functions."""
     n = round(PERIOD_S * RATE)
@@ -265,7 +264,7 @@ def simulated(t: Truth, c: Conditions, state, depth: float, rng):
     yield _variance(t, c.damping.ratio, dash, line, (modal, static), densities)
     A, B0, B1 = stepped(t, c.damping.ratio, dash)
     m = len(t.omega)
-    for _ in range(BATCHES):
+    for _ in range(batches):
         z = rng.standard_normal((2, 2, BATCH, len(line)))
         # of lines 1 / PERIOD_S apart
         wave, gust = (np.sqrt(d / PERIOD_S / 2) * n / 2 * (x[0] + 1j * x[1])[:, : len(d)] * np.sqrt(2)
@@ -308,25 +307,31 @@ def _variance(t: Truth, ratio: float, dash: float, line, waves, densities) -> np
     return total
 
 
-def counted(stress: np.ndarray, law) -> np.ndarray:
-    """(n_piece,) Miner's sum of ten-minute pieces (n_piece, n_sample) by the package `rainflow`."""
+def by_package(record: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ranges and counts of a record's cycles by the package `rainflow`."""
+    import rainflow
+
+    return tuple(np.array(rainflow.count_cycles(record)).T)
+
+
+def counted(stress: np.ndarray, law, count) -> np.ndarray:
+    """(n_piece,) Miner's sum of ten-minute pieces (n_piece, n_sample)."""
     knee = 10 ** ((law.log10_a2 - law.log10_a1) / (law.m2 - law.m1)) if law.m1 != law.m2 else 0.0
     found = []
     for piece in stress:
         # of a series of turning points the same cycles are found, sooner
         turn = np.flatnonzero(np.diff(np.sign(np.diff(piece))) != 0) + 1
-        cycles = np.array(rainflow.count_cycles(piece[np.r_[0, turn, len(piece) - 1]]))
-        steep = cycles[:, 0] <= knee
-        log_n = np.where(steep, law.log10_a2 - law.m2 * np.log10(cycles[:, 0]),
-                         law.log10_a1 - law.m1 * np.log10(cycles[:, 0]))
-        found.append(np.sum(cycles[:, 1] * 10**-log_n))
+        size, number = count(piece[np.r_[0, turn, len(piece) - 1]])
+        log = np.log10(size)
+        log_n = np.where(size <= knee, law.log10_a2 - law.m2 * log, law.log10_a1 - law.m1 * log)
+        found.append(np.sum(number * 10**-log_n))
     return np.array(found)
 
 
-def mean_damage(stress: np.ndarray, law, variance: float) -> tuple[float, float]:
+def mean_damage(stress: np.ndarray, law, variance: float, count) -> tuple[float, float]:
     """Of a ten-minute piece, and its standard error: regressed on moments whose expectations are known (a Gaussian
     stress of this variance), which takes off most of the scatter."""
-    D = counted(stress, law)
+    D = counted(stress, law, count)
     x = stress / np.sqrt(variance)
     control = np.array([np.mean(x**p, axis=1) - e for p, e in ((2, 1.0), (4, 3.0), (6, 15.0))])
     design = np.vstack([np.ones(len(D)), control]).T
@@ -336,7 +341,8 @@ def mean_damage(stress: np.ndarray, law, variance: float) -> tuple[float, float]
     return float(solved[0]), float(np.sqrt(s2 * np.linalg.inv(design.T @ design)[0, 0]))
 
 
-def run(seed: int) -> dict:
+def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
+    """A case: annual damage of the worst ten spots by the product and counted, with the standard error."""
     raw, stated, kind, law_name = drawn_case(seed)
     conditions = Conditions.model_validate(stated)
     model = fatigue_model(parse_description(raw, raw["name"]), raw["name"], conditions)
@@ -351,13 +357,13 @@ def run(seed: int) -> dict:
     rng = np.random.default_rng([seed, 66])
     total, error, spread, moved = np.zeros(WORST), np.zeros(WORST), [], []
     for state in conditions.state:
-        batches = simulated(t, conditions, state, -raw["site"]["mudline_m"], rng)
-        variance = next(batches)
-        stress = np.concatenate(list(batches), axis=1)
+        pieces = simulated(t, conditions, state, -raw["site"]["mudline_m"], batches, rng)
+        variance = next(pieces)
+        stress = np.concatenate(list(pieces), axis=1)
         spread.append(np.mean(stress**2, axis=(1, 2)) / variance)
         moved.append(found.moments[0, len(moved), 0, spots] / variance)
         for k in range(WORST):
-            mean, std = mean_damage(stress[k], law, variance[k])
+            mean, std = mean_damage(stress[k], law, variance[k], count)
             total[k] += state.share * mean * YEAR_S / TEN_MINUTES_S
             error[k] = np.hypot(error[k], state.share * std * YEAR_S / TEN_MINUTES_S)
     # irregularity of the worst spot's stress in its worst state
