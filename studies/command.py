@@ -109,6 +109,9 @@ STUDIES = {
         question="What does the diagnosis say of structures drawn at random, by equations that are not the package's?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="the number of the record",
         takes="half an hour"),
+    "peers": Study(
+        question="Are modes and standard deviations those of pyOMA2 1.4.3, on one drawn record?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--blocks", "2"),), seeds="7", takes="minutes"),
     "performance": Study(
         question="How fast are modes, identification, diagnosis and sampling?",
         runs=(("benchmark_modal.py",), ("benchmark_identification.py",), ("benchmark_data_first.py",),

@@ -1,0 +1,5 @@
+import sys
+
+from studies.command import main
+
+sys.exit(main("peers"))
