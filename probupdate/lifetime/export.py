@@ -603,6 +603,10 @@ def _reducer(
         if unspeakable(path):
             left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
             return None
+        own = file_beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file") if path.suffix == ".toml" else path
+        if not read_subdyn(own, path.parent).interfaces:
+            left_out.append(f"superelements: {own.name} has no interface joints, where they end; list them (NInterf)")
+            return None
 
         def of_file(folder: Path, n_mode: int):
             file = read_subdyn(folder / _at_draw(path), folder)

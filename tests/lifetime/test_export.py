@@ -225,6 +225,18 @@ def test_damping_is_that_of_the_sets(run):
 # superelements -------------------------------------------------------------------------------------------------------
 
 
+def test_a_file_without_interface_joints_is_exported_without_superelements(run):
+    """It ended the export with the name of a file that the user never wrote, models/001/subdyn_at_draw.dat."""
+    path = run / "structure.dat"
+    text = path.read_text()
+    before = "   2   N - number of them\nnames of columns\n(-) (-)\n  3 1 1 1 1 1 1 1\n  4 1 1 1 1 1 1 1\n"
+    assert before in text
+    path.write_text(text.replace(before, "   0   N - number of them\nnames of columns\n(-) (-)\n"))
+    done = exported(run)
+    assert "superelements: structure.dat has no interface joints, where they end; list them (NInterf)" in done.left_out
+    assert not (done.folder / "superelements").exists() and (done.folder / "models" / "001").exists()
+
+
 def test_a_superelement_with_all_modes_is_the_structure_itself(run, validation):
     checked = validation(what="superelement with all modes; with 0, 2, 6 never below",
                          reference="the structure itself; Rayleigh-Ritz from above", why="eigensolver")
