@@ -40,7 +40,7 @@ def ops(opensees_module):
 
 def pytest_addoption(parser):
     parser.addoption("--validation", metavar="FILE",
-                     help="write what tests measured for VALIDATION.md (tests/validation.py)")
+                     help="write what tests measured for the tables (tests/validation.py)")
 
 
 def pytest_configure(config):
@@ -52,7 +52,7 @@ def pytest_configure(config):
 
 @pytest.fixture
 def validation(request):
-    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` and
+    """validation(what=, reference=, why=, unit=) -> a row of validation_rows.md; its `error(error, below)` and
     others assert and keep."""
     rows = []
 

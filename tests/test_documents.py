@@ -44,7 +44,8 @@ from studies.command import STUDIES as RUN_ALIKE  # noqa: E402
 from studies.command import main as study_command  # noqa: E402
 from studies.performance import history  # noqa: E402
 
-PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
+ROWS = "tests/validation_rows.md"
+PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md", ROWS)
 PAGES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/*.md")))
 # pages whose commands name files that only a reader has
 TYPED = ("README.md", *PAGES)
@@ -182,7 +183,7 @@ def test_floors_of_the_design_are_those_of_the_layering_test():
 
 
 def test_every_row_of_the_validation_names_what_checks_it():
-    rows = [line for line in text("VALIDATION.md").splitlines() if re.match(r"\| (?!what )", line)]
+    rows = [line for line in text(ROWS).splitlines() if re.match(r"\| (?!what )", line)]
     assert len(rows) > 200
     for row in rows:
         cells = re.split(r"(?<!\\)\|", row.strip("|"))
@@ -190,13 +191,13 @@ def test_every_row_of_the_validation_names_what_checks_it():
 
 
 def test_tests_and_studies_named_in_the_validation_exist():
-    named = set(re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text("VALIDATION.md")))
+    named = set(re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text(ROWS)))
     assert len(named) > 20
     for path, function in named:
         assert (ROOT / path).is_file(), path
         if function:
             assert re.search(rf"^def {function}\(", text(path), re.MULTILINE), f"{path}::{function}"
-    for path in set(re.findall(r"`(studies/[\w/.]+)`", text("VALIDATION.md"))):
+    for path in set(re.findall(r"`(studies/[\w/.]+)`", text(ROWS) + text("VALIDATION.md"))):
         assert (ROOT / path).exists(), path
 
 
@@ -217,7 +218,7 @@ def recorded_by_tests() -> dict[str, tuple[str, str]]:
 
 def test_marked_rows_of_the_validation_are_those_that_tests_state():
     marked = {}
-    for line in text("VALIDATION.md").splitlines():
+    for line in text(ROWS).splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if line.startswith("| ") and len(cells) == 5 and cells[3].endswith(MARK):
             marked[cells[4].strip("`")] = (cells[0], cells[1])
@@ -232,10 +233,15 @@ def test_a_row_holds_what_was_asserted_and_the_worst_of_all_cases():
         Row(what="pile", reference="closed form").error(-2e-6, below=1e-6)
     measured = {"tests/a.py::b": [row for _, row in properties([one, two])]}
     page = "| what | else |\n| old | by hand | 1 | 2 | `tests/a.py::b` |\n| other | | | | `tests/a.py::bc` |"
-    assert written(page, measured).splitlines()[1:] == [
-        f"| pile | closed form | 1e-6: mesh | 3e-7 {MARK} | `tests/a.py::b` |", "| other | | | | `tests/a.py::bc` |"]
+    row = f"| pile | closed form | 1e-6: mesh | 3e-7 {MARK} | `tests/a.py::b` |"
+    other = "| other | | | | `tests/a.py::bc` |"
+    assert written(page, measured).splitlines()[1:] == [row, other]
+    # one without a row gets it behind those of its file, or of its folder
+    for new in ("tests/a.py::c", "tests/other.py::c"):
+        added = written(page, {new: measured["tests/a.py::b"]}).splitlines()[3:]
+        assert added == [row.replace("tests/a.py::b", new)]
     with pytest.raises(ValueError, match="c: 0 rows"):
-        written(page, {"tests/a.py::c": measured["tests/a.py::b"]})
+        written(page, {"elsewhere/a.py::c": measured["tests/a.py::b"]})
 
 
 def test_a_row_holds_bounds_from_below_ranges_and_counts():

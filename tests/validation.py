@@ -1,10 +1,11 @@
-"""Rows of VALIDATION.md out of the tests themselves: what is checked against what, the tolerance that was asserted, the
-worst that the last run found.
+"""Rows of tests/validation_rows.md out of the tests themselves: what is checked against what, the tolerance that was
+asserted, the worst that the last run found.
 
 A test takes the fixture `validation`, says what it checks and asserts through it (an error below, a value above or
 within, a count of hits, equality); `pytest --validation FILE` writes
-what was measured, and `python tests/validation.py FILE` puts it into the rows of VALIDATION.md that name these tests,
-with a mark. All other rows are kept by hand.
+what was measured, and `python tests/validation.py FILE` puts it into the rows that name these tests, with a mark; a
+test without a row gets one behind those of its file, or of its folder. All other rows are kept by hand; the site shows
+them all.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-PAGE = Path(__file__).resolve().parents[1] / "VALIDATION.md"
+PAGE = Path(__file__).with_name("validation_rows.md")
 MARK = "†"
 
 
@@ -152,13 +153,21 @@ def merged(rows: list[dict]) -> Row:
 
 
 def written(page: str, measured: dict[str, list[dict]]) -> str:
-    """The page with the rows of these tests as they were measured; raises ValueError for a test that has no row yet."""
+    """The page with the rows of these tests as they were measured; raises ValueError for a test of several rows, and
+    for one of a folder that has none yet."""
     lines = page.split("\n")
     for test, rows in measured.items():
         at = [k for k, line in enumerate(lines) if line.startswith("| ") and line.rstrip(" |").endswith(f"| `{test}`")]
-        if len(at) != 1:
-            raise ValueError(f"{test}: {len(at)} rows of VALIDATION.md end with it; give it one, in its section")
-        lines[at[0]] = f"| {' | '.join(merged(rows).cells(test))} |"
+        row = f"| {' | '.join(merged(rows).cells(test))} |"
+        if len(at) == 1:
+            lines[at[0]] = row
+            continue
+        file = test.split("::")[0]
+        near = next((found for start in (f"`{file}::", f"`{file.rpartition('/')[0]}/") if (
+            found := [k for k, line in enumerate(lines) if line.startswith("| ") and start in line])), None)
+        if at or near is None:
+            raise ValueError(f"{test}: {len(at)} rows end with it; give it one, in its section")
+        lines.insert(near[-1] + 1, row)
     return "\n".join(lines)
 
 
@@ -189,4 +198,4 @@ def properties(rows: list[Row]) -> list[tuple[str, dict]]:
 if __name__ == "__main__":
     found = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
-    sys.stdout.write(f"{len(found)} rows of VALIDATION.md are as measured\n")
+    sys.stdout.write(f"{len(found)} rows of {PAGE.name} are as measured\n")

@@ -50,7 +50,7 @@ TUNED = {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz
 @pytest.mark.parametrize(("seed", "hidden"), [
     # a record that no fit follows: eight minutes
     (451, TUNED),
-    # of seed 452 a mount like this is named a clock offset and crosstalk: VALIDATION.md, limits
+    # of seed 452 a mount like this is named a clock offset and crosstalk: VALIDATION.md, misses
     (453, {"kind": "mount_resonance", "channel": "T66-x", "period_s": 0.35}),
 ])
 def test_what_no_list_holds_is_not_named(turbine, seed, hidden):

@@ -35,7 +35,7 @@ SPECTRA = {"two peaks": bimodal(), "broad": 30 * np.exp(-F), "resonance alone": 
 
 
 def needs(package):
-    """Skips a test where a program that is in no lock file is not installed; before its row of VALIDATION.md begins."""
+    """Skips a test where a program that is in no lock file is not installed; before its row of the tables begins."""
     return pytest.mark.skipif(importlib.util.find_spec(package) is None, reason=f"{package} is not installed")
 
 
