@@ -688,7 +688,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "poles_mat": (pole_tables(".mat"), ("campaign.pole_tables.read_pole_tables",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "choice": (choice, ("modal.mode_choice.read_choice",)),
-    "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
+    "truth": (truth, ("virtual.truth.read_truth", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
     "block_poles": (block_poles, ("identification.block_store.read_block_poles",)),
     "block_deviations": (block_factors, ("identification.block_store.read_block_factors",)),
