@@ -3,7 +3,8 @@
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/performance/benchmark_scale.py OUT [--blocks 50 500]
 
 Half hours of a frame of four storeys at 10 Hz, one file a day, in OUT; each command in a process of its own, with one
-job. What a process takes before its work (`modes` of the frame) is taken off before the exponent.
+job. What a process takes before its work (`modes` of the frame) is taken off before the exponent. What was measured
+stands in OUT/measured.json and is not measured again.
 """
 
 from __future__ import annotations
@@ -87,10 +88,22 @@ def main() -> None:
     a.out.mkdir(parents=True, exist_ok=True)
     frequency, shape = write_model(a.out)
     model = ("--model", a.out / "model.npz", "--parameters", a.out / "parameters.toml")
-    begin, _ = measured("modes", a.out / "model.npz")
+    done = a.out / "measured.json"
+    known = json.loads(done.read_text()) if done.exists() else {}
+
+    def once(key: str, *words: str | Path) -> tuple[float, float]:
+        if key not in known:
+            known[key] = measured(*words)
+            done.write_text(json.dumps(known))
+            print(key, *(f"{x:.1f}" for x in known[key]), flush=True)
+        return known[key]
+
+    begin, _ = once("modes", "modes", a.out / "model.npz")
     found: dict[str, list[tuple[float, float]]] = {}
     for count in a.blocks:
-        campaign = write_campaign(a.out / f"c{count}", count, frequency, shape)
+        campaign = a.out / f"c{count}"
+        if not (campaign / "campaign.toml").exists():
+            write_campaign(campaign, count, frequency, shape)
         modes = a.out / f"modes-{count}.json"
         for name, words in {
             "identify": ("identify", campaign, "--jobs", "1", "--out", modes),
@@ -100,8 +113,7 @@ def main() -> None:
             "diagnose of records": ("diagnose", "--modes", modes, "--campaign", campaign, "--jobs", "1", "--out",
                                     a.out / "r.json"),
         }.items():
-            found.setdefault(name, []).append(measured(*words))
-            print(count, name, *(f"{x:.1f}" for x in found[name][-1]), flush=True)
+            found.setdefault(name, []).append(once(f"{count} {name}", *words))
     few, many = a.blocks
     print(f"| command, one job | {few} blocks | {many} blocks | exponent of time | memory |\n|---|---|---|---|---|")
     for name, ((t1, m1), (t2, m2)) in found.items():

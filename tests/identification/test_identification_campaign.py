@@ -104,7 +104,11 @@ def test_the_rotor_s_line_is_removed_where_scada_tells_its_speed(jacket, referen
     t = np.arange(9000) / 5
     line = np.outer(np.cos(2 * np.pi * 0.45 * t), jacket.shape[:, 0])
     records = [jacket.record(9000, seed=0), jacket.record(9000, seed=1) + line]
-    result = identify(read_campaign(write_campaign(records, scada_rows([IDLING, RUNNING]))), reference)
+    campaign = read_campaign(write_campaign(records, scada_rows([IDLING, RUNNING])))
+    # what reading a column found of it is said here too
+    campaign.scada.attrs["notes"] = ("suspect: pitch_deg in SCADA is in radians; the column is not used",)
+    result = identify(campaign, reference)
+    assert "suspect: pitch_deg in SCADA is in radians; the column is not used" in result.summary.splitlines()
     states = [s.environment["state"] for s in result.data.sets]
     assert states == ["idling", "rated"]  # the highest power recorded stands for the rated one, as the summary says
     assert "rated power taken as the highest recorded, 2500 kW" in result.summary
