@@ -14,6 +14,7 @@ import json
 import os
 import subprocess
 import sys
+from multiprocessing import Process
 from pathlib import Path
 
 import h5py
@@ -46,7 +47,7 @@ def write_model(out: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(value) / (2 * np.pi), shape
 
 
-def write_campaign(out: Path, count: int, frequency: np.ndarray, shape: np.ndarray) -> Path:
+def write_campaign(out: Path, count: int, frequency: np.ndarray, shape: np.ndarray) -> None:
     """Accelerations under white modal forces."""
     (out / "acceleration").mkdir(parents=True, exist_ok=True)
     tables = "".join(f'[[sensor]]\nchannel = "{c}"\nlevel = "{c[:2]}"\nposition_m = [0.0, 0.0, {3.0 * k + 3}]\n'
@@ -68,7 +69,6 @@ def write_campaign(out: Path, count: int, frequency: np.ndarray, shape: np.ndarr
             data = file.create_dataset("data", data=motion.astype("f4"))
             start = pd.Timestamp("2026-01-01T00:00Z") + pd.Timedelta(days=day)
             data.attrs.update(start=start.isoformat(), sampling_rate_hz=RATE, channels=json.dumps(CHANNELS))
-    return out
 
 
 def measured(*words: str | Path) -> tuple[float, float]:
@@ -103,7 +103,10 @@ def main() -> None:
     for count in a.blocks:
         campaign = a.out / f"c{count}"
         if not (campaign / "campaign.toml").exists():
-            write_campaign(campaign, count, frequency, shape)
+            # a process counts what its parent had when it began
+            made = Process(target=write_campaign, args=(campaign, count, frequency, shape))
+            made.start()
+            made.join()
         modes = a.out / f"modes-{count}.json"
         for name, words in {
             "identify": ("identify", campaign, "--jobs", "1", "--out", modes),
