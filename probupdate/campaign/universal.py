@@ -49,8 +49,10 @@ def modes_from_universal(source: str | Path, out: str | Path, *, sensors: str | 
     source, out = Path(source), Path(out)
     data = read_uff_modes(source, None if sensors is None else sensors_of(sensors))
     write_modes(data, out)
-    note = "it has no standard deviations: state frequencies' CoVs where it is compared (--frequency-cov)"
-    return Translation(files=(out,), notes=(note,))
+    notes = ["it has no standard deviations: state frequencies' CoVs where it is compared (--frequency-cov)"]
+    if len(data.sets) > 1:
+        notes.append("a column holds the modes of one number; with --description poles.toml they are followed instead")
+    return Translation(files=(out,), notes=tuple(notes))
 
 
 def modes_to_universal(source: str | Path, out: str | Path, *, sensors: str | Path) -> Translation:
