@@ -53,7 +53,7 @@ def run_farm(a: argparse.Namespace, progress: Progress) -> None:
     answer(a, result, [], failed=len(result.failed))
     if result.failed:
         raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason "
-                              "above and in farm.csv; the others are done: mend what is said, then run it again")
+                              "above and in farm.csv; the others are done: correct what is said, then run it again")
     if result.joint is not None and result.joint.run and result.joint.failed:
         raise ProbupdateError(f"the turbines are done, their joint inference failed: {result.joint.failed}")
 

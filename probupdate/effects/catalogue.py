@@ -78,7 +78,7 @@ class Effect:
         if sum((bool(self.parameter), bool(self.parts), self.adds is not None, self.observe is not None)) != 1:
             raise InputError(where, "must enter in exactly one way", "give one of parameter, parts, adds, observe")
         if not (self.prior_scale > 0 and self.tolerance >= 0):
-            raise InputError(where, "prior_scale must be above zero and tolerance not below it", "mend them")
+            raise InputError(where, "prior_scale must be above zero and tolerance not below it", "correct them")
         if not self.lower <= 0.0 <= self.upper:
             raise InputError(where, f"a size of zero is outside [{self.lower}, {self.upper}]", "widen the bounds")
         if not all(x > 0 for x in (self.odds, *dict(self.odds_along).values())):

@@ -112,11 +112,12 @@ class _Keys:
             values = [number(w) for w in words(self.lines[k])] if k < len(self.lines) else []
             if len(values) < columns or None in values[:columns]:
                 raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not "
-                                 f"{columns} numbers", "complete it, or mend the count")
+                                 f"{columns} numbers", "complete it, or correct the count")
             rows.append(values[:columns])
         table = np.array(rows)
         if np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(table[-1, 0] - 1) > 1e-6:
-            raise InputError(f"{self.path}, line {start + 3}", f"{first} does not rise from 0 to 1", "mend the column")
+            raise InputError(f"{self.path}, line {start + 3}", f"{first} does not rise from 0 to 1",
+                                 "correct the column")
         return table
 
 
@@ -124,7 +125,7 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
     """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder
     `root` or below (the file's own where None)."""
     keys = _Keys(Path(path), root)
-    with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
+    with parsing(str(path), "holds numbers of no turbine", "correct the largest of them"), np.errstate(
             over="raise", invalid="raise", divide="raise"):
         _refuse_furling(keys)
         yaw = keys.number("NacYaw", 0.0)
@@ -180,10 +181,10 @@ def _tower(keys: _Keys) -> Tower:
     factors = [file.number(name, 1.0) for name in ("AdjTwMa", "AdjFASt", "AdjSSSt")]
     base, top = keys.number("TowerBsHt"), keys.number("TowerHt")
     if not base < top:
-        raise InputError(str(keys.path), f"TowerHt {top:g} is not above TowerBsHt {base:g}", "mend them")
+        raise InputError(str(keys.path), f"TowerHt {top:g} is not above TowerBsHt {base:g}", "correct them")
     for k, name in enumerate(("TMassDen", "TwFAStif", "TwSSStif"), 1):
         if np.any(table[:, k] <= 0):
-            raise InputError(str(file.path), f"{name} is not above zero everywhere", "mend the column")
+            raise InputError(str(file.path), f"{name} is not above zero everywhere", "correct the column")
     mass, fore_aft, side_side = (frozen_array(table[:, k + 1] * factors[k]) for k in range(3))
     return Tower(base_m=base, top_m=top, fraction=frozen_array(table[:, 0]), mass_kgpm=mass,
                  stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)

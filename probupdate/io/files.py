@@ -357,7 +357,7 @@ def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: in
         raise InputError(_shown_path(Path(path)), f"is no UTF-8 text ({error})", "save it as UTF-8") from None
 
 
-def read_json(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path",
+def read_json(path: str | Path, remedy: str = "correct the file at that place", *, absent: str = "check the path",
               nan: bool = False) -> Any:
     """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN
     only where `nan` says that the caller looks for it."""
@@ -383,7 +383,9 @@ def read_json_table(path: str | Path, remedy: str, *, absent: str = "check the p
     return content
 
 
-def read_toml(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path") -> dict:
+def read_toml(
+    path: str | Path, remedy: str = "correct the file at that place", *, absent: str = "check the path"
+) -> dict:
     """The content of a TOML file: at most DEEPEST levels, integers of 64 bit, no number that overflows."""
     path = input_file(path, absent, largest=LARGEST_TOML)
     with _format(path, "TOML", remedy):

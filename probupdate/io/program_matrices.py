@@ -51,7 +51,7 @@ def read_program_matrices(files: Sequence[Path]) -> ProgramMatrices:
                          f"give one of {', '.join(ENDINGS)} (CalculiX: the .sti of SOLVER=MATRIXSTORAGE)")
     for path in files:
         if not path.is_file():
-            raise InputError(str(path), "does not exist", "mend the path")
+            raise InputError(str(path), "does not exist", "correct the path")
     with parsing(str(first), "cannot be read as matrices", "write it again, or export MatrixMarket (.mtx) instead"):
         if ending == ".sti":
             return _calculix(first)

@@ -432,7 +432,7 @@ def _members(r: _Reader, rows, spin: bool) -> tuple[Member, ...]:
         if not turned and last != int(last):
             r.fail(f"the cosine matrix of member {id} is {last:g}", "write its whole number, or -1", line)
         if rest[0] == rest[1]:
-            r.fail(f"member {id} begins and ends at joint {rest[0]}", "mend its joints", line)
+            r.fail(f"member {id} begins and ends at joint {rest[0]}", "correct its joints", line)
         if kind not in ("circular", "rectangular") and rest[2] != rest[3]:
             r.fail(f"member {id} ({kind}) has two property sets", "give it one at both ends, as SubDyn wants", line)
         cosine = None if turned or kind in ("cable", "rigid") or last <= 0 else int(last)
@@ -485,7 +485,7 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
     for what, rows in (("reaction", file.reactions), ("interface", file.interfaces)):
         for row in rows:
             if row.joint not in joints:
-                r.fail(f"{what} joint {row.joint} is not among the joints", "mend its number", row.line)
+                r.fail(f"{what} joint {row.joint} is not among the joints", "correct its number", row.line)
     _check_members(r, file, joints)
     used = {joint for member in file.members for joint in member.joints}
     for joint in file.joints:
@@ -493,7 +493,7 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
             r.fail(f"joint {joint.id} is at no member", "connect it or take it out", joint.line)
     for row in file.masses:
         if row.id not in joints:
-            r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "mend it", row.line)
+            r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "correct it", row.line)
         if joints[row.id].kind != "cantilever":
             r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
                    "put it on a rigid joint (type 1), in SubDyn too", row.line)
@@ -505,7 +505,7 @@ def _check_members(r: _Reader, file: SubDynFile, joints: Mapping[int, Joint]) ->
     for member in file.members:
         for joint in member.joints:
             if joint not in joints:
-                r.fail(f"member {member.id} is at joint {joint}, which is not among the joints", "mend its number",
+                r.fail(f"member {member.id} is at joint {joint}, which is not among the joints", "correct its number",
                        member.line)
             if member.kind == "rigid" and joints[joint].kind != "cantilever":
                 r.fail(f"the rigid link {member.id} is at joint {joint}, which is {joints[joint].kind}",
@@ -513,10 +513,10 @@ def _check_members(r: _Reader, file: SubDynFile, joints: Mapping[int, Joint]) ->
         for number_ in member.sets:
             if number_ not in sets[member.kind]:
                 r.fail(f"member {member.id} wants {member.kind} property set {number_}, which is not in that table",
-                       "mend its property set or its type", member.line)
+                       "correct its property set or its type", member.line)
         if member.cosine is not None and member.cosine not in cosines:
             r.fail(f"member {member.id} wants cosine matrix {member.cosine}, which is not in the file",
-                   "mend its number, or write -1", member.line)
+                   "correct its number, or write -1", member.line)
         if member.kind in ("circular", "rectangular"):
             one, two = (sets[member.kind][k].values for k in member.sets)
             if one[:3] != two[:3]:
@@ -546,14 +546,14 @@ def _check_sizes(r: _Reader, file: SubDynFile) -> None:
                 r.fail(f"{names[k]} of a {kind} set is {values[k]:g}",
                        f"give a number {'above zero' if k in positive else 'of zero or more'}", line)
         if kind == "circular" and 2 * values[4] > values[3] * (1 + 1e-9):
-            r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "mend one of them; 0 "
-                   "is a solid section", line)
+            r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "correct one of them; "
+                   "0 is a solid section", line)
         if kind == "rectangular" and 2 * values[5] > min(values[3:5]) * (1 + 1e-9):
-            r.fail(f"the wall {values[5]:g} is thicker than half of a side", "mend it; 0 is a solid section", line)
+            r.fail(f"the wall {values[5]:g} is thicker than half of a side", "correct it; 0 is a solid section", line)
         if kind == "arbitrary" and file.shear and not values[4] * values[5]:
             r.fail("a shear area is 0, but FEMMod 3 counts shear", "give XsecAsx and XsecAsy, or FEMMod 1", line)
         if kind == "cable" and values[0] + values[2] <= 0:
-            r.fail(f"T0 {values[2]:g} presses the cable by more than EA", "mend it", line)
+            r.fail(f"T0 {values[2]:g} presses the cable by more than EA", "correct it", line)
     for row in file.masses:
         if row.values[0] < 0:
             r.fail(f"a concentrated mass is {row.values[0]:g} kg", "give zero or more", row.line)

@@ -50,7 +50,7 @@ class ChannelMistake:
     @property
     def remedy(self) -> str:
         if self.whole_order:
-            return "check the order of `channels`, and mend it"
+            return "check the order of `channels`, and correct it"
         if len(self.candidates[0]) == 1:
             return (f"check its sign at {self.candidates[0][0]}; if it is reversed, say so where the model reads it "
                     "(direction of its [[sensor]] in model.toml, channel_sign in a model of matrices), or give it the "

@@ -103,7 +103,7 @@ def _refuse_odd(where: str, environment: Mapping) -> None:
     for key, value in environment.items():
         if not (value is None or isinstance(value, str) or (isinstance(value, int | float) and abs(value) <= LARGEST)):
             raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a word nor a number up to {LARGEST:g}",
-                             "mend it or leave it out")
+                             "correct it or leave it out")
 
 
 def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:

@@ -57,14 +57,14 @@ class Shard:
 
     def __post_init__(self):
         if not (isinstance(self.number, int) and isinstance(self.count, int) and 1 <= self.number <= self.count):
-            raise InputError("shard", f"{self} is none", "write 1/8 for the first of eight, 8/8 for the last")
+            raise InputError("shard", f"{self} is no share I/N", "write 1/8 for the first of eight, 8/8 for the last")
 
     @classmethod
     def of(cls, text: str) -> Shard:
         """Of '3/8'. Raises InputError for other texts."""
         found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
         if not found:
-            raise InputError("shard", f"'{text}' is none", "write 1/8 for the first of eight, 8/8 for the last")
+            raise InputError("shard", f"'{text}' is no share I/N", "write 1/8 for the first of eight, 8/8 for the last")
         return cls(int(found[1]), int(found[2]))
 
     def share(self, items: Sequence[T]) -> list[T]:

@@ -91,7 +91,7 @@ def write_grouped(
         called = group_parameter(group.name, [t["name"] for t in tables])
         added = _summed(source, content, group, called)
         if not added:
-            raise InputError(f"group {group.name}", "its members' matrices add up to nothing", "mend its changes")
+            raise InputError(f"group {group.name}", "its members' matrices add up to nothing", "correct its changes")
         content |= added
         lower, upper = group.bounds(parameters)
         description = group.description or f"{group.name}: {', '.join(f'{a:+g} {k}' for k, a in group.parts.items())}"

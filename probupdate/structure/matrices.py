@@ -88,7 +88,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         if parameter not in own and parameter not in used:
             raise InputError(
                 f"{path}, K_{parameter}", f"there is neither this matrix nor its M_ for '{parameter}' of {table}",
-                "mend the parameter's name",
+                "correct the parameter's name",
             )
     _refuse_unused(path, content, set(own) | used, table)
     _refuse_idle(path, own, table)
@@ -298,7 +298,7 @@ def _by_channel(
         raise InputError(f"{path}, {key}_dof", f"row {worst} is outside {least}..{n - 1}", "count rows from zero")
     sign = _real(f"{path}, {key}_sign", np.asarray(content.get(f"{key}_sign", np.ones(len(names)))))
     if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
-        raise InputError(f"{path}, {key}_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
+        raise InputError(f"{path}, {key}_sign", "is not a +1 or -1 per channel", "correct it or leave it out")
     own = np.flatnonzero(dof >= 0)
     return sparse.csr_array((sign[own], (own, dof[own])), shape=(len(names), n))
 

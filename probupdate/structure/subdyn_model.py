@@ -339,11 +339,11 @@ def group_of(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tupl
              "joints": [j.id for j in file.joints]}[sort]
     for id in wanted:
         if id not in known:
-            raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", "mend the number")
+            raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", "correct the number")
     if sort == "property_sets":
         members = tuple(m.id for m in file.members if m.kind == entry.kind and set(m.sets) & set(wanted))
         if not members:
-            raise InputError(f"{where}.{sort}", f"no member has these {entry.kind} sets", "mend them, or `kind`")
+            raise InputError(f"{where}.{sort}", f"no member has these {entry.kind} sets", "correct them, or `kind`")
         return "members", members
     return sort, tuple(dict.fromkeys(wanted))
 
@@ -478,7 +478,7 @@ def _terms(frame: SubDynFrame, description, targets: Targets, path: Path, angle_
     terms["K"][Product()] = sparse.csc_array(terms["K"][Product()] + frame.joint_springs)
     for joint in description.subdyn.nacelle:
         if joint not in {row.id for row in file.masses}:
-            raise InputError(f"{path}: subdyn.nacelle", f"there is no concentrated mass at joint {joint}", "mend it")
+            raise InputError(f"{path}: subdyn.nacelle", f"there is no concentrated mass at joint {joint}", "correct it")
     return terms
 
 
@@ -537,7 +537,7 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
             raise InputError(f"{path}: sensor {entry.channel}", "has neither joint nor position_m", "give one of them")
         if entry.joint is not None and entry.joint not in places:
             raise InputError(f"{path}: sensor {entry.channel}", f"joint {entry.joint} is not in {file.where}",
-                             "mend its number")
+                             "correct its number")
         at = places[entry.joint] if entry.joint is not None and not entry.position_m else entry.position_m
         result.append(Sensor(channel=entry.channel, level=entry.level, direction=np.array(entry.direction),
                              position_m=np.array(at), quantity=entry.quantity, unit=entry.unit, gravity=entry.gravity))

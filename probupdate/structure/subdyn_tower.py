@@ -62,9 +62,9 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
         raise InputError(f"{where}: tower", "has neither elastodyn nor four columns of one length with top_m",
                          "give elastodyn, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m")
     if np.any(np.diff(entry.fraction) <= 0) or entry.fraction[0] != 0 or entry.fraction[-1] != 1:
-        raise InputError(f"{where}: tower.fraction", "does not rise from 0 to 1", "mend it")
+        raise InputError(f"{where}: tower.fraction", "does not rise from 0 to 1", "correct it")
     if entry.top_m <= base_m:
-        raise InputError(f"{where}: tower.top_m", f"{entry.top_m:g} is not above the foot, {base_m:g}", "mend it")
+        raise InputError(f"{where}: tower.top_m", f"{entry.top_m:g} is not above the foot, {base_m:g}", "correct it")
     return Tower(base_m=base_m, top_m=entry.top_m, **{
         name: np.array(getattr(entry, name))
         for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
@@ -124,7 +124,7 @@ def _mass(joint: Joint, body: RigidBody, origin_m: np.ndarray) -> Row:
 def _foot(file: SubDynFile, id: int, tower: Tower, where: str) -> Joint:
     foot = next((j for j in file.joints if j.id == id), None)
     if foot is None:
-        raise InputError(f"{where}: tower.joint", f"joint {id} is not in {file.where}", "mend its number")
+        raise InputError(f"{where}: tower.joint", f"joint {id} is not in {file.where}", "correct its number")
     if foot.kind != "cantilever":
         raise InputError(f"{where}: tower.joint", f"joint {id} is {foot.kind}", "take a rigid joint")
     if abs(foot.position_m[2] - tower.base_m) > GAP * (tower.top_m - tower.base_m):

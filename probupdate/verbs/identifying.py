@@ -235,8 +235,8 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
             f"{where}: channel {sensor.channel}", f"points along {sensor.direction.tolist()} in campaign.toml, and "
             f"{model.name} reads it along {own.tolist()}",
             "reverse the one that is wrong: direction in campaign.toml, or channel_sign in the model's archive"
-            if opposite else "mend direction in campaign.toml, or channel_dof in the model's archive (channel_row for "
-            "an oblique sensor)")
+            if opposite else "correct direction in campaign.toml, or channel_dof in the model's archive (channel_row "
+            "for an oblique sensor)")
 
 
 def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float) -> None:

@@ -206,7 +206,7 @@ def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, a
     second = [k for k in range(2, N_SEARCHED) if k != torsion and of_structure[k] and bending[k] > 0.5][:2]
     if len(second) < 2 or torsion < 0:
         raise InputError("virtual turbine", f"has no torsion or no second pair among its lowest {N_SEARCHED} modes",
-                         "mend the truth")
+                         "correct the truth")
     return modes[:, [0, 1, torsion, *second]]
 
 

@@ -71,7 +71,7 @@ class Materials:
                 diameter_m, thickness_m = diameter_m - 2 * lost, thickness_m - lost
         if not 0 < thickness_m < diameter_m / 2:
             raise InputError(str(self.file.path), f"a {group} at z = {z_m:.1f} m has a wall of {thickness_m:.4f} m",
-                             "mend its section, or the parameters and effects that act on it")
+                             "correct its section, or the parameters and effects that act on it")
         # per metre under water: what moves with the tube, growth, water inside
         grown = p["mg"] if z_m < site["growth_top"] else 0.0
         grown += self._of_leg("marine_growth", z_m, leg)

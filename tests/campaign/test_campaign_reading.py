@@ -36,7 +36,7 @@ WRONG_HEADS = [
     ('block_minutes = 10', 'block_minutes = 1e9', "1e+09 is more than a day", "such as 30"),
     ('sampling_rate_hz = 10.0', 'sampling_rate_hz = 1e9', "1e+09 Hz is above 100000", "samples a second"),
     ('sampling_rate_hz = 10.0', 'sampling_rate_hz = 1e5', "960 MB a block", "at most 1.4 minutes"),
-    ('name = "Small"', 'name = "Small', "not TOML", "mend"),
+    ('name = "Small"', 'name = "Small', "not TOML", "correct"),
     ('channel = "a-y"', 'channel = "a-x"', "the channel is listed twice", "once"),
     ('channel = "a-y"', 'channel = ""', "'' is empty", "another"),
     ('channel = "a-y"', 'chanel = "a-y"', "unknown key 'chanel'", "did you mean 'channel'"),
