@@ -29,7 +29,7 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
     return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
         modes=tuple(a.only) if a.only else None, fix=fixed(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
-        tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", None) or ()))}
+        tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", ())))}
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
@@ -102,7 +102,7 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def baseline_option(p: argparse.ArgumentParser) -> None:
-    p.add_argument("--baseline", nargs="+", metavar="RUN", action="extend",
+    p.add_argument("--baseline", nargs="+", metavar="RUN", default=(),
                    help="runs of other states of this structure (directory, update.json or posterior.nc): what they "
                    "showed of the model's error is known here")
 

@@ -37,7 +37,9 @@ def marks(run: Run, update: UpdateRecord) -> list[figures.Mark]:
     found = [figures.Mark(name="MAP", theta=update.map_theta, role=MAP)]
     roles = (("prior", "update, prior penalty", PRIOR_UPDATE), ("step", "update, step penalty", STEP_UPDATE))
     for key, name, role in roles:
-        found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes if s.key == key]
+        # where one that did not converge happens to stand is no estimate
+        found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes
+                  if s.key == key and (s.converged or key == "prior")]
     known = _true_parameters(run)
     if known:
         theta = np.array([float(known.get(n, np.nan)) for n in update.parameters.names])

@@ -27,6 +27,7 @@ from probupdate.reporting.elements import (
 from probupdate.reporting.identifiability import estimate
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
+from probupdate.updating.identifiability import cov_of
 from probupdate.updating.update_file import (
     ACCUSED,
     ScatterRecord,
@@ -348,7 +349,8 @@ def _scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[st
         near = 1e-6 * parameter.std
         if any(np.all(np.abs(values - bound) < near) for bound in (parameter.lower, parameter.upper)):
             return f"{number(mean)} *", MISSING
-    cov = float(np.std(values, ddof=1)) / abs(mean) if mean else np.nan
+    std = float(np.std(values, ddof=1))
+    cov = cov_of(mean, std, parameter) if parameter is not None else std / abs(mean) if mean else np.nan
     return number(mean), "< 0.0001" if cov < 5e-5 else fixed(cov, 4)
 
 

@@ -40,7 +40,7 @@ class Rows:
         every = (self, *others)
         stacked = np.vstack([np.column_stack([r.matrix, r.value]) for r in every])
         if len(stacked) > stacked.shape[1]:
-            stacked = np.linalg.qr(stacked, mode="r")
+            stacked = np.linalg.qr(stacked)[1]
         return Rows(matrix=stacked[:, :-1], value=stacked[:, -1])
 
     def log_evidence(self, covariance: np.ndarray) -> float:

@@ -191,7 +191,8 @@ def _row(
         map_distance=(top - mean) / std, contraction=contraction, resolution=float(update.map_resolution[k]),
         nine_mean=float(sets.theta_map[:, k].mean()) if sets else float("nan"),
         nine_cov=float(sets.cov[k]) if sets else float("nan"),
-        total_cov=float(sets.total_std[k] / abs(sets.theta_map[:, k].mean())) if sets else float("nan"),
+        total_cov=cov_of(float(sets.theta_map[:, k].mean()), float(sets.total_std[k]), parameter) if sets else (
+            float("nan")),
         identified=identified, flags=tuple(flags),
     )
     sentence = _sentence(row, parameter, update, posterior.names[partner], float(others[partner]))
@@ -277,8 +278,9 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     notes += _otherwise_at_the_map(update, rows)
     printed = update.scheme("step")
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
+    ended = "" if printed.converged else "did NOT converge, so that its column holds no estimate; it "
     notes.append(
-        f"Eq. 7 as printed passes closest to the MAP at iteration {printed.closest_iteration} "
+        f"Eq. 7 as printed {ended}passes closest to the MAP at iteration {printed.closest_iteration} "
         f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior standard deviations a parameter) "
         f"and ends {printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
         f"{abs(worst.step - worst.map) / worst.std:.1f}"

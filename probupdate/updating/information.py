@@ -18,7 +18,7 @@ from probupdate.io.json_rows import from_row, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.identifiability import BLIND, gaussian_width
+from probupdate.updating.identifiability import BLIND, cov_of, gaussian_width
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.updating.problem import Problem
@@ -141,12 +141,12 @@ def information(
     slope, mode, relative = _slopes(problem, response, sensitivity, point)
     rows = []
     for k, p in enumerate(parameters):
-        cov = p.std / abs(p.initial) if p.initial else float("nan")
+        share = p.std / abs(p.initial) if p.initial else float("nan")
         role = LEAVE if signal[k] < SILENT else UPDATE if width[k] <= BLIND else CARRY
         sampled = _sampled(posterior, p) if posterior is not None else (float("nan"), float("nan"))
         rows.append(ParameterInformation(
-            name=p.name, unit=p.unit, value=float(point[k]), cov=cov,
-            uncertainty=_metric(cov, UNCERTAINTY_FROM) if np.isfinite(cov) else -1, slope=float(slope[k]),
+            name=p.name, unit=p.unit, value=float(point[k]), cov=cov_of(p.initial, p.std, p),
+            uncertainty=_metric(share, UNCERTAINTY_FROM) if np.isfinite(share) else -1, slope=float(slope[k]),
             slope_mode=problem.mode_labels[problem.used[mode[k]]], sensitivity=_metric(slope[k], SENSITIVITY_FROM),
             signal=float(signal[k]), contraction=float(width[k]), bits=float(-np.log2(width[k])),
             sampled_contraction=sampled[0], sampled_bits=sampled[1], role=role,

@@ -175,7 +175,7 @@ def turbine_log_ratio(
     inside = sets[0].problem.parameters.inside(theta)
     total = np.full(len(u), -np.inf)
     if inside.any():
-        models = {key: _Once(model) for key, model in fast.items()}
+        models: dict[str, Any] = {key: _Once(model) for key, model in fast.items()}
         total[inside] = 0.0
         for one in sets:
             problem = one.problem.with_model(models[one.problem.model.fingerprint()])

@@ -140,7 +140,7 @@ def _new_scales(
     """What is new in each set, the most probable beside what is shared, from as many turbines as have enough sets."""
     weights = error.problems[0].weights
     if not weights.scales:
-        return tuple(float(np.sqrt(1 - weights.shared) * x) for x in weights.discrepancies)
+        return weights.part(1 - weights.shared)
     some = np.flatnonzero(set_turbine <= set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1])
     part = replace(error, centre=error.centre[some], **{name: tuple(getattr(error, name)[s] for s in some) for name in
                                                         ("problems", "residual", "slope", "effect")})
@@ -156,7 +156,8 @@ def _new_scales(
 
     found = optimize.minimize(descent, np.full(len(hyper), -1.0), method="L-BFGS-B", bounds=[LN_RANGE] * len(hyper),
                               options={"eps": 1e-3, "maxiter": SEARCHES})
-    return tuple(float(x) for x in (hyper * np.exp(found.x))[:2])
+    frequency, shape = (hyper * np.exp(found.x))[:2]
+    return float(frequency), float(shape)
 
 
 def estimate_farm(
@@ -181,8 +182,9 @@ def estimate_farm(
     shared = roles.numbers(roles.shared)
     scales = Scales(spread=settings.spread * std[roles.numbers(roles.varying)],
                     hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
-    x, new, wide, settled, number = None, None, None, False, 0
-    for number in range(1, ROUNDS + 1):
+    x, new, wide, settled, number, odd = None, None, None, False, 0, None
+    while True:
+        number += 1
         progress("joint estimate", number - 1, ROUNDS)
         error = shared_error(problems, theta[set_turbine], coordinates)
         layout = Layout.of(roles, prior, error.middle)
@@ -201,7 +203,7 @@ def estimate_farm(
         fresh = _off_zero(fresh, first)
         moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
         theta = fresh
-        if (moved < STAYS or number == ROUNDS) and (wide is None or number < ROUNDS):
+        if (moved < STAYS or number == ROUNDS) and (odd is None or number < ROUNDS):
             odd = odd_turbines(system, scales, settings.odd_wide * std[shared], share=settings.odd_share,
                                seed=settings.seed)
             before, wide = wide, odd.wide(settings.odd_wide * std[shared])
@@ -209,6 +211,8 @@ def estimate_farm(
             if np.array_equal(wide, np.zeros_like(wide) if before is None else before):
                 settled = moved < STAYS
                 break
+        if number == ROUNDS and odd is not None:
+            break
     progress("joint estimate", ROUNDS, ROUNDS)
     low, high = first.lower, first.upper
     return JointEstimate(

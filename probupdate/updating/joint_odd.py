@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import special, stats
@@ -70,7 +71,8 @@ def odd_turbines(
             break
         nodes = _nodes(system.chosen(np.flatnonzero(counts)), scales, seed)
         mixtures = _mixtures(system, counts, scales, nodes, wide)
-        found = OddTurbines(**{name: frozen_array([m.judged(share)[k] for m in mixtures]) for k, name in enumerate(
+        judged: list[tuple[Any, ...]] = [m.judged(share) for m in mixtures]
+        found = OddTurbines(**{name: frozen_array([one[k] for one in judged]) for k, name in enumerate(
             ("probability", "share", "shift", "shift_std"))}, limit=found.limit)
         fresh = _counting(counts, found.probability)
         if np.array_equal(counts, fresh):

@@ -141,7 +141,7 @@ def _single(coordinates, number: int):
     return np.exp if coordinates.logarithmic[number] else np.asarray
 
 
-def _rate(coordinates, number: int, theta: float) -> float:
+def _rate(coordinates, number: int, theta: float | np.ndarray) -> float:
     return float(theta) if coordinates.logarithmic[number] else 1.0
 
 

@@ -46,7 +46,7 @@ class Scales:
 
     def present(self, system: FarmSystem) -> np.ndarray:
         """Which of the three scales are unknown and count."""
-        return np.flatnonzero([self.learnt and np.any(system.kind == k) for k in (1, 2, 3)])
+        return np.flatnonzero(np.array([self.learnt and bool(np.any(system.kind == k)) for k in (1, 2, 3)]))
 
     def n_x(self, system: FarmSystem) -> int:
         return len(self.spread) + len(self.present(system))

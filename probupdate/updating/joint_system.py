@@ -178,7 +178,7 @@ class FarmSystem:
     def with_wide(self, wide: np.ndarray) -> FarmSystem:
         return replace(self, wide=frozen_array(wide))
 
-    def chosen(self, keep: Sequence[int]) -> FarmSystem:
+    def chosen(self, keep: Sequence[int] | np.ndarray) -> FarmSystem:
         """Of some of the turbines."""
         k = list(keep)
         return replace(self, products=self.products[k], constant=self.constant[k], own_rows=self.own_rows[k],

@@ -196,7 +196,8 @@ class Problem:
             form = (weights.least_frequency_cov, weights.least_shape_std) if self.form else (0.0, 0.0)
             scales = weights.discrepancies if self.scales is None else self.scales
             wanted = np.hypot(form, scales[:2])
-            least = tuple(float(x) for x in np.maximum(wanted, LEAST_NOISE * np.array(least)))
+            frequency, shape = np.maximum(wanted, LEAST_NOISE * np.array(least))
+            least = float(frequency), float(shape)
         return joint_root(self.groups, least)
 
     @cached_property
@@ -406,8 +407,7 @@ class Problem:
         the discrepancies of frequencies and of shapes (None: what the weights state as new). What sets have in common
         is marginalised over all of them together; of a set `alone` no discrepancy but mixing is."""
         if new is None:
-            own = np.sqrt(1 - self.weights.shared)
-            new = tuple(float(own * x) for x in self.weights.discrepancies)
+            new = self.weights.part(1 - self.weights.shared)
         if self.weights.shapes == "mac" and not alone:
             # one datum, no Gaussian residual that sets could share
             new = (new[0], self.weights.discrepancies[1])
@@ -523,15 +523,16 @@ class Problem:
         """ln of weight and constant (n_node,), and 1 / variance (n_node, n_response) or W^(1/2) of each node, stacked.
         """
         constant = np.array([weight + node.log_constant for weight, node in self.nodes])
-        if self.root is None:
+        roots = [root for _, node in self.nodes if (root := node.root) is not None]
+        if not roots:
             return constant, np.array([1 / node.std**2 for _, node in self.nodes])
-        return constant, np.concatenate([node.root for _, node in self.nodes])
+        return constant, np.concatenate(roots)
 
     @cached_property
     def _shifts(self) -> np.ndarray | float:
         """Over its noise, by how much what each node expects of the error differs from `mean`: (n_node, n_effective).
         """
-        return np.array([node.root @ (node.mean - self.mean) for _, node in self.given]) if self.given else 0.0
+        return np.array([node.weighted(node.mean - self.mean) for _, node in self.given]) if self.given else 0.0
 
     def log_density(self, response: np.ndarray) -> np.ndarray:
         """ln p(Lambda_S) (n,) where the model answers `response` (n, n_response): Gaussian, averaged over the

@@ -135,6 +135,11 @@ class Weights:
         own = self.shape_discrepancy
         return self.discrepancy, self.shape_factor * self.discrepancy if own is None else own
 
+    def part(self, share: float) -> tuple[float, float]:
+        """`discrepancies` of a share of the variance."""
+        frequency, shape = self.discrepancies
+        return float(np.sqrt(share) * frequency), float(np.sqrt(share) * shape)
+
     @property
     def least_std(self) -> tuple[float, float]:
         """Independent standard deviations beside a covariance: of frequencies (relative) and of shapes (of the

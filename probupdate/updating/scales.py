@@ -61,10 +61,12 @@ class LearntScales:
     @property
     def ends(self) -> tuple[tuple[float, float], ...]:
         """5 and 95 % of each axis."""
-        return tuple(
-            (float(axis[0]),) * 2 if len(axis) == 1 else
-            tuple(float(np.exp(np.interp(q, np.cumsum(m) - 0.5 * m, np.log(axis)))) for q in (0.05, 0.95))
-            for m, axis in zip(self.marginal, self.axes, strict=True))
+        found = []
+        for m, axis in zip(self.marginal, self.axes, strict=True):
+            low, high = np.exp(np.interp((0.05, 0.95), np.cumsum(m) - 0.5 * m, np.log(axis))) if len(axis) > 1 else (
+                axis[0], axis[0])
+            found.append((float(low), float(high)))
+        return tuple(found)
 
 
 def hyper_scales(problem: Problem) -> tuple[float, float, float]:
@@ -79,7 +81,7 @@ def hyper_scales(problem: Problem) -> tuple[float, float, float]:
     return frequency, shape, frequency / OWN_CHANGE
 
 
-def log_half_cauchy(scale: np.ndarray, hyper: float) -> np.ndarray:
+def log_half_cauchy(scale: np.ndarray, hyper: float | np.ndarray) -> np.ndarray:
     """ln of the density of ln(scale), the scale half-Cauchy: flat towards zero, and a tail that lets the data say ten
     times as much."""
     return np.log(2 / np.pi) + np.log(scale / hyper) - np.log1p((scale / hyper) ** 2)
@@ -92,8 +94,7 @@ def learn_scales(
     weights that state a discrepancy, that. evidence: of the sets with all else that shows these scales."""
     weights = error.problems[0].weights
     if not (weights.scales or error.alone):
-        new, shared = (tuple(float(np.sqrt(part) * x) for x in weights.discrepancies)
-                       for part in (1 - weights.shared, weights.shared))
+        new, shared = weights.part(1 - weights.shared), weights.part(weights.shared)
         one = Scales(new=new, shared=(*shared, weights.mixing))
         return LearntScales(nodes=(one,), new=new, shared=(one,), learnt=False, marginal=(np.ones(1),) * N_AXIS,
                             axes=tuple(np.array([x]) for x in (*new, *one.shared)))
@@ -106,7 +107,8 @@ def learn_scales(
     prior_value = grid.log_prior(axes)
     share = np.exp(value - special.logsumexp(value))
     marginal = [share.sum(axis=_others(k)) for k in range(N_AXIS)]
-    new = tuple(float(np.exp(m @ np.log(axis))) for m, axis in zip(marginal[:NEW], axes[:NEW], strict=True))
+    frequency, shape = (float(np.exp(m @ np.log(axis))) for m, axis in zip(marginal[:NEW], axes[:NEW], strict=True))
+    new = frequency, shape
     nodes = [_node(axes, at, float(prior_value[tuple(at)]))
              for at in np.argwhere(share > LEAST_SHARE * share.max())]
     along = share.sum(axis=(0, 1))
@@ -116,9 +118,9 @@ def learn_scales(
                         learnt=True)
 
 
-def _node(axes: Sequence[np.ndarray], at: Sequence[int], log_weight: float = 0.0) -> Scales:
-    numbers = tuple(float(axis[k]) for axis, k in zip(axes, at, strict=True))
-    return Scales(new=numbers[:NEW], shared=numbers[NEW:], log_weight=log_weight)
+def _node(axes: Sequence[np.ndarray], at: Sequence[int] | np.ndarray, log_weight: float = 0.0) -> Scales:
+    *new, frequency, shape, mixing = (float(axis[k]) for axis, k in zip(axes, at, strict=True))
+    return Scales(new=(new[0], new[1]), shared=(frequency, shape, mixing), log_weight=log_weight)
 
 
 def _others(axis: int) -> tuple[int, ...]:

@@ -336,11 +336,12 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         (low, high), mid = scatter_interval(tau), np.median(tau)
         scatter = float(theta_map[:, k].mean())
 
-        def cov(mean: float, variance: float, p=p) -> float:
+        def cov(mean: Any, variance: Any, p=p) -> float:
             return cov_of(float(mean), float(np.sqrt(variance)), p)
 
+        prior_mean, prior_std = (float(x[k]) for x in parameters.moments)
         row: dict[str, Any] = dict(
-            name=p.name, unit=p.unit, prior_cov=cov_of(*(float(x[k]) for x in parameters.moments), p),
+            name=p.name, unit=p.unit, prior_cov=cov_of(prior_mean, prior_std, p),
             scatter_mean=scatter, scatter_cov=cov(scatter, np.var(theta_map[:, k], ddof=1)),
             resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),
             pooled_cov=cov(means.mean(), within + np.var(means, ddof=1)),

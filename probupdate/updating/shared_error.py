@@ -221,7 +221,7 @@ class SharedError:
     def expected(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """Posterior mean of what is common (n_common,), each set's own parameters scattered by tau."""
         found = self._common_posterior(new, shared, tau, prior)
-        return sum(share * std * e for share, std, e, *_ in found)
+        return np.sum([share * std * e for share, std, e, *_ in found], axis=0)
 
     def _common_posterior(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior):
         """Of each node: its probability, standard deviations of what is common a priori, mean and covariance of e in

@@ -199,12 +199,11 @@ def summary(record: UpdateRecord) -> str:
         lines.append(f"held: {record.settings['held']}")
     for key in ("step", "prior"):
         s = record.scheme(key)
-        ended = "converged" if s.converged else "did NOT converge"
-        lines.append(
-            f"{s.name}: {len(s.theta) - 1} iterations, {ended}, responses' misfit "
-            f"{s.objective['responses'][0]:.4g} -> {s.objective['responses'][-1]:.4g}; closest to the MAP at "
-            f"iteration {s.closest_iteration}"
-        )
+        ended = f"{len(s.theta) - 1} iterations"
+        misfit = f"responses' misfit {s.objective['responses'][0]:.4g} -> {s.objective['responses'][-1]:.4g}"
+        closest = f"closest to the MAP at iteration {s.closest_iteration}"
+        lines.append(f"{s.name}: {ended}, converged, {misfit}; {closest}" if s.converged else
+                     f"{s.name}: did NOT converge in {ended}, so that it gives no estimate; {closest}")
     used = np.isfinite(record.initial_hz)
     error = np.nanmax(np.abs(record.initial_hz[used] / record.measured_hz[used] - 1))
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))

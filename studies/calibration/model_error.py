@@ -31,7 +31,7 @@ from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.responses import response_group
 from probupdate.updating.scales import learn_scales
 from probupdate.updating.set_likelihoods import coordinates_of
-from probupdate.updating.shared_error import MIXING, Scales, joined, shared_error, total
+from probupdate.updating.shared_error import MIXING, Scales, joined, shared_error
 
 N_MODE, N_HELD, N_CHANNEL = 5, 2, 12
 FREQUENCY_HZ = np.array([1.0, 1.7, 3.1, 4.6, 7.3, 9.9, 13.0])
@@ -136,7 +136,7 @@ def off_by(scales: Scales, error) -> float:
 
 
 def at(error, scales: Scales) -> Mixed:
-    found = error.likelihoods(total(error.each(scales.new)), [scales])
+    found = error.likelihoods(error.summed(scales.new), [scales])
     return of_quadratics(found, [off_by(scales, error)])
 
 
@@ -150,6 +150,22 @@ def problems_of(model, data: ModalData, weights: Weights) -> list:
     return [first, *(p.with_mixing(PARAMETERS.initial) for p in others)]
 
 
+def error_of(model, data: ModalData, weights: Weights):
+    """Of all sets about the first one's maximum. Of frequencies alone the model's slopes and the stated standard
+    deviations are the same in all sets, so that residuals are all that differs."""
+    whole = problems_of(model, data if weights.shapes != "none" else replace(data, sets=data.sets[:1]), weights)
+    # shapes of unit largest component are linear about where the parameters are
+    top = maximum_a_posteriori(whole[0], [PARAMETERS.initial]).theta
+    error = shared_error(whole, np.tile(top, (len(whole), 1)), COORDINATES)
+    if weights.shapes != "none":
+        return whole, top, error
+    n = len(data.sets)
+    off = [s.frequency_hz[:N_MODE] - data.sets[0].frequency_hz[:N_MODE] for s in data.sets]
+    return whole, top, replace(error, problems=error.problems * n, centre=np.tile(error.centre, (n, 1)),
+                               residual=tuple(error.residual[0] + d for d in off), slope=error.slope * n,
+                               effect=error.effect * n)
+
+
 def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> dict:
     structure = Structure(np.random.default_rng([number, 1]))
     rng = np.random.default_rng([number, 2, n_set, int(1e6 * size), list(KINDS).index(kind)])
@@ -159,10 +175,7 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     # of a single set as `estimate_discrepancy` has it
     weights = Weights(shapes="plane" if shapes else "none", least_shape_std=1e-4, mixing=LEARN[2],
                       scales=((*LEARN, 0.0),))
-    problems = problems_of(model, data, weights)
-    # shapes of unit largest component are linear about where the parameters are
-    top = maximum_a_posteriori(problems[0], [PARAMETERS.initial]).theta
-    error = shared_error(problems, np.tile(top, (n_set, 1)), COORDINATES)
+    problems, top, error = error_of(model, data, weights)
     own = shared_error(problems, top[None], COORDINATES, alone=True) if n_set == 1 else error
     learnt = learn_scales(own, PRIOR)
     by_new = defaultdict(list)
@@ -179,11 +192,11 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     none = Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     found["ignores"] = at(error, none)
     quiet = found["ignores"]
-    inner = total(error.each(none.new))
+    inner = error.summed(none.new)
     _, gradient, precision = inner.reduced(error.common_std(np.zeros((1, 3))))
     d = quiet.mean[0] - inner.middle
     misfit = inner.products[0, 0] - 2 * gradient[0] @ d + d @ precision[0] @ d
-    free = sum(p.n_effective for p in problems) - np.trace(quiet.cov[0] @ precision[0])
+    free = sum(p.n_effective for p in error.problems) - np.trace(quiet.cov[0] @ precision[0])
     factor = max(1.0, misfit / free)
     loose = np.linalg.inv(precision[0] / factor + PRIOR[1])
     mean = inner.middle + loose @ (gradient[0] / factor + PRIOR[1] @ (PRIOR[0] - inner.middle))

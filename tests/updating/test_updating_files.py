@@ -168,6 +168,15 @@ def test_advice_does_not_ask_for_what_is_stated(update):
     assert fit_sentence(replace(fine, components=none)) == fit_sentence(fine)
 
 
+def test_a_reading_that_did_not_converge_gives_no_misfit(update):
+    printed = replace(update.scheme("step"), converged=False)
+    record = replace(update, schemes=(printed, update.scheme("prior")))
+    line = next(text for text in record.summary.splitlines() if text.startswith(printed.name))
+    assert "gives no estimate" in line and "misfit" not in line
+    settled = replace(record, schemes=(replace(printed, converged=True), update.scheme("prior")))
+    assert "misfit" in next(text for text in settled.summary.splitlines() if text.startswith(printed.name))
+
+
 # broken files
 
 
