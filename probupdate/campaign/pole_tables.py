@@ -279,6 +279,9 @@ def _read_text(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
     if d.block is None:
         names = np.full(len(table), path.stem, object)
     elif d.block in known:
+        if table[d.block].isna().any():
+            raise InputError(f"{path}, {d.block}, row {int(np.argmax(table[d.block].isna())) + 1}", "names no block",
+                             "write its block, or take the row out")
         names = table[d.block].astype(str).to_numpy(object)
     else:
         raise InputError(f"{path}, block", f"there is no column '{d.block}'", nearest(d.block, known))
@@ -357,8 +360,6 @@ def _of_arrays(s: _Source, arrays: Mapping[str, np.ndarray]) -> tuple[tuple[str,
         stds = d.frequency_std, d.damping_std
     else:
         stds = tuple(f"{name}_std" if f"{name}_std" in arrays else None for name in names[:2])
-        if d.frequency_unit == "rad/s" or d.damping_unit == "%":
-            raise InputError(s.toml, f"{names[0]} of pyOMA2 is in Hz, {names[1]} a ratio", "take the units out")
 
     def array(key: str, name: str | None) -> np.ndarray | None:
         if name is None or (key == "damping" and d.damping is None and name not in arrays):

@@ -252,6 +252,13 @@ def test_a_unit_in_a_columns_name_must_agree(tmp_path, names, described, words):
         converted(tmp_path, written(tmp_path, table().rename(columns=names)), described)
 
 
+def test_a_row_without_a_block_is_refused(tmp_path):
+    made = table()
+    made.loc[3, "block"] = None
+    with pytest.raises(InputError, match="poles.csv, block, row 4: names no block"):
+        converted(tmp_path, written(tmp_path, made), COLUMNS)
+
+
 def test_ratios_that_are_called_per_cent_are_refused(tmp_path):
     made = table(spurious=0)
     with pytest.raises(InputError, match="as no structure has"):
