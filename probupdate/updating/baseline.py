@@ -101,8 +101,14 @@ class LearntError:
                        "names": tuple(tuple(name) for name in table["names"]), "states": tuple(table["states"]),
                        "data": tuple(table["data"]), "scales": {k: tuple(v) for k, v in table["scales"].items()}})
         sizes = [found.measured.shape, found.mean.shape, found.left.shape, (len(found.covariance),)]
-        if any(size != (n,) for size in sizes) or len(found.matrix) != len(found.value):
+        kinds = {FREQUENCY: 2, SHAPE: 4}
+        named = all(name and kinds.get(name[0]) == len(name) for name in found.names)
+        if any(size != (n,) for size in sizes) or len(found.matrix) != len(found.value) or not named:
             raise ValueError("parts of the model's error do not fit one another")
+        hz = [x for name, x in zip(found.names, found.measured, strict=True) if name[0] == FREQUENCY]
+        numbers = (found.measured, found.matrix, found.value, found.mean, found.covariance)
+        if not all(np.all(np.isfinite(part)) for part in numbers) or min(hz, default=1.0) <= 0:
+            raise ValueError("the model's error holds what is no number, or a frequency that is not positive")
         return found
 
     def resolved_words(self) -> str:

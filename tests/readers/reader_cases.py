@@ -72,6 +72,19 @@ def update(folder: Path) -> Made:
     return [path], lambda: read_update(path).summary
 
 
+def baseline(folder: Path) -> Made:
+    from updating_cases import LINEAR_HZ, linear_data, linear_model
+
+    from probupdate.updating.baseline_file import read_baseline
+    from probupdate.updating.problem import Weights
+    from probupdate.updating.runs import deterministic_update
+
+    record = deterministic_update(linear_model(), linear_data(LINEAR_HZ),
+                                  weights=Weights(shapes="none", discrepancy=0.01))
+    path = record.write(folder / "update.json")
+    return [path], lambda: read_baseline(path).resolved_words()
+
+
 def posterior(folder: Path) -> Made:
     from updating_records import gaussian_draws, posterior_of
 
@@ -650,6 +663,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
                       "io.files.read_bytes")),
     "covariance factors": (deviations, ("modal.covariance_file.read_factors",)),
     "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
+    "baseline": (baseline, ("updating.baseline_file.read_baseline",)),
     "posterior": (posterior, ("updating.posterior_file.read_posterior",)),
     "comparison": (comparison, ("updating.comparison.read_comparison",)),
     "information": (information, ("updating.information.read_information",)),
