@@ -13,7 +13,6 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.mode_numbers import (
-    INDEPENDENCE,
     Reference,
     modes_with,
     n_response,
@@ -25,12 +24,14 @@ from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
-# nacelle angles are counted to sectors of this width where a sensor effect's signature is needed
-SECTOR_DEG = 15.0
 # harmonics of the nacelle's angle are kept where they move by this share of the strongest; blocks asked for each
 TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 3
+# blocks of which the stated covariance is asked, twice as many at most
+BLOCKS_STATED = 12
 # what a step of an effect moves the numbers by, and no more, is rounding
 ROUNDING = 1e-12
+# what lies across its axis but for this is compared too: a reversed channel may turn a mode so far
+ACROSS = 0.01
 # cosine from which two levels are said to move alike
 AGREEING = 0.97
 
@@ -38,15 +39,13 @@ AGREEING = 0.97
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EmpiricalReference:
     """axes per group (n_channel, k); residuals per group (n_block, n_response), zero where not used; used per group
-    (n_block,) bool; turning (n_block, n_turning) harmonics of the nacelle's angle, of mean zero; sector_of (n_block,);
-    expected per sector and group, mean per group over all angles, as Reference."""
+    (n_block,) bool; turning (n_block, n_turning) harmonics of the nacelle's angle, of mean zero; mean per group over
+    all angles, as Reference."""
 
     axes: tuple[np.ndarray, ...]
     differences: tuple[np.ndarray, ...]
     used: tuple[np.ndarray, ...]
     turning: np.ndarray
-    sector_of: np.ndarray
-    expected: tuple[tuple[Reference, ...], ...]
     mean: tuple[Reference, ...]
 
     def nuisance(self, known: np.ndarray) -> np.ndarray:
@@ -55,21 +54,19 @@ class EmpiricalReference:
 
 
 def look(
-    blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None, least: float = INDEPENDENCE
+    blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None
 ) -> EmpiricalReference:
     """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
-    expected is what was before: where the time profile is zero. `least`: see `numbers_of_modes`."""
+    expected is what was before: where the time profile is zero."""
     before = blocks if time_profile is None else blocks.taken(np.flatnonzero(time_profile == 0))
     axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
-    sector = np.round(blocks.angle_deg / SECTOR_DEG).astype(int)
-    names, sector_of = np.unique(sector, return_inverse=True)
-    differences, used, expected, mean = [], [], [], []
+    differences, used, mean = [], [], []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])
         members = list(group)
         y, independent = numbers_of_modes(
-            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q], least)
+            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q], ACROSS)
         # a pair that is not distinguished has shapes, but no tensor
         there, y = there[independent], y[independent]
         beside = np.zeros((len(there), 0)) if time_profile is None else time_profile[there, None]
@@ -82,11 +79,8 @@ def look(
         ok[there] = True
         used.append(frozen_array(ok, bool))
         mean.append(modes_with(slope[0], axes[q]))
-        at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
-        expected.append([modes_with(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
     return EmpiricalReference(axes=axes, differences=tuple(differences), used=tuple(used), turning=turning,
-                   sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
-                   mean=tuple(mean))
+                              mean=tuple(mean))
 
 
 def turning_columns(angle_deg: np.ndarray) -> np.ndarray:
@@ -109,7 +103,13 @@ def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
     members = list(blocks.groups[q])
     there = np.flatnonzero(blocks.present[:, q])
     basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
-    plane = np.linalg.eigh(np.einsum("nck,ndk->cd", basis, basis.conj()).real)[1][:, -len(members):]
+    projectors = np.einsum("nck,ndk->ncd", basis, basis.conj()).real
+    # of two states of a record, where a channel was reversed half-way, the mean is neither's: the half that is most
+    # alike
+    flat = projectors.reshape(len(there), -1)
+    alike = flat @ flat.T
+    nearest = np.argsort(-alike[np.argmax(np.median(alike, axis=1))], kind="stable")[: (len(there) + 1) // 2]
+    plane = np.linalg.eigh(projectors[nearest].sum(axis=0))[1][:, -len(members):]
     if len(members) == 2:
         turn = _to_axes(blocks.channels, sensors, plane)
         plane = plane if turn is None else plane @ turn
@@ -146,34 +146,35 @@ def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarr
     return None if np.linalg.cond(common) > 20 else np.linalg.inv(common)
 
 
-def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tuple[np.ndarray, ...]:
-    """Per group (n_sector, n_response, n_effect): change per unit of each effect of sensors."""
+def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> np.ndarray:
+    """(n_response of all groups, n_effect): change per unit of each effect of sensors."""
     result = []
-    for q, axes in enumerate(empirical.axes):
-        k = axes.shape[1]
-        table = np.zeros((len(empirical.expected), n_response(k, len(axes)), len(effects)))
+    for axes, mean in zip(empirical.axes, empirical.mean, strict=True):
+        table = np.zeros((n_response(axes.shape[1], len(axes)), len(effects)))
         # frequencies alone have no sensors
-        for s, expected in enumerate(empirical.expected if effects else ()):
-            value, vector = np.linalg.eigh(expected[q].tensor)
-            shape, frequency = expected[q].shape @ vector, np.exp(value)
-            seen = [e.observation(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
-                    for e in effects for sign in (1, -1)]
+        if effects and len(axes):
+            frequency, vector = mean.members
+            shape, middle = mean.shape @ vector, float(np.exp(np.trace(mean.tensor) / len(mean.tensor)))
+            seen = [e.observation(shape, middle, sign * e.step_of_size) for e in effects for sign in (1, -1)]
             y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
                                     np.array([x for x, _ in seen]), axes)
             step, moved = np.array([e.step_of_size for e in effects]), y[0::2] - y[1::2]
             # the gain of a single channel changes no shape but by rounding
-            table[s] = (np.where(np.abs(moved) > ROUNDING, moved, 0.0) / (2 * step[:, None])).T
+            table = (np.where(np.abs(moved) > ROUNDING, moved, 0.0) / (2 * step[:, None])).T
         result.append(table)
-    return tuple(result)
+    return np.concatenate(result)
 
 
 def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.ndarray | None]:
-    """Per group the mean over blocks of what the identification says its responses' covariance is, None without."""
+    """Per group the mean over blocks, a dozen or two of many, of what the identification says its responses' covariance
+    is, None without."""
     result: list[np.ndarray | None] = []
     for q, group in enumerate(blocks.groups):
         members, number = list(group), 0
         total = np.zeros((empirical.differences[q].shape[1],) * 2)
-        for b in np.flatnonzero(empirical.used[q]):
+        used = np.flatnonzero(empirical.used[q])
+        used = used[:: max(1, len(used) // BLOCKS_STATED)]
+        for b in used:
             d = blocks.factors[b]
             if d is None:
                 continue
@@ -181,7 +182,7 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
                                      d.ln_frequency[members], d.shape[:, members], empirical.axes[q])
             if columns is not None:
                 total, number = total + columns.T @ columns, number + 1
-        result.append(total / number if number > np.sum(empirical.used[q]) / 2 else None)
+        result.append(total / number if number > len(used) / 2 else None)
     return result
 
 

@@ -106,15 +106,17 @@ def size_at_bound(effect: Effect, size: float) -> bool:
     return not effect.discrete and not lower < size < upper
 
 
-def size_by_secant(effect: Effect, left: Callable[[float], tuple[float, float]]) -> tuple[float, float]:
-    """Size and standard deviation of an effect to be taken out of what was measured. left(size): what of it is left, in
-    its own unit, with its standard deviation, where so much is taken out.
+def size_by_secant(
+    effect: Effect, left: Callable[[float], tuple[float, float]], start: float = 0.0
+) -> tuple[float, float]:
+    """Size and standard deviation of an effect to be taken out of what was measured, from `start` on. left(size): what
+    of it is left, in its own unit, with its standard deviation, where so much is taken out.
 
     Of a gain of 1 + g (1 + g) / (1 + s) - 1 is left where 1 + s is taken out: its slope is as far from -1 as g is
     large, and sizes that are added up swing about -1/2 and beyond.
     """
     lower, upper = _range_looked_through(effect)
-    size, slope = 0.0, -1.0
+    size, slope = start, -1.0
     more, std = left(size)
     for _ in range(MOST_STEPS):
         then = float(np.clip(size - more / slope, lower, upper)) if np.isfinite(std) else size

@@ -1,11 +1,15 @@
-"""Effects of sensors that change along the record, without a model: which one, since when, how large, and how probable
-beside a change of the structure and beside chance."""
+"""Effects of sensors that step along the record, without a model: which one, since when, how large, and how probable
+beside a change of the structure and beside chance.
+
+What was measured is put right for an effect of a size, and compared as if the sensor had been sound (with the volume
+that this gives the numbers); the structure's change is compared on the same numbers of the same blocks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from scipy import linalg
@@ -13,34 +17,21 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.diagnose import CHANCE
-from probupdate.diagnosis.empirical_reference import look, mended, own_noise, residuals, stated_patterns
-from probupdate.diagnosis.empirical_search import (
-    LEFT,
-    Followed,
-    Found,
-    Scores,
-    allowed_profiles,
-    log_change_of_structure,
-    log_common_change,
-    log_density,
-    make_contrasts,
-    score,
-    watch,
-)
+from probupdate.diagnosis.empirical_reference import look, mended, residuals, signatures
+from probupdate.diagnosis.empirical_search import Followed, log_prior_of_effects, watch
+from probupdate.diagnosis.engine.library import sizes
 from probupdate.diagnosis.evidence import log_weight_of_size, size_at_bound, size_by_secant
 from probupdate.diagnosis.results import Alternative, Finding
-from probupdate.diagnosis.time_profiles import EDGE, N_STEP, TimeProfile, between_steps, step_profile
+from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, step_profile
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 
-# effects of sensors at one time
-MOST_AT_ONCE = 3
-# effects that explain nearly as much (share of the best one's) are tried, at most so many
-ALIKE, MOST_TRIED = 0.8, 3
-# what lies across its axis but for this is compared too where causes compete
-ACROSS = 0.01
-# exchanged or reversed channels that are tried at every time
-MOST_WHOLE = 8
+# effects of sensors at one time, and candidates that are put right for each
+MOST_AT_ONCE, MOST_TRIED = 3, 6
+# sizes in prior scales from which large faults start; where a size of its own is possible only, that one
+STARTS = (0.3, 1.0, 3.0, 9.0)
+# odds that shapes change as by effects of sensors where the structure does, which frequencies show
+LOOKS_ALIKE = 0.05
 # what competes with effects of sensors
 STRUCTURE = "unexplained change of frequencies and shapes"
 
@@ -56,224 +47,248 @@ class Change:
     within_tolerance: bool = False
 
 
-def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, time_profile: TimeProfile) -> TimeProfile:
-    """The step's block found among all, by least squares: scores do not serve, as each time profile has a noise of its
-    own, which a step at a wrong place may make small."""
-    if time_profile.kind != "step":
-        return time_profile
-    n = len(blocks)
-    at = np.arange(EDGE, n - EDGE + 1)
-    root = np.sqrt(followed.weight[row])
-    nuisance = root[:, None] * followed.empirical.nuisance(known)
-    both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
-    rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
-    own = np.sum(rest[:, 1:] ** 2, axis=0)
-    # what offset and turning explain nearly is no step that could be found
-    usable = own > LEFT * np.sum((both - root[:, None] * (root @ both / (root @ root)))[:, 1:] ** 2, axis=0)
-    taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
-    # of times between which the series is not measured the last: the first block that shows it
-    best = np.flatnonzero(taken > (1 - 1e-9) * taken.max())
-    return step_profile(n, int(at[best[-1]])) if np.any(taken) else time_profile
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PutRight:
+    """Blocks without effects of sensors of a size each (with standard deviation) from one block on,
+    ln prior of their sizes and odds."""
 
+    effects: tuple[Effect, ...]
+    size: tuple[float, ...]
+    size_std: tuple[float, ...]
+    blocks: Blocks
+    log_prior: float
 
-def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
-    """By how much the blocks' modes differ from their own mean ones in all (sum of squares): in standard deviations one
-    block at which a channel is reversed would outweigh all others."""
-    return sum(float(np.sum(y**2)) for y in look(blocks, sensors, least=ACROSS).differences)
-
-
-def _from_block(blocks: Blocks, effect: Effect, size: float, at: int) -> Blocks:
-    """The blocks with an effect of this size taken out from one block on."""
-    return mended(blocks, effect, size * step_profile(len(blocks), at).value, factors=False)
-
-
-def _sharper(n: int, at: int, left: Callable[[int], float]) -> int:
-    """Of n blocks the one from which `left` is least, by halved steps from one of a coarse grid."""
-    left = cache(left)
-    step = between_steps(n)
-    while True:
-        at = min((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=left)
-        if step == 1:
-            break
-        step = -(-step // 2)
-    # the last step once more, as long as it leads on
-    while (best := min((k for k in (at, at - 1, at + 1) if EDGE <= k <= n - EDGE), key=left)) != at:
-        at = best
-    return at
-
-
-def _sharper_profile(
-    blocks: Blocks, known: np.ndarray, sensors: Sequence[Sensor], mended_by: _Mended
-) -> TimeProfile:
-    """The step from which an effect of its size leaves least of all residuals, in standard deviations, a block far off
-    counting the logarithm: beside a strong effect blocks that look elsewhere stand apart, and the series alone does not
-    show on which side of the step they are."""
-    # as blocks scatter once the effect is out: both states together have other axes
-    noise = watch(mended_by.blocks, (), sensors, known).noise
-
-    def left(at: int) -> float:
-        rest = residuals(look(_from_block(blocks, mended_by.effect, mended_by.size, at), sensors), known)
-        return sum(y.shape[1] * float(np.sum(np.log1p(np.sum((y @ P) * y, axis=1) * w / y.shape[1])))
-                   for y, P, w in zip(rest, noise.precision, noise.weight, strict=True))
-
-    return step_profile(len(blocks), _sharper(len(blocks), mended_by.time_profile.at, left))
-
-
-def mend(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int,
-         time_profile: TimeProfile
-) -> tuple[Blocks, float, float]:
-    """The blocks without the effect of series `row` that goes with the time profile, its size and standard deviation:
-    the size is right when nothing of it is left beside what was before."""
-    effect = followed.effects[row - followed.n_frequency]
-    nuisance = followed.empirical.nuisance(known)
-
-    def left(size: float) -> tuple[float, float]:
-        seen = watch(mended(blocks, effect, size * time_profile.value), (effect,), sensors, known,
-                     time_profile=time_profile.value)
-        own = [seen.n_frequency]
-        contrasts = make_contrasts(seen.weight[own], nuisance, [time_profile], blocks.hours)
-        scores = score(contrasts, seen.series[own], [[0]])
-        return float(scores.size[0, 0]), float(scores.size_std[0, 0])
-
-    size, std = size_by_secant(effect, left)
-    return mended(blocks, effect, size * time_profile.value), size, std
-
-
-def left_at(
-    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-            found: Found
-) -> tuple[float, float]:
-    """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
-    sensors."""
-    seen = watch(blocks, followed.effects, sensors, known)
-    nuisance = seen.empirical.nuisance(known)
-    scores = score(make_contrasts(seen.weight, nuisance, [time_profile], blocks.hours), seen.series, seen.pools)
-    over = np.abs(scores.z[:, 0]) / found.threshold
-    return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
+    @property
+    def keys(self) -> frozenset:
+        return frozenset(e.key for e in self.effects)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Mended:
-    """An effect of sensors taken out along a time profile: its size and standard deviation, the largest score that is
-    left there over its threshold, the blocks without it."""
+class Case:
+    """What stays the same while effects of sensors are compared along one step: the blocks as measured, what is known
+    of them, the rows of the catalogue, ln of how probable a change along this step is before, beside none."""
 
-    effect: Effect
-    time_profile: TimeProfile
-    size: float
-    size_std: float
-    left: float
     blocks: Blocks
+    known: np.ndarray
+    sensors: Sequence[Sensor]
+    catalogue: tuple[Effect, ...]
+    profile: TimeProfile
+    log_prior: float
 
+    def seen(self, blocks: Blocks, effects: Sequence[Effect] = ()) -> Followed:
+        """Blocks beside what was before the step."""
+        return watch(blocks, effects, self.sensors, self.known, [self.profile], self.profile.value)
 
-def _sensor(
-    blocks: Blocks,
-    followed: Followed,
-    found: Found,
-    time_profiles: Sequence[TimeProfile],
-    known: np.ndarray,
-    sensors: Sequence[Sensor],
-    whole: Sequence[Effect],
-    *,
-    whole_alone: bool,
-) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
-    effects that are there or not, the only ones asked first if `whole_alone`."""
-    time_profile = _step_of_sensors(blocks, followed, found, time_profiles, known)
-    if time_profile is None:
-        return None
-    changes, now = [], blocks
-    for number in range(MOST_AT_ONCE):
-        seen, fit, scores = _explained(now, followed, known, sensors, time_profile, found)
-        if not number:
-            # by what was before the step, its time is estimated better
-            finer = _finer(now, seen, known, int(np.argmax(fit)), time_profile)
-            if finer.at != time_profile.at:
-                time_profile = finer
-                seen, fit, scores = _explained(now, followed, known, sensors, time_profile, found)
-        tried = []
-        if number or not whole_alone:
-            tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
-        if tried and not number:
-            sharper = _sharper_profile(now, known, sensors, tried[0][1])
-            if sharper.at != time_profile.at:
-                time_profile = sharper
-                seen, fit, scores = _explained(now, followed, known, sensors, time_profile, found)
-                tried = _mended_one_by_one(now, followed, known, sensors, time_profile, found, seen, fit)
-        row, best = tried[0] if tried else (int(np.argmax(fit)), None)
-        probability = {row: 1.0}
-        if best is not None:
-            probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
-        if best is None or best.left > 1:
-            other = _as_a_whole(now, followed, known, sensors, time_profile, found, whole, once=not number)
-            if other is not None and (best is None or other.left < best.left):
-                best, time_profile, probability = other, other.time_profile, {row: 1.0}
-        if best is None:
-            return None
-        changes.append(_change_of_sensor(blocks, seen, best, row, float(scores.z[row, 0]), probability))
-        now = best.blocks
-        if best.left <= 1:
-            return changes, now
-    return None
+    def rest(self, blocks: Blocks) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """Residuals per group beside what was before the step, and the blocks used."""
+        empirical = look(blocks, self.sensors, self.profile.value)
+        return residuals(empirical, self.known), empirical.used
 
 
 def changes_of_sensors(
-    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray,
-    sensors: Sequence[Sensor], rows: Sequence[Effect], whole: Sequence[Effect],
+    blocks: Blocks, known: np.ndarray, sensors: Sequence[Sensor], catalogue: Sequence[Effect], profile: TimeProfile,
+    log_prior: float,
 ) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors as `_sensor`, with the structure and chance among their alternatives; none where chance is
-    more probable, None where the structure is. A channel reversed half of the time makes series of which a small gain
-    explains enough."""
-    tried = []
-    for whole_alone in (False, True):
-        of_sensors = _sensor(blocks, followed, found, time_profiles, known, sensors, whole, whole_alone=whole_alone)
-        if of_sensors is not None:
-            tried.append(_beside_the_structure(blocks, of_sensors, (*rows, *whole), sensors, followed, time_profiles,
-                                               known))
-    return max(tried, key=lambda one: one[0])[1] if tried else None
+    """Effects of sensors along a step with the blocks put right for them; None where chance or the structure is more
+    probable."""
+    case = Case(blocks=blocks, known=known, sensors=sensors, catalogue=tuple(catalogue), profile=profile,
+                log_prior=log_prior)
+    tried: dict[frozenset, PutRight] = {}
+    nothing = PutRight(effects=(), size=(), size_std=(), blocks=blocks, log_prior=0.0)
+    best = nothing
+    judged: Judged | None = None
+    for number in range(MOST_AT_ONCE):
+        more = _one_more(case, best)
+        if not number and more:
+            judged = _judged(case, more)
+            sharper = _sharper(case, max(more, key=lambda one: judged.of[one.keys]))
+            if sharper.at != case.profile.at:
+                case, judged = replace(case, profile=sharper), None
+                more = _one_more(case, best)
+        if not more:
+            break
+        tried |= {one.keys: one for one in more}
+        if number or judged is None:
+            judged = _judged(case, list(tried.values()))
+        first = max(judged.of, key=lambda key: judged.of[key])
+        best = tried[first]
+        if len(first) <= number or judged.left[first] < 0:
+            break
+    if judged is None:
+        return None
+    return _answer(case, tried, judged)
 
 
-def _beside_the_structure(
-    blocks: Blocks, of_sensors: tuple[list[Change], Blocks], catalogue: Sequence[Effect], sensors: Sequence[Sensor],
-    followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray,
-) -> tuple[float, tuple[list[Change], Blocks] | None]:
-    """Their ln posterior probability over that of no change, and the same with what the structure and chance leave of
-    it: three small effects of sensors mend much of what a change of the structure does. None where that change is the
-    more probable, nothing where chance is."""
-    changes, now = of_sensors
-    # on the axes of what was before all of them, which are the same with and without them: a mean of both states has
-    # another largest component, and what is left of thousands of standard deviations another length. All blocks: what
-    # makes some unlike all others, so that they are compared no longer, has not explained them
-    begun = np.max([c.time_profile.value for c in changes], axis=0)
-    empirical, as_measured = look(now, sensors, begun, least=ACROSS), look(blocks, sensors, begun, least=ACROSS)
-    rest, before = residuals(empirical, known), residuals(as_measured, known)
-    noise = own_noise(now, empirical, rest, stated_patterns(now, empirical))
-    nuisance = empirical.nuisance(known)
-    of_key = {e.key: e for e in catalogue}
-    # by itself in each mode, or in all alike, which is as probable
-    sizes = [len(g) for g in blocks.groups]
-    structure = np.logaddexp(log_change_of_structure(before, noise, nuisance, time_profiles, sizes),
-                             log_common_change(before, noise, nuisance, time_profiles, sizes)) - np.log(2)
-    total = sum(e.prior_odds("step") for e in catalogue)
-    n_step = max(sum(c.kind == "step" for c in time_profiles), 1)
-    own = log_density(rest, noise) - log_density(before, noise) - np.log(n_step)
-    for f, acting in [(c.finding, c.time_profile.value != 0) for c in changes if c.finding is not None]:
-        effect = of_key[f.key]
-        own += np.log(effect.prior_odds("step") / total) + log_weight_of_size(effect, f.size, f.size_std)
+def _one_more(case: Case, begun: PutRight) -> list[PutRight]:
+    """The effects that first order or their own large size promise most beside those begun with, each put right at the
+    size that leaves nothing of it."""
+    seen = case.seen(begun.blocks, case.catalogue)
+    size, std = sizes(seen.along, seen.signature)
+    gain = np.where(np.isfinite(std[:, 0]), np.abs(size[:, 0] / std[:, 0]), 0.0)
+    gain = np.where([bool(e.discrete) or e in begun.effects for e in case.catalogue], 0.0, gain)
+    starts = {int(k): 0.0 for k in np.argsort(-gain)[: MOST_TRIED // 2] if gain[k] > 0}
+    for k, start in _of_own_size(begun.blocks, case.catalogue, case.profile.at)[:MOST_TRIED]:
+        if case.catalogue[k] not in begun.effects:
+            starts[k] = start
+    tried = [_put_right(case, begun, seen, case.catalogue[k], start) for k, start in starts.items()]
+    # what makes some blocks unlike all others, so that they are compared no longer, has not explained them
+    there = sum(np.sum(q) for q in seen.empirical.used)
+    return [one for one in tried if one is not None and sum(np.sum(q) for q in case.rest(one.blocks)[1]) >= there]
+
+
+def _put_right(
+    case: Case, begun: PutRight, seen: Followed, effect: Effect, start: float
+) -> PutRight | None:
+    """None where the size ends at a bound: what was measured asks for something else."""
+    value = case.profile.value
+
+    def left(size: float) -> tuple[float, float]:
+        now = mended(begun.blocks, effect, size * value, factors=False)
+        empirical = look(now, case.sensors, value)
+        then = seen.with_residuals(residuals(empirical, case.known), empirical.used)
+        found, std = sizes(then.along, then.directions.turn @ signatures([effect], empirical))
+        return float(found[0, 0]), float(std[0, 0])
+
+    size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left, start)
+    if not np.isfinite(std) or size_at_bound(effect, size):
+        return None
+    odds = log_prior_of_effects(case.catalogue, "step")[case.catalogue.index(effect)]
+    return PutRight(effects=(*begun.effects, effect), size=(*begun.size, size), size_std=(*begun.size_std, std),
+                    blocks=mended(begun.blocks, effect, size * value),
+                    log_prior=begun.log_prior + odds + log_weight_of_size(effect, size, std))
+
+
+def _of_own_size(blocks: Blocks, effects: Sequence[Effect], at: int) -> list[tuple[int, float]]:
+    """Of effects that may be large, as many as are asked for, and the sizes at which the planes of the modes before a
+    block, seen through them, come nearest to those from it on; nearest first."""
+    planes, identity = [], np.eye(len(blocks.channels), dtype=complex)
+    for q, group in enumerate(blocks.groups):
+        there = np.flatnonzero(blocks.present[:, q])
+        if np.any(there < at) and np.any(there >= at):
+            members = list(group)
+            basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
+            projector = np.einsum("nck,ndk->ncd", basis, basis.conj())
+            before = projector[there < at].mean(axis=0)
+            frame = np.linalg.eigh(before)[1][:, -len(members):]
+            frequency = float(np.nanmedian(blocks.frequency_hz[:, members]))
+            planes.append((frame, projector[there >= at].mean(axis=0), frequency))
+    result = []
+    for k, effect in enumerate(effects):
+        scale = [s * f * effect.prior_scale for f in STARTS for s in effect.signs]
+        for size in effect.discrete or [x for x in scale if effect.lower <= x <= effect.upper]:
+            apart = 0.0
+            for frame, after, frequency in planes:
+                seen = np.linalg.qr(effect.observation(identity, frequency, size)[0] @ frame)[0]
+                apart += seen.shape[1] - float(np.einsum("ck,cd,dk->", seen.conj(), after, seen).real)
+            result.append((apart, k, size))
+    nearest: dict[int, float] = {}
+    for _, k, size in sorted(result):
+        nearest.setdefault(k, size)
+    return list(nearest.items())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Judged:
+    """ln posterior odds over nothing: `of` each set of sensors' effects by its keys, and of what `left` by them a
+    change of the structure would explain; of the `structure` alone."""
+
+    of: Mapping[frozenset, float]
+    left: Mapping[frozenset, float]
+    structure: float
+
+
+def _judged(case: Case, hypotheses: Sequence[PutRight]) -> Judged:
+    """All on the same numbers: in the directions in which the record scatters once the one is put right that leaves
+    nothing, or that is the most probable of those that do."""
+    first = _on_numbers_of(case, case.seen(hypotheses[0].blocks), hypotheses)
+    best = max(hypotheses, key=lambda one: (first.left[one.keys] < 0, first.of[one.keys]))
+    return first if best is hypotheses[0] else _on_numbers_of(case, case.seen(best.blocks), hypotheses)
+
+
+def _on_numbers_of(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -> Judged:
+    measured, used = case.rest(case.blocks)
+    rests = [case.rest(one.blocks) for one in hypotheses]
+    used = [np.all(q, axis=0) for q in zip(used, *(r[1] for r in rests), strict=True)]
+    as_measured = seen.with_residuals(measured, used)
+    # sensors and the structure are as probable before as each other; what is with effects of sensors at one time by
+    # chance is as probable as a change at this time
+    structure = float(as_measured.unknown().of_any[0])
+    acting, odds, left = case.profile.value != 0, {}, {}
+    for one, (rest, _) in zip(hypotheses, rests, strict=True):
+        put_right = seen.with_residuals(rest, used)
+        own = put_right.log_nothing - as_measured.log_nothing + one.log_prior
         # what was measured is what is asked: a gain of a half halves the scatter too
-        own -= _log_stretch(effect, f.size, acting, blocks, as_measured.used, empirical.axes)
-    # sensors and the structure are as probable before as each other, no change as both, and both at one of the times
-    # by chance: what sensors leave is more than theirs
-    both = log_change_of_structure(rest, noise, nuisance, [changes[0].time_profile], sizes) - np.log(3 * n_step)
-    structure = np.logaddexp(structure, own + both)
-    each = np.array([own, structure, np.log(2)])
-    share, of_structure, chance = map(float, np.exp(each - logsumexp(each)))
-    if share < max(of_structure, chance):
-        return own, None if of_structure > chance else ([], blocks)
-    others = [Alternative(cause=cause, location=place, posterior_probability=probability) for cause, place, probability
-              in ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if probability > 1e-3]
-    return own, ([c if c.finding is None else replace(c, finding=_less_probable(c.finding, share, others))
-                  for c in changes], now)
+        own -= sum(_log_stretch(e, size, acting, case.blocks, used, seen.empirical.axes)
+                   for e, size in zip(one.effects, one.size, strict=True))
+        odds[one.keys] = own
+        unknown = put_right.unknown()
+        left[one.keys] = float(np.logaddexp(unknown.of_any[0] + case.log_prior,
+                                            unknown.frequencies[0] + np.log(LOOKS_ALIKE)))
+    return Judged(of=odds, left=left, structure=structure)
+
+
+def _answer(
+    case: Case, tried: Mapping[frozenset, PutRight], judged: Judged
+) -> tuple[list[Change], Blocks] | None:
+    keys = list(tried)
+    own = np.array([judged.of[k] for k in keys])
+    # what the most probable ones leave is the structure's
+    first = int(np.argmax(own))
+    structure = float(np.logaddexp(judged.structure, own[first] + judged.left[keys[first]]))
+    each = np.array([*own, structure, -case.log_prior])
+    share = np.exp(each - logsumexp(each))
+    of_sensors, of_structure, chance = share[:-2], share[-2], share[-1]
+    if of_sensors.sum() < max(of_structure, chance):
+        return None
+    best = tried[keys[int(np.argmax(of_sensors))]]
+    others = [Alternative(cause=cause, location=place, posterior_probability=float(p)) for cause, place, p in
+              ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if p > 1e-3]
+    changes = []
+    for effect, size, std in zip(best.effects, best.size, best.size_std, strict=True):
+        # of all sets the effect is in, and of those it is not in what they have instead
+        there = np.array([effect.key in k for k in keys])
+        instead: dict[Effect, float] = {}
+        for k, p in zip(keys, of_sensors, strict=True):
+            for other in tried[k].effects if effect.key not in k else ():
+                if other not in best.effects:
+                    instead[other] = instead.get(other, 0.0) + float(p)
+        ranked = sorted(((e, p) for e, p in instead.items() if p > 1e-3), key=lambda r: -r[1])
+        finding = Finding(
+            kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
+            time_profile=case.profile.name, time_profile_start=case.blocks.ids[case.profile.at],
+            z=float(np.sqrt(2 * max(judged.of[best.keys], 0.0))),
+            posterior_probability=float(of_sensors[there].sum()),
+            alternatives=(*(Alternative(cause=e.cause, location=e.location, posterior_probability=p, key=e.key)
+                            for e, p in ranked), *others),
+            check=effect.check, key=effect.key)
+        changes.append(Change(finding=finding, time_profile=case.profile, moved=(),
+                              within_tolerance=abs(size) <= effect.tolerance))
+    return changes, best.blocks
+
+
+def _sharper(case: Case, one: PutRight) -> TimeProfile:
+    """The step from which an effect of its size leaves least, by halved steps."""
+    n, seen = len(case.blocks), replace(case.seen(one.blocks), profiles=())
+    (effect,), (size,) = one.effects, one.size
+
+    @cache
+    def log_density(at: int) -> float:
+        value = step_profile(n, at).value
+        empirical = look(mended(case.blocks, effect, size * value, factors=False), case.sensors, case.profile.value)
+        own = seen.with_residuals(residuals(empirical, case.known), empirical.used).log_nothing
+        return own - _log_stretch(effect, size, value != 0, case.blocks, empirical.used, empirical.axes)
+
+    return step_profile(n, best_time(n, case.profile.at, log_density))
+
+
+def best_time(n: int, at: int, log_density: Callable[[int], float]) -> int:
+    """Of n blocks the one from which a step is most probable, by halved steps from one of a coarse grid."""
+    step = between_steps(n)
+    while True:
+        best = max((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=log_density)
+        if best == at and step == 1:
+            return at
+        at, step = best, max(1, -(-step // 2)) if best == at else step
 
 
 def _log_stretch(
@@ -298,152 +313,3 @@ def log_stretch(seen: np.ndarray, axes: np.ndarray) -> float:
     in_plane, outside = onto @ seen @ axes, linalg.null_space(onto)
     moved = seen @ (outside - axes @ np.linalg.solve(in_plane, onto @ seen @ outside))
     return float(2 * (k * np.linalg.slogdet(outside.T @ moved)[1] - (n - k) * np.linalg.slogdet(in_plane)[1]))
-
-
-def _less_probable(finding: Finding, share: float, others: Sequence[Alternative]) -> Finding:
-    """With alternatives to all that it was compared with, which leave it so large a share."""
-    known = [replace(a, posterior_probability=share * a.posterior_probability) for a in finding.alternatives]
-    return replace(finding, posterior_probability=share * finding.posterior_probability,
-                   alternatives=(*known, *others))
-
-
-def _step_of_sensors(
-    blocks: Blocks, followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
-) -> TimeProfile | None:
-    """The time profile along which effects of sensors are looked for: the step of the largest score, or where that is
-    one of frequencies, of the largest of sensors along it; None where there is none."""
-    row, best = map(int, np.unravel_index(int(np.argmax(found.over)), found.over.shape))
-    if row < followed.n_frequency:
-        rows = followed.classes[1]
-        if not rows or not np.max(found.over[rows][:, best]) > 1:
-            return None
-        row = rows[int(np.argmax(found.over[rows][:, best]))]
-    time_profile = _finer(blocks, followed, known, row, time_profiles[best])
-    return time_profile if time_profile.kind == "step" else None
-
-
-def _mended_one_by_one(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-                       found: Found,
-    seen: Followed, fit: np.ndarray,
-) -> list[tuple[int, _Mended]]:
-    """The effects that explain nearly as much as the best one (`fit`, as `_explained`) with the number of their series,
-    those first that leave least; none of them leaves anything of the frequencies."""
-    tried: list[tuple[int, _Mended]] = []
-    for row in map(int, np.argsort(-fit)[:MOST_TRIED]):
-        if fit[row] <= ALIKE * fit.max() or (tried and tried[0][1].left <= 1):
-            break
-        then, size, std = mend(now, seen, known, sensors, row, time_profile)
-        of_frequencies, left = left_at(then, followed, known, sensors, time_profile, found)
-        # what is left of frequencies no sensor does, and what ends at a bound is something else
-        effect = seen.effects[row - seen.n_frequency]
-        if of_frequencies <= 1 and np.isfinite(std) and not size_at_bound(effect, size):
-            tried.append((row,
-                          _Mended(effect=effect, time_profile=time_profile, size=size,
-                                       size_std=std, left=left, blocks=then)))
-            tried.sort(key=lambda t: t[1].left)
-    return tried
-
-
-def _probability_of_series(
-    seen: Followed, fit: np.ndarray, scores: Scores, row: int, mended_worse: Sequence[int]
-) -> dict[int, float]:
-    """How probable it is that each series of sensors, but for those that were found to mend less, is what `row` shows,
-    all at the scatter that is usual for sensors."""
-    usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
-    competing = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in mended_worse]
-    gain = (fit[competing] - fit[row]) / usual
-    return {k: float(p) for k, p in zip(competing, np.exp(gain - logsumexp(gain)), strict=True)}
-
-
-def _change_of_sensor(
-    blocks: Blocks, seen: Followed, mended_by: _Mended, row: int, z: float, probability: Mapping[int, float]
-) -> Change:
-    """The change with its finding; `probability` of each series, `row` the one that was taken out."""
-    effect, time_profile = mended_by.effect, mended_by.time_profile
-    others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
-    finding = Finding(
-        kind=effect.kind, cause=effect.cause, location=effect.location, size=mended_by.size,
-        size_std=mended_by.size_std, unit=effect.unit, time_profile=time_profile.name,
-                      time_profile_start=blocks.ids[time_profile.at], z=z,
-        posterior_probability=probability[row],
-        alternatives=tuple(
-            Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k], key=e.key)
-            for k in others for e in [seen.effects[k - seen.n_frequency]]),
-        check=effect.check, key=effect.key)
-    return Change(finding=finding, time_profile=time_profile, moved=(),
-                  within_tolerance=abs(mended_by.size) <= effect.tolerance)
-
-
-def _explained(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-    found: Found,
-) -> tuple[Followed, np.ndarray, Scores]:
-    """What is followed beside what was before the time profile; (n_series,) by how much each effect of sensors would
-    better the fit (half a chi-square), all at the scatter that was estimated for a block, as that of the series itself
-    counts what other effects do to it, zero for those whose own score is not beyond chance where others' are; scores.
-    """
-    seen = watch(now, followed.effects, sensors, known, time_profile=time_profile.value)
-    nuisance = seen.empirical.nuisance(known)
-    contrasts = make_contrasts(seen.weight, nuisance, [time_profile], seen.blocks.hours)
-    scores = score(contrasts, seen.series, seen.pools)
-    can = allowed_profiles(seen, [time_profile])[:, 0] & contrasts.usable[:, 0]
-    can[: seen.n_frequency] = False
-    for k in np.flatnonzero(can):
-        effect = seen.effects[k - seen.n_frequency]
-        can[k] = effect.lower < 0 if scores.size[k, 0] < 0 else effect.upper > 0
-    strong = can & (np.abs(scores.z[:, 0]) > found.threshold)
-    can = strong if strong.any() else can
-    variance = np.where(can, contrasts.white_var[:, 0], 1.0)
-    return seen, np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
-
-
-def _likely_as_a_whole(blocks: Blocks, whole: Sequence[Effect], times: Collection[int]) -> list[Effect]:
-    """Of exchanged and reversed channels, pairs of which are many, those by which the planes of the modes before one of
-    the times come nearest to those after it."""
-    identity, apart = np.eye(len(blocks.channels), dtype=complex), np.full(len(whole), np.inf)
-    done = [np.real(effect.observation(identity, 1.0, effect.discrete[0])[0]) for effect in whole]
-    planes = []
-    for q, group in enumerate(blocks.groups):
-        there = np.flatnonzero(blocks.present[:, q])
-        basis = np.linalg.qr(blocks.shape[there][:, :, list(group)])[0]
-        planes.append((there, np.einsum("nck,ndk->ncd", basis, basis.conj()).real))
-    for at in times:
-        left = np.zeros(len(whole))
-        for there, plane in planes:
-            if np.any(there < at) and np.any(there >= at):
-                before, after = plane[there < at].mean(axis=0), plane[there >= at].mean(axis=0)
-                left += [float(np.sum((after - S @ before @ S.T) ** 2)) for S in done]
-        apart = np.minimum(apart, left)
-    return [whole[k] for k in np.argsort(apart, kind="stable")[:MOST_WHOLE]]
-
-
-def _as_a_whole(
-    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], time_profile: TimeProfile,
-                found: Found, whole: Sequence[Effect], *, once: bool,
-) -> _Mended | None:
-    """Of the exchanged or reversed channels those that leave least of all residuals; the time profile's time is theirs
-    where nothing else was taken out along it (`once`)."""
-    n, tried = len(now), []
-
-    def left_by(effect: Effect, at: int) -> float:
-        return _apart(_from_block(now, effect, effect.discrete[0], at), sensors)
-
-    # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
-    grid = {time_profile.at, *map(int, np.linspace(EDGE, n - EDGE, N_STEP))} if once else {time_profile.at}
-    for effect in _likely_as_a_whole(now, whole, grid):
-        least, at = min((left_by(effect, at), at) for at in grid)
-        tried.append((least, at, effect))
-    tried.sort(key=lambda t: t[:2])
-    # one block on the wrong side of a step outweighs what tells two of them from each other
-    sharper = [(left_by(effect, at), at, effect) for _, first, effect in tried[:MOST_TRIED]
-               for at in [_sharper(n, first, partial(left_by, effect)) if once else first]]
-    if not sharper:
-        return None
-    least, at, effect = min(sharper, key=lambda t: t[:2])
-    if least >= _apart(now, sensors):
-        return None
-    own = step_profile(n, at) if once else time_profile
-    then = mended(now, effect, effect.discrete[0] * own.value)
-    left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (time_profile, own))
-    return _Mended(effect=effect, time_profile=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)

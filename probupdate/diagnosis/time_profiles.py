@@ -85,9 +85,9 @@ def weather_profiles(hours: np.ndarray) -> list[tuple[TimeProfile, float]]:
             for value, std, column in waves if np.ptp(value) > 1e-6]
 
 
-def between_steps(n: int) -> int:
-    """Blocks from one time of a step that is tried in n blocks to the next, at most."""
-    return -(-(n - 2 * EDGE) // N_STEP)
+def between_steps(n: int, n_step: int = N_STEP) -> int:
+    """Blocks from one of `n_step` times of a step that are tried in n blocks to the next, at most."""
+    return -(-(n - 2 * EDGE) // n_step)
 
 
 def step_profile(n: int, at: int) -> TimeProfile:

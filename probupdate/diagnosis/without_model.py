@@ -7,7 +7,7 @@ operational conditions explains is *unexplained*, with the modes that moved, by 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,51 +16,37 @@ from scipy.special import logsumexp
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.diagnose import CHANCE, POWER, SURE, verdict_of
-from probupdate.diagnosis.empirical_reference import look, residuals
-from probupdate.diagnosis.empirical_search import (
-    ALL,
-    DIRECTION,
-    FALSE_ALARM,
-    Followed,
-    Found,
-    Scores,
-    allowed_profiles,
-    log_change_along,
-    log_change_of_structure,
-    make_contrasts,
-    score,
-    search,
-    watch,
-)
+from probupdate.diagnosis.empirical_reference import look
+from probupdate.diagnosis.empirical_search import Followed, Odds, log_prior_of_profiles, odds_of, watch
+from probupdate.diagnosis.engine.library import Unknown, sizes
 from probupdate.diagnosis.level_responses import OWN_RESPONSE
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
-from probupdate.diagnosis.search import FALSE_ALARM as MODEL_FALSE_ALARM
-from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
-from probupdate.diagnosis.time_profiles import (
-    EDGE,
-    TimeProfile,
-    between_steps,
-    make_time_profiles,
-    step_profile,
-)
+from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.joined_modes import join_modes
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
-# false alarms of a search that follows a change, over the first one's, as with a model
-NEXT_SHARE = FALSE_NEXT / MODEL_FALSE_ALARM
-# times of a step that are tried: between two of them a step of thirty standard deviations would look like slow scatter
-STEPS = 48
+# probability of nothing over that of all that may change, both as probable before, below which something does: records
+# with nothing hidden come there less often, at most as often as this by Markov's inequality (a mean of Bayes factors is
+# one) and in one of a hundred where they were drawn. What changes and what is constant share it, and after each change
+# half of it is left
+NOTHING, NEXT_SHARE = 0.1, 0.5
+# false alarms of constant shapes
+FALSE_ALARM = 0.01
+# times of a step that are tried at first
+STEPS = 64
 # blocks before a change of which shapes are a mean
 FEWEST_BEFORE = 4
 # changes taken out one after the other
 MOST_CHANGES = 6
 # what competes with constant effects of sensors
 ODD = "structure less symmetric or less rigid than is normal"
+# numbers of a pair's frequencies
+PARTS = (" axis 1", " axis 2", " between")
 # column -> (cause, location, check) in the catalogue's words
 CAUSES = {
     "water_level_m": ("wetted length", "all members", "tide gauge against the second bending"),
@@ -77,66 +63,54 @@ NOT_CONDITIONS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", 
                   "yaw_", "n_", "sampling_")
 
 
-def moved_frequencies(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
-    """Per number of the frequencies, and for the two of which one moves most clearly against the other: its change for
-    the time profile's unit, with standard deviation and z."""
-    blocks = followed.blocks
-    rows = []
-    for k, (q, i) in enumerate(followed.names[: followed.along_directions.start]):
-        rows.append(_moved(series_name(blocks, q, i), scores.size[k, column], scores.size_std[k, column]))
-    return (*(r for r in rows if np.isfinite(r["std_percent"])), *_moved_against(followed, scores, column))
+def moved_frequencies(followed: Followed, column: int) -> tuple[dict, ...]:
+    """Of every number of the frequencies, of their mean, and of the two single modes of which one moves most clearly
+    against the other: its change for the profile's unit, with standard deviation and z."""
+    blocks, d = followed.blocks, followed.directions
+    rows, names = [], []
+    for q, own in enumerate(followed.log_numbers):
+        names += [blocks.group_name(q) + part for part in (("",) if len(own) == 1 else PARTS)]
+        rows += list(np.eye(d.turn.shape[1])[own])
+        if len(own) == 3:
+            names.append(blocks.group_name(q))
+            rows.append(0.5 * (rows[-3] + rows[-2]))
+    single = [rows[names.index(blocks.group_name(q))] for q in range(len(blocks.groups))]
+    if len(single) > 1:
+        names.append("all modes")
+        rows.append(_best_mean(followed, single, column))
+    moved = [_moved(name, *_along(followed, row, column)) for name, row in zip(names, rows, strict=True)]
+    against = [_moved(f"{blocks.group_name(b)} over {blocks.group_name(a)}",
+                      *_along(followed, single[b] - single[a], column))
+               for a, b in combinations(range(len(single)), 2)
+               if len(blocks.groups[a]) == len(blocks.groups[b]) == 1]
+    against = sorted((m for m in against if np.isfinite(m["std_percent"])), key=lambda m: -abs(m["z"]))
+    return (*(m for m in moved if np.isfinite(m["std_percent"])), *against[:1])
+
+
+def _along(followed: Followed, row: np.ndarray, column: int) -> tuple[float, float]:
+    """Change of a sum of responses by their shares `row`, per unit of the profile, and its standard deviation."""
+    share = followed.directions.back.T @ row
+    amount, variance = followed.along.amounts
+    used = np.abs(share) > 1e-12
+    spread = float(np.sqrt(np.sum(share[used] ** 2 * variance[used, column])))
+    return float(share[used] @ amount[used, column]) / followed.span[column], spread / followed.span[column]
+
+
+def _best_mean(followed: Followed, rows: Sequence[np.ndarray], column: int) -> np.ndarray:
+    """The mean of several by how well each is known."""
+    std = np.array([_along(followed, row, column)[1] for row in rows])
+    weight = np.where(np.isfinite(std), 1 / np.where(np.isfinite(std), std, 1.0) ** 2, 0.0)
+    return np.array(rows).T @ (weight / max(weight.sum(), 1e-300))
 
 
 def _moved(mode: str, change: float, std: float) -> dict:
-    return {"mode": mode, "change_percent": 100 * float(change), "std_percent": 100 * float(std),
-            "z": float(change / std) if 0 < std < np.inf else 0.0}
+    return {"mode": mode, "change_percent": 100 * change, "std_percent": 100 * std,
+            "z": change / std if 0 < std < np.inf else 0.0}
 
 
-def _moved_against(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
-    """The ratio of two single modes' frequencies that changes most clearly, where all directions show it: what both do
-    alike is not in it."""
-    if not followed.directions.joint:
-        return ()
-    at, turn = followed.along_directions, followed.directions.turn
-    std = scores.size_std[at, column]
-    single = [k for k, q in enumerate(followed.directions.group_of) if len(followed.blocks.groups[q]) == 1]
-    # of each pair the contributions (n_pair, n_direction) of the directions to the logarithm of the ratio
-    pairs = list(combinations(single, 2))
-    against = np.array([turn[:, b] - turn[:, a] for a, b in pairs]).reshape(len(pairs), len(turn))
-    pairs = [p for p, row in zip(pairs, against, strict=True) if np.all(np.isfinite(std[np.abs(row) > 0]))]
-    if not pairs:
-        return ()
-    against = np.array([turn[:, b] - turn[:, a] for a, b in pairs])
-    change, spread = against @ scores.size[at, column], np.sqrt(against**2 @ np.where(np.isfinite(std), std, 0.0) ** 2)
-    best = int(np.argmax(np.abs(change) / np.maximum(spread, 1e-300)))
-    a, b = (followed.blocks.group_name(int(followed.directions.group_of[k])) for k in pairs[best])
-    return (_moved(f"{b} over {a}", change[best], spread[best]),)
-
-
-def series_name(blocks: Blocks, q: int, i: int) -> str:
-    """Modes whose frequency a series follows."""
-    if q == ALL:
-        return "all modes"
-    return blocks.group_name(q) + ("" if len(blocks.groups[q]) == 1 else (" axis 1", " axis 2", " between", "")[i])
-
-
-def profile_probability(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile],
-                        best: int) -> np.ndarray:
-    """(n_profile,) how probable it is that the frequencies go with each time profile, all at the best one's scatter;
-    the times of a step share one prior."""
-    rows = list(range(followed.n_frequency))[followed.along_directions]
-    noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
-    c = found.contrasts
-    variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
-    good = c.usable[rows] & (variance > 0)
-    gain = 0.5 * np.sum(np.where(good, found.scores.size[rows] ** 2 / np.where(good, variance, 1.0), 0.0), axis=0)
-    n_step = max(sum(x.kind == "step" for x in time_profiles), 1)
-    gain = gain - np.array([np.log(n_step) if x.kind == "step" else 0.0 for x in time_profiles])
-    return np.exp(gain - logsumexp(gain))
-
-
-def _by_name(time_profiles: Sequence[TimeProfile], probability: np.ndarray) -> dict[str, float]:
-    names: dict[str, float] = {}
+def _by_name(time_profiles: Sequence[TimeProfile], log_odds: np.ndarray) -> dict[str, float]:
+    """How probable it is that what changes goes with a profile of each name, the most probable first."""
+    probability, names = np.exp(log_odds - logsumexp(log_odds)), {}
     for time_profile, p in zip(time_profiles, probability, strict=True):
         names[time_profile.name] = names.get(time_profile.name, 0.0) + float(p)
     return dict(sorted(names.items(), key=lambda item: -item[1]))
@@ -149,43 +123,32 @@ def _cause(name: str) -> tuple[str, str, str]:
     return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
 
 
-def _by_chance(
-    blocks: Blocks, followed: Followed, time_profiles: Sequence[TimeProfile], known: np.ndarray
-) -> bool:
-    """Whether no change is more probable than any change of frequencies and shapes, at the scatter that all numbers
-    together say a block has: of so many series of a few blocks one scatters little by chance, and its z is large."""
-    empirical, sizes = followed.empirical, [len(g) for g in blocks.groups]
-    return log_change_of_structure(residuals(empirical, known), followed.noise, empirical.nuisance(known),
-                                   time_profiles, sizes) < np.log(2)
-
-
-def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray) -> TimeProfile:
-    """The step near one of those tried at which a change of the structure is most probable: a long record is tried at
-    every other block or fewer."""
-    n, reach, empirical = len(followed.blocks), between_steps(len(followed.blocks)), followed.empirical
-    near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach + 1),
-                                                min(n - EDGE, time_profile.at + reach - 1) + 1)]
-    along = log_change_along(residuals(empirical, known), followed.noise, empirical.nuisance(known), near,
-                             [len(g) for g in followed.blocks.groups])
-    return near[int(np.argmax(along))]
+def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray,
+               sensors: Sequence[Sensor]) -> TimeProfile:
+    """The step near one of those tried that is the most probable: of a long record not all times are tried."""
+    n = len(followed.blocks)
+    if time_profile.kind != "step" or n - 2 * EDGE < STEPS:
+        return time_profile
+    reach = between_steps(n, STEPS)
+    near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach), min(n - EDGE,
+                                                                                        time_profile.at + reach) + 1)]
+    finer = watch(followed.blocks, (), sensors, known, near)
+    return near[int(np.argmax(finer.unknown().of_any))]
 
 
 def _condition(
-    followed: Followed, found: Found, time_profiles: Sequence[TimeProfile], known: np.ndarray
+    followed: Followed, unknown: Unknown, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
 ) -> Change:
-    """What the frequencies go with."""
-    rows = followed.classes[0]
-    best = int(np.argmax(np.max(found.over[rows], axis=0)))
-    probability = profile_probability(followed, found, time_profiles, int(best))
-    names = _by_name(time_profiles, probability)
+    """What no effect of sensors explains: the column that it goes with, or since when it is there."""
+    names = _by_name(followed.profiles, odds.unknown)
     name = next(iter(names))
-    best = int(np.argmax(np.where([c.name == name for c in time_profiles], probability, -1)))
-    time_profile, moved = time_profiles[best], moved_frequencies(followed, found.scores, best)
-    if time_profile.kind == "step":
-        time_profile = _sharpened(followed, time_profile, known)
-        contrasts = make_contrasts(followed.weight, followed.empirical.nuisance(known), [time_profile],
-                                   followed.blocks.hours)
-        moved = moved_frequencies(followed, score(contrasts, followed.series, followed.pools), 0)
+    best = int(np.argmax(np.where([c.name == name for c in followed.profiles], odds.unknown, -np.inf)))
+    time_profile = _sharpened(followed, followed.profiles[best], known, sensors)
+    if unknown.frequencies[best] <= 0:
+        return Change(finding=None, time_profile=time_profile, moved=())
+    moved = moved_frequencies(followed, best)
+    if time_profile.kind == "step" and time_profile.at != followed.profiles[best].at:
+        moved = moved_frequencies(watch(followed.blocks, (), sensors, known, [time_profile]), 0)
     if time_profile.kind in ("step", "ramp") and names[name] >= SURE:
         return Change(finding=None, time_profile=time_profile, moved=moved)
     cause, location, check = _cause(name)
@@ -238,19 +201,18 @@ def diagnose_without_model(
                      if c.kind != "constant"]
     if not time_profiles:
         raise _too_few(blocks)
-    # frequencies, sensors along the record, and constant shapes share the false alarms
-    share = FALSE_ALARM / (3 if placed else 2)
-    changes, blocks, followed, found, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, seed,
-                                                        progress)
+    # what changes along the record and constant shapes share the false alarms
+    share = NOTHING / (2 if placed else 1)
+    changes, blocks, followed, total, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, progress)
     unexplained = [c for c in changes if c.finding is None]
-    steady = _steady(blocks, placed, rows, whole, share, seed, unexplained) if placed else None
+    steady = _steady(blocks, placed, rows, whole, seed, unexplained) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
-    detectable_sizes = list(_detectable_sizes(followed, found, time_profiles))
-    p_value, notes = found.p_value, [*as_one, *blocks.notes]
+    detectable_sizes = list(_detectable_sizes(followed, share))
+    p_value, notes = min(1.0, float(np.exp(-total)) * NOTHING / share), [*as_one, *blocks.notes]
     if steady is not None:
         findings += steady.findings
         detectable_sizes += steady.detectable_sizes
-        p_value = min(p_value, min(1.0, steady.p_value * FALSE_ALARM / share))
+        p_value = min(p_value, min(1.0, 2 * steady.p_value))
     verdict = "unexplained" if unexplained or left else verdict_of(findings)
     details = {"without_model": True, "changes": [_change_table(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
@@ -260,7 +222,8 @@ def diagnose_without_model(
     notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
         verdict=verdict, p_value=p_value, findings=tuple(findings), detectable_sizes=tuple(detectable_sizes),
-        threshold=float(np.min(found.threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
+        threshold=float(np.min(_threshold(followed, share))), adequacy_p=float("nan"), notes=tuple(notes),
+        parameters=(),
         splits=tuple(f.check for f in findings if f.posterior_probability < SURE), details=details,
     )
 
@@ -274,49 +237,57 @@ def _too_few(blocks: Blocks) -> InputError:
 
 def _taken_out(
     blocks: Blocks, time_profiles: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
-    placed: Sequence[Sensor], share: float, seed: int, progress: Progress,
-) -> tuple[list[Change], Blocks, Followed, Found, bool]:
+    placed: Sequence[Sensor], share: float, progress: Progress,
+) -> tuple[list[Change], Blocks, Followed, float, bool]:
     """What changes along the record, one after the other, and the blocks without what sensors were found to do; what
-    the first look followed and found there, and whether the last one still found something."""
+    the first look followed and its ln odds over nothing, and whether the last one still found something."""
     known = np.zeros((len(blocks), 0))
-
-    def looked_at(number: int) -> tuple[Followed, Found]:
-        progress("diagnosing", number, MOST_CHANGES + 1)
-        followed = watch(blocks, rows, placed, known)
-        # after a change as beside a model's findings: the searches that follow have half of the false alarms
-        own = share * NEXT_SHARE if number else share
-        return followed, search(followed, time_profiles, known, seed, own)
-
+    catalogue = (*rows, *whole)
+    prior = dict(zip((p.kind for p in time_profiles), log_prior_of_profiles(time_profiles) - np.log(2), strict=True))
     changes: list[Change] = []
-    followed, found = first = looked_at(0)
-    # shapes may still say what is wrong with sensors all through the record, if it is known where they are
-    if not (placed or np.isfinite(found.threshold).any()):
-        raise _too_few(blocks)
-    for number in range(1, MOST_CHANGES + 1):
-        if not np.max(found.over) > 1:
+    first: tuple[Followed, float] | None = None
+    for number in range(MOST_CHANGES + 1):
+        progress("diagnosing", number, MOST_CHANGES + 1)
+        followed = watch(blocks, rows, placed, known, time_profiles)
+        unknown = followed.unknown()
+        odds = odds_of(followed, unknown)
+        # after a change as beside a model's findings: the searches that follow have half of the false alarms
+        found = odds.total > -np.log(share * NEXT_SHARE if number else share)
+        first = first or (followed, odds.total)
+        # shapes may still say what is wrong with sensors all through the record, if it is known where they are
+        if not number and not (placed or followed.along.usable.any()):
+            raise _too_few(blocks)
+        if number == MOST_CHANGES or not found:
             break
-        of_sensors = changes_of_sensors(blocks, followed, found, time_profiles, known, placed, rows, whole)
-        of_frequencies = np.max(found.over[followed.classes[0]]) > 1
-        if (of_sensors is None or not of_sensors[0]) and _by_chance(blocks, followed, time_profiles, known):
-            # nothing more but what chance would make as well
-            progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
-            return changes, blocks, *first, False
-        if of_sensors is not None and of_sensors[0]:
+        step = _step(followed, odds, known, placed)
+        of_sensors = None if step is None else changes_of_sensors(blocks, known, placed, catalogue, step,
+                                                                prior[step.kind])
+        if of_sensors is None and float(logsumexp(odds.unknown)) < 0:
+            # nothing but what chance would make as well
+            found = False
+            break
+        if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
         else:
-            if of_frequencies:
-                change = _condition(followed, found, time_profiles, known)
-            else:
-                _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-                own = time_profiles[int(best)]
-                own = _sharpened(followed, own, known) if own.kind == "step" else own
-                change = Change(finding=None, time_profile=own, moved=())
-            changes.append(change)
-            known = np.column_stack([known, change.time_profile.value])
-        followed, found = looked_at(number)
+            changes.append(_condition(followed, unknown, odds, known, placed))
+            known = np.column_stack([known, changes[-1].time_profile.value])
     progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
-    return changes, blocks, *first, bool(np.max(found.over) > 1)
+    return changes, blocks, *first, bool(found)
+
+
+def _step(
+    followed: Followed, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
+) -> TimeProfile | None:
+    """The step along which effects of sensors are looked for: the most probable profile, if it is one and there are
+    sensors."""
+    if odds.weighed is None:
+        return None
+    every = odds.unknown.copy()
+    for (_, h), own in zip(odds.weighed.rows, odds.of_sensors, strict=True):
+        every[h] = np.logaddexp(every[h], own)
+    best = followed.profiles[int(np.argmax(every))]
+    return _sharpened(followed, best, known, sensors) if best.kind == "step" else None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -331,15 +302,14 @@ class Steady:
     notes: tuple[str, ...]
 
 
-def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: float, seed: int,
-            unexplained: Sequence[Change]) -> Steady:
+def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, seed: int, unexplained: Sequence[Change]) -> Steady:
     """Of the shapes before anything changed that has no cause: a mean of two states is neither's."""
     begun = np.max([c.time_profile.value != 0 for c in unexplained], axis=0).astype(float) if unexplained else None
     begun = None if begun is None or np.sum(begun == 0) < FEWEST_BEFORE else begun
     # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
     able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
     answer = judge_levels(mean_shapes(look(blocks, placed, begun).mean, blocks.channels, placed), able, whole,
-                          false_alarm=false_alarm, seed=seed)
+                          false_alarm=FALSE_ALARM, seed=seed)
     findings = []
     for competing, structure in zip(answer.found, answer.structure, strict=True):
         best = competing[0]
@@ -396,35 +366,49 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
     return notes
 
 
-def _detectable_sizes(followed: Followed, found: Found, time_profiles: Sequence[TimeProfile]) -> tuple[DetectableSize,
-                                                                                                       ...]:
+def _threshold(followed: Followed, share: float) -> np.ndarray:
+    """(n_profile,) |z| at which one number alone would be found: where Student's t outweighs the prior odds and the
+    width of the amount's prior."""
+    names = [p.name for p in followed.profiles]
+    wanted = np.log([names.count(name) * len(set(names)) / share for name in names])
+    degrees = float(np.max(followed.along.degrees))
+    needed = wanted + np.log(4) + 0.5 * np.log1p(followed.along.a[0].max(axis=0))
+    return np.sqrt(degrees * np.expm1(2 * needed / degrees))
+
+
+def _detectable_sizes(followed: Followed, share: float) -> tuple[DetectableSize, ...]:
     """The least change of every frequency, and size of every sensor's effect, that would be found along each time
     profile."""
-    allowed = allowed_profiles(followed, time_profiles)
-    best: dict[tuple[int, str], int] = {}
-    for k, c in zip(*np.nonzero(allowed & np.isfinite(found.scores.size_std)), strict=True):
-        key = (int(k), time_profiles[c].name)
-        if key not in best or found.scores.size_std[k, c] < found.scores.size_std[k, best[key]]:
-            best[key] = int(c)
-    detectable_sizes = []
-    for (k, name), c in best.items():
-        size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
-        if k < followed.n_frequency:
-            if followed.names[k][0] == DIRECTION:
-                continue
-            q, i = followed.names[k]
-            kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
-                "environmental", _cause(name)[0])
-            place = series_name(followed.blocks, q, i)
-            detectable_sizes.append(DetectableSize(kind=kind, cause=cause, location=place, time_profile=name,
-                                                   size=float(100 * size),
-                                unit=f"% of frequency{time_profiles[c].unit}", share_left=1.0, z=float(found.z[k, c])))
-            continue
-        effect = followed.effects[k - followed.n_frequency]
-        size = max(size, effect.tolerance)
-        reachable = size <= max(-effect.lower, effect.upper)
-        detectable_sizes.append(DetectableSize(kind=effect.kind, cause=effect.cause, location=effect.location,
-                                               time_profile=name,
-                            size=float(size) if reachable else np.inf, unit=effect.unit + time_profiles[c].unit,
-                            share_left=1.0, z=float(found.z[k, c])))
-    return tuple(detectable_sizes)
+    needed = _threshold(followed, share) + POWER
+    result: list[DetectableSize] = []
+
+    def add(z: float, column: int, std: float, **words) -> None:
+        result.append(DetectableSize(time_profile=followed.profiles[column].name, share_left=1.0, z=z,
+                                     size=float(needed[column] * std), **words))
+
+    # of the times of a step the one that shows the most
+    _, variance = followed.along.amounts
+    known = np.sum(1 / variance, axis=0)
+    names = [p.name for p in followed.profiles]
+    best = [max((k for k, n in enumerate(names) if n == name), key=lambda k: known[k]) for name in dict.fromkeys(names)]
+    size, std = sizes(followed.along, followed.signature)
+    for column in best:
+        profile = followed.profiles[column]
+        kind, cause = ("structural", f"{profile.name} of frequency") if profile.name in ("step", "ramp") else (
+            "environmental", _cause(profile.name)[0])
+        for m in moved_frequencies(followed, column):
+            if " over " not in m["mode"]:
+                add(m["z"], column, m["std_percent"], kind=kind, cause=cause, location=m["mode"],
+                    unit=f"% of frequency{profile.unit}")
+        for e, effect in enumerate(followed.effects):
+            if profile.name in effect.time_profiles and np.isfinite(std[e, column]):
+                add(float(size[e, column] / std[e, column]), column, float(std[e, column] / followed.span[column]),
+                    kind=effect.kind, cause=effect.cause, location=effect.location, unit=effect.unit + profile.unit)
+    bounds = {(e.cause, e.location): e for e in followed.effects}
+    return tuple(x if (effect := bounds.get((x.cause, x.location))) is None else _within_bounds(x, effect)
+                 for x in result)
+
+
+def _within_bounds(x: DetectableSize, effect: Effect) -> DetectableSize:
+    size = max(x.size, effect.tolerance)
+    return replace(x, size=size if size <= max(-effect.lower, effect.upper) else np.inf)

@@ -247,11 +247,12 @@ def test_without_a_model_what_moves_all_frequencies_is_no_logger(validation):
 @pytest.mark.parametrize("placed", [True, False])
 def test_without_a_model_a_gain_that_leaves_a_change_of_the_structure_is_not_named(placed: bool, validation):
     """A storey that loses a third moves the roof's channel most; the gain of 1.9 % that is like it leaves frequencies
-    and shapes that still step, and was *named* at 1.00."""
+    that step by three standard deviations, and was *named* at 1.00. It may be seen, less than certain."""
     record = draw_record("loss step", 68)
-    row = validation(what="without a model, a roof's storey that loses a third: verdict", reference="what was hidden")
+    row = validation(what="without a model, a roof's storey that loses a third: named a sensor's",
+                     reference="what was hidden")
     found = diagnose_without_model(record.data, record.world.sensors if placed else None)
-    row.equal((found.verdict, len(found.findings)), ("unexplained", 0), "verdict", case=placed)
+    row.equal(found.verdict == "named", False, "named", case=placed)
 
 
 @pytest.mark.parametrize(("number", "at"), [(43, 13), (48, 16), (51, 26)])

@@ -7,29 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import linalg
 
 import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import main
 from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
-from probupdate.diagnosis.empirical_search import (
-    SPREAD_LOG,
-    SPREAD_SHAPE,
-    log_change_of_structure,
-    log_common_change,
-    make_contrasts,
-    outliers,
-    score,
+from probupdate.diagnosis.engine.evidence import (
+    SCALES,
+    SLOW_LENGTH,
+    SLOW_RATIO,
+    along,
+    along_in_sequence,
+    over_scales,
 )
-from probupdate.diagnosis.noise import Noise
-from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
+from probupdate.diagnosis.time_profiles import step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.io.files import sha256
 from probupdate.modal.modes import ModalData, ModalSet, write_modes
-from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.modal_blocks import simulate_modes
 
 
@@ -69,20 +65,6 @@ def test_a_level_is_where_sensors_are_whatever_its_name():
     together = tuple(replace(s, level="tower" if s.position_m[2] in heights else s.level) for s in sensors)
     found = diagnose_without_model(data, together)
     assert found.verdict == "none" and not found.findings
-
-
-def test_a_block_gone_wrong_stands_apart_and_noise_does_not(validation):
-    row = validation(what="without a model, 4000 series of 24 and 48 blocks of noise: share of blocks that stand apart",
-                     reference="none", why="6 standard deviations that 24 blocks state to a fifth")
-    rng = np.random.default_rng(5)
-    of_noise = [rng.standard_normal((4000, n)) * rng.uniform(0.5, 2, (4000, 1)) for n in (24, 48)]
-    for series in of_noise:
-        row.error(outliers(series, np.ones_like(series)).mean(), below=3e-4, of=f"{series.shape[1]} blocks")
-    stepped = of_noise[1] + 100.0 * (np.arange(48) >= 20)
-    assert outliers(stepped, np.ones_like(stepped)).mean() < 3e-4
-    wrong = of_noise[1].copy()
-    wrong[:, [0, 12, 13, 30]] += 100.0
-    assert outliers(wrong, np.ones_like(wrong))[:, [0, 12, 13, 30]].all()
 
 
 def test_frequencies_that_follow_the_tide_are_the_surroundings(record, validation):
@@ -228,95 +210,84 @@ def test_same_seed_same_answer(record):
     assert first == again
 
 
-def test_scores_are_those_of_plain_generalised_least_squares(validation):
-    """No slow error, equal weights: the score of a step is the difference of two means over its standard deviation."""
-    row = validation(what="without a model, equal weights, 500 series: size of a step, mean noise, scatter of z",
-                     reference="difference of two means; one; one",
-                     why="rounding; slow errors taken for noise make z smaller")
-    rng = np.random.default_rng(1)
-    y = rng.standard_normal((500, 1, 60))
-    time_profiles = [step_profile(60, 20)]
-    contrasts = make_contrasts(np.ones((1, 60)), np.ones((60, 1)), time_profiles, np.arange(60.0))
-    found = score(contrasts, y, [[0]])
-    plain = y[:, 0, 20:].mean(axis=1) - y[:, 0, :20].mean(axis=1)
-    row.error(found.size[:, 0, 0] - plain, 1e-12, "size")
-    # noise by differences is right on average; slow errors taken for noise make scores smaller, never larger
-    row.error(found.noise.mean() - 1, 0.05, "noise")
-    row.between(found.z.std(), 0.85, 1.1, "z")
+def dense(x, weight, hours, nuisance, extra=None):
+    """ln density of one number under each slow error of the grid, by dense matrices, and the prior of each."""
+    n, p = nuisance.shape
+    grid = [(0.0, 1.0), *((r, length) for r in SLOW_RATIO for length in SLOW_LENGTH)]
+    prior = np.array([0.5, *[0.5 / (len(grid) - 1)] * (len(grid) - 1)])
+    span, apart = hours[-1] - hours[0], np.abs(hours[:, None] - hours)
+    result = []
+    for ratio, length in grid:
+        V = np.diag(1 / weight) + ratio / weight.mean() * np.exp(-apart / (length * span))
+        V = V if extra is None else V + extra
+        inside = nuisance.T @ np.linalg.solve(V, nuisance)
+        rest = x - nuisance @ np.linalg.solve(inside, nuisance.T @ np.linalg.solve(V, x))
+        square = rest @ np.linalg.solve(V, rest) + 1e-12
+        result.append(-0.5 * (np.linalg.slogdet(V)[1] + np.linalg.slogdet(inside)[1] + (n - p + 1) * np.log(square)))
+    return np.logaddexp.reduce(np.array(result) + np.log(prior))
 
 
-def test_evidence_of_a_change_is_that_of_dense_normal_densities(validation):
-    """Offset with a flat prior, changes of ln f and real parts with their own; blocks of other weight, one missing."""
-    row = validation(what="without a model, ln Bayes factor of a change of the structure along a step, one mode at "
-                          "two channels", reference="dense normal densities, the offset's prior 1e3 of the noise's",
-                     why="a flat offset")
-    rng, n = np.random.default_rng(3), 12
-    covariance = np.diag([2e-3, 4e-3, 3e-3, 5e-3, 5e-3]) ** 2
-    covariance[1, 2] = covariance[2, 1] = 0.4 * 4e-3 * 3e-3
-    weight = np.where(np.arange(n) == 4, 0.0, rng.uniform(0.5, 2, n))
-    step = step_profile(n, 7)
-    y = rng.standard_normal((n, 5)) @ np.linalg.cholesky(covariance).T + step.value[:, None] * [0.004, 0.0, 0.01, 0, 0]
-    noise = Noise(covariance=(covariance,), precision=(np.linalg.inv(covariance),), weight=(weight,))
-    found = log_change_of_structure((y,), noise, np.ones((n, 1)), [step], [1])
-    seen = weight > 0
-
-    def density(spread_log, spread_shape):
-        spread = np.diag([spread_log, spread_shape, spread_shape, 0.0, 0.0]) ** 2
-        one, h = np.ones(seen.sum()), step.value[seen]
-        total = np.kron(np.diag(1 / weight[seen]), covariance) + np.kron(np.outer(one, one), 1e6 * covariance)
-        total = total + np.kron(np.outer(h, h), spread)
-        values = y[seen].ravel()
-        return -0.5 * (values @ np.linalg.solve(total, values) + np.linalg.slogdet(total)[1])
-
-    nothing = density(0, 0)
-    each = [density(a, b) - nothing for a in SPREAD_LOG for b in SPREAD_SHAPE]
-    row.error(found - (np.logaddexp.reduce(each) - np.log(len(each))), below=1e-3)
+def drawn(seed, n=14):
+    rng = np.random.default_rng(seed)
+    hours = np.cumsum(rng.uniform(0.5, 2.0, n))
+    return rng, hours, rng.uniform(0.5, 2, n), np.column_stack([np.ones(n), np.cos(hours)])
 
 
-@pytest.mark.parametrize("k", [1, 2])
-def test_evidence_of_a_common_change_is_that_of_dense_normal_densities(k, validation):
-    """A mode and a mode or a pair, of which all frequencies move by one share along a step; numbers of shapes are with
-    the frequencies' noise but do not move."""
-    row = validation(what="without a model, ln Bayes factor of one share by which all frequencies move along a step",
-                     reference="dense normal densities, the offset's prior 1e3 of the noise's", why="a flat offset")
-    rng, n = np.random.default_rng([3, k]), 12
-    n_log = (1, 1 if k == 1 else 3)
-    covariance = [np.diag([2e-3] * m) ** 2 + 1e-6 for m in n_log]
-    if k == 2:
-        covariance[1] = np.diag([2e-3, 3e-3, 1e-3]) ** 2
-        covariance[1][0, 1] = covariance[1][1, 0] = 2e-6
-    unit = [np.array([1.0, 1.0, 0.0])[:m] for m in n_log]
-    step = step_profile(n, 7)
-    y = [rng.standard_normal((n, m)) @ np.linalg.cholesky(c).T + step.value[:, None] * 3e-3 * u
-         for m, c, u in zip(n_log, covariance, unit, strict=True)]
-    noise = Noise(covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)),
-                  weight=(np.ones(n), np.ones(n)))
-    found = log_common_change(y, noise, np.ones((n, 1)), [step], [1, k])
-    together, values, along = linalg.block_diag(*covariance), np.hstack(y).ravel(), np.concatenate(unit)
-
-    def density(spread):
-        total = np.kron(np.eye(n), together) + np.kron(np.ones((n, n)), 1e6 * together)
-        total = total + spread**2 * np.kron(np.outer(step.value, step.value), np.outer(along, along))
-        return -0.5 * (values @ np.linalg.solve(total, values) + np.linalg.slogdet(total)[1])
-
-    nothing = density(0)
-    each = [density(a) - nothing for a in SPREAD_LOG]
-    row.error(found - (np.logaddexp.reduce(each) - np.log(len(each))), below=1e-3, case=k)
+def test_evidence_of_an_amount_is_that_of_dense_densities(validation):
+    """Blocks of other weight and distance, an offset and a harmonic, slow errors of every kind."""
+    row = validation(what="without a model, ln Bayes factor of an amount of each scale along a step", why="rounding",
+                     reference="Student's t by dense matrices, averaged over slow errors")
+    rng, hours, weight, nuisance = drawn(3)
+    n, step = len(hours), step_profile(len(hours), 8).value
+    x = rng.standard_normal(n) + 2.0 * step
+    found = along(x[:, None], weight[:, None], np.array([1e-12]), hours, nuisance, step[None])
+    nothing = dense(x, weight, hours, nuisance)
+    expected = [dense(x, weight, hours, nuisance, s**2 * np.outer(step, step)) - nothing for s in SCALES]
+    row.error(found.log_moved()[:, 0, 0] - expected, 1e-6, case="amounts")
+    # one size that is given: the density of what is left without it
+    given = dense(x - 1.5 * step, weight, hours, nuisance) - nothing
+    row.error(found.log_of_size(np.array([1.5]), 0, 1.0) - given, 1e-6, case="size")
 
 
-def test_a_slow_error_is_no_step(validation):
-    """An Ornstein-Uhlenbeck process of twice the noise: least squares that knows noise only finds a step in most."""
-    row = validation(what="without a model, a slow error of twice the noise, 300 series: share with a step at 4 "
-                          "standard deviations; the same where noise alone is known", reference="no step")
-    rng = np.random.default_rng(2)
-    hours = np.arange(80.0)
-    slow = np.linalg.cholesky(np.exp(-np.abs(hours[:, None] - hours) / 15.0) + 1e-9 * np.eye(80))
-    y = rng.standard_normal((300, 1, 80)) + 2.0 * (rng.standard_normal((300, 80)) @ slow.T)[:, None]
-    steps = [step_profile(80, at) for at in range(8, 73, 8)]
-    found = score(make_contrasts(np.ones((1, 80)), np.ones((80, 1)), steps, hours), y, [[0]])
-    white = np.abs(found.size) / np.sqrt(np.array([1 / s.at + 1 / (80 - s.at) for s in steps]))
-    row.error(np.mean(np.max(np.abs(found.z[:, 0]), axis=1) > 4), 0.2, "share")
-    row.least(np.mean(np.max(white[:, 0], axis=1) > 4), 0.5, "noise alone")
+def test_numbers_in_sequence_have_the_density_of_the_whole():
+    """Each is explained by those before it: a mixture of numbers that are explained already adds nothing new."""
+    rng, hours, weight, nuisance = drawn(4, 30)
+    step = step_profile(30, 12).value
+    common = np.cumsum(rng.standard_normal(30))
+    x = np.column_stack([common, common + 0.1 * rng.standard_normal(30)])
+    alone = along(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    chain = along_in_sequence(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    np.testing.assert_allclose(chain.log_moved()[:, 0], alone.log_moved()[:, 0], atol=1e-9)
+    mixed = x @ [[1.0, 3.0], [0.0, 1.0]]
+    again = along_in_sequence(mixed, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    np.testing.assert_allclose(again.log_moved(), chain.log_moved(), atol=1e-6)
+
+
+def test_a_column_that_steps_hides_no_step():
+    """Where a column and a step are one and the same neither is distinguishable from the other."""
+    step = (np.arange(60) >= 20).astype(float)
+    found = along(np.zeros((60, 1)), np.ones((60, 1)), np.ones(1), np.arange(60.0),
+                  np.column_stack([np.ones(60), step - 0.5]), step[None])
+    assert not found.usable.any()
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7, 0.9])
+def test_a_slow_error_is_no_step(memory, validation):
+    """A first-order autoregression of three times the noise: a step outweighs nothing ten times in one of ten at most
+    (Markov's inequality); in one of forty here."""
+    row = validation(what="without a model, a slow error of three times the noise, 200 series of 30 blocks: share of "
+                          "steps at odds of 10", reference="none")
+    rng, n = np.random.default_rng(2), 30
+    slow = np.zeros((n, 200))
+    slow[0] = rng.standard_normal(200) / np.sqrt(1 - memory**2)
+    for k in range(1, n):
+        slow[k] = memory * slow[k - 1] + rng.standard_normal(200)
+    steps = np.array([step_profile(n, at).value for at in range(4, n - 3)])
+    x = slow + 0.3 * rng.standard_normal((n, 200))
+    found = over_scales(along(x, np.ones_like(x), np.full(200, 1e-9), np.arange(n) * 1.0, np.ones((n, 1)),
+                              steps).log_moved())
+    odds = np.logaddexp.reduce(found, axis=1) - np.log(len(steps))
+    row.error(np.mean(odds > np.log(10)), 0.025, case=memory)
 
 
 def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
@@ -329,13 +300,6 @@ def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
                    frequency_std_hz=[0.1], shape_std=np.full((2, 1), 0.1))
     mended = with_true_rate(ModalData(channels=("a", "b"), sets=(one,)), finding)
     assert mended.sets[0].frequency_hz[0] == pytest.approx(0.97)
-
-
-def test_a_covariate_that_steps_hides_no_step():
-    """Where a column and a step are one and the same neither is distinguishable from the other."""
-    column = TimeProfile(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
-    nuisance = np.column_stack([np.ones(60), column.value])
-    assert not make_contrasts(np.ones((1, 60)), nuisance, [step_profile(60, 20)], np.arange(60.0)).usable[0, 0]
 
 
 def test_what_sensors_say_of_one_another_is_a_row_with_size_and_time():
