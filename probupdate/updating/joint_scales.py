@@ -7,7 +7,7 @@ maximum are weighed first; emcee walks only where they do not represent the dens
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import emcee
 import numpy as np
@@ -26,8 +26,10 @@ from probupdate.updating.settings import CONSTANTS
 # of w, standard normal a priori, and of ln of a scale over its hyper-prior's
 W_RANGE, LN_RANGE = (-5.0, 6.0), (-6.0, 4.0)
 N_WALKER, SEGMENT, MAX_STEPS, TARGET_ESS, BURN_IN = 32, 120, 3000, 400, 0.25
-# independent draws at a time, and at most
-AT_ONCE, MOST_DRAWS = 200, 2000
+# independent draws at a time, at most, as they are kept; from which number on, and how many effective a dimension,
+# their own spread is taken
+AT_ONCE, MOST_DRAWS, RESAMPLED = 200, 6000, 2000
+REFITTED_FROM, FITS = 800, 10
 # how much wider in variance proposals are
 WIDER = 1.3
 # step of central differences of w and of ln of a scale
@@ -154,11 +156,12 @@ def sample_scales(
 
 def independent_draws(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
                       progress: Progress = silent) -> ScaleChain | None:
-    """Draws of a Student t distribution taken by their weights (importance sampling, resampled); None where Pareto k or
-    their effective number say that they are not those of the density."""
-    x, log_weight = np.zeros((0, len(about.centre))), np.zeros(0)
-    while len(x) < MOST_DRAWS:
-        progress("scatter between turbines", len(x), MOST_DRAWS)
+    """Draws of a Student t distribution taken by their weights (importance sampling, resampled), after a second one was
+    fitted to the first's weighed draws; None where Pareto k or their effective number say that they are not those of
+    the density."""
+    x, log_weight, fitted = np.zeros((0, len(about.centre))), np.zeros(0), False
+    for done in range(0, MOST_DRAWS, AT_ONCE):
+        progress("scatter between turbines", done, MOST_DRAWS)
         fresh = about.draw(AT_ONCE, rng)
         x = np.vstack([x, fresh])
         log_weight = np.append(log_weight, scales.log_posterior(fresh, system) - about.of_coordinates(fresh))
@@ -170,10 +173,16 @@ def independent_draws(scales: Scales, system: FarmSystem, about: StudentT, rng: 
         if k <= CONSTANTS.trusted_k and ess >= TARGET_ESS:
             progress("scatter between turbines", MOST_DRAWS, MOST_DRAWS)
             # each as often as its weight, in drawn order
-            at = (np.arange(MOST_DRAWS) + rng.uniform()) / MOST_DRAWS
+            at = (np.arange(RESAMPLED) + rng.uniform()) / RESAMPLED
             taken = np.minimum(np.searchsorted(np.cumsum(np.exp(smooth)), at), len(inside) - 1)
             return ScaleChain(x=frozen_array(x[inside][rng.permutation(taken)]), ess=ess, converged=True,
                               verdict=f"converged: {len(x)} independent draws, {ess:.0f} effective, Pareto k {k:.2f}")
+        if not fitted and len(x) >= REFITTED_FROM and ess > FITS * len(about.centre):
+            weight = np.exp(smooth)
+            centre = weight @ x[inside]
+            spread = (x[inside] - centre).T @ (weight[:, None] * (x[inside] - centre))
+            about = replace(about, centre=centre, factor=np.linalg.cholesky(WIDER * spread))
+            x, log_weight, fitted = x[:0], log_weight[:0], True
     return None
 
 
