@@ -123,10 +123,11 @@ class Odds:
 
 
 def log_prior_of_profiles(profiles: Sequence[TimeProfile]) -> np.ndarray:
-    """(n_profile,) what steps or drifts is as probable before as what follows a column; times of a step share one."""
+    """(n_profile,) what steps or drifts, and what follows any column, are each as probable before as nothing: a stated
+    column is there because frequencies may follow it. Times of a step share one."""
     names, own = [p.name for p in profiles], ("step", "ramp")
     kinds = [sum((n in own) is by_time for n in set(names)) for by_time in (True, False)]
-    return -np.log([names.count(n) * kinds[n not in own] * sum(map(bool, kinds)) for n in names])
+    return -np.log([names.count(n) * kinds[n not in own] for n in names])
 
 
 def log_prior_of_effects(effects: Sequence[Effect], name: str) -> np.ndarray:

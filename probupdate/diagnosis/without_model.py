@@ -30,10 +30,9 @@ from probupdate.modal.joined_modes import join_modes
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 
-# probability of nothing over that of all that may change, both as probable before, below which something does: records
-# with nothing hidden come there less often, at most as often as this by Markov's inequality (a mean of Bayes factors is
-# one) and in one of a hundred where they were drawn. What changes and what is constant share it, and after each change
-# half of it is left
+# odds of nothing below which something changes: records with nothing hidden come there in as many, or in twice as many
+# with stated columns, by Markov's inequality (a mean of Bayes factors is one), and in one of a hundred where they were
+# drawn. What changes and what is constant share it, and after each change half of it is left
 NOTHING, NEXT_SHARE = 0.1, 0.5
 # false alarms of constant shapes
 FALSE_ALARM = 0.01
