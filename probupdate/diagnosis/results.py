@@ -121,7 +121,8 @@ class Diagnosis:
         if nearest:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
         lines += [f"  {s}" for s in wording.free_form_words(content)]
-        alarms = "" if content["threshold"] is None else " (below 5 % of false alarms)"
+        level = "odds of ten over nothing" if self.details.get("without_model") else "below 5 % of false alarms"
+        alarms = "" if content["threshold"] is None else f" ({level})"
         lines.append(f"{wording.threshold_words(content)}{alarms}; "
                      f"{wording.adequacy_words(content) or 'the residuals were not tested'}")
         lines += [f"shifted: {s}" for s in wording.prior_shift_words(content)]

@@ -190,9 +190,10 @@ def diagnose_without_model(
     data, as_one = join_modes(data)
     blocks = with_derived(gather(data))
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
-    rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
+    of_sensors = measurement_effects(blocks.channels, placed, float(np.nanmax(blocks.frequency_hz)))
+    rows = tuple(e for e in (*of_sensors, *effects)
                  if e.observe is not None and not e.discrete and set(e.time_profiles) != {"constant"})
-    whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
+    whole = tuple(e for e in of_sensors if e.discrete)
     # what moves as one body is a matter of places, whatever these are called
     placed = levelled(placed)
     columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
@@ -207,7 +208,9 @@ def diagnose_without_model(
     steady = _steady(blocks, placed, rows, whole, seed, unexplained) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
     detectable_sizes = list(_detectable_sizes(followed, share))
-    p_value, notes = min(1.0, float(np.exp(-total)) * NOTHING / share), [*as_one, *blocks.notes]
+    # by Markov's inequality: steps and drifts, and columns where any is stated, are each as probable before as nothing
+    log_prior = float(logsumexp(log_prior_of_profiles(time_profiles)))
+    p_value, notes = min(1.0, float(np.exp(log_prior - total)) * NOTHING / share), [*as_one, *blocks.notes]
     if steady is not None:
         findings += steady.findings
         detectable_sizes += steady.detectable_sizes
