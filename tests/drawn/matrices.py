@@ -165,7 +165,9 @@ def write(plan: Plan, folder: Path, units: str, *, as_csr: bool = False, picture
     arrays |= {f"{kind}_{name}": m for name, (kind, m) in parts.items()}
     written = {}
     for name, matrix in arrays.items():
-        matrix = np.where(np.abs(matrix) < 1e-12 * np.abs(a.K if name[0] == "K" else a.M).max(), 0.0, matrix) * unit
+        # rounding of what was taken apart; of a structure of millimetres rotations are that small beside translations
+        own = np.sqrt(np.diag(a.K if name[0] == "K" else a.M))
+        matrix = np.where(np.abs(matrix) < 1e-12 * np.outer(own, own), 0.0, matrix) * unit
         written |= _csr(name, matrix) if as_csr else {name: matrix}
     written["channel"] = np.array([r.channel for r in plan.readings])
     written["channel_dof"] = np.array([a.index[r.node, r.axis] for r in plan.readings])
