@@ -22,7 +22,7 @@ def test_a_command_says_what_each_argument_is_and_shows_how_it_is_typed(verb):
     assert f"probupdate {EXAMPLES[verb]}" in " ".join(VERBS[verb].format_help().split())
     for action in VERBS[verb]._actions:
         assert action.help, action.dest
-        if action.default in (None, False, argparse.SUPPRESS):
+        if action.default in (None, False, (), argparse.SUPPRESS):
             continue
         said = "default" in action.help or action.default in action.help if isinstance(action.default, str) \
             else f"{action.default:g}" in action.help
