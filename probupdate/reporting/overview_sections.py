@@ -250,9 +250,9 @@ def _diagnosed_words(run: Run) -> str:
     named = "; ".join(typeset(wording.finding_words(f)) for f in content["findings"])
     several = len(content["findings"]) > 1
     if content["verdict"] == "none":
-        return "Nothing beyond tolerances was found" + (
-            f" but changes of the model's own parameters ({changes})" if run.update is None and (
-                changes := ", ".join(changed_parameters(content))) else "")
+        changes = ", ".join(changed_parameters(content))
+        return f"Nothing beyond changes of the model's own parameters was found ({changes})" if changes else (
+            "Nothing beyond tolerances was found")
     if content["verdict"] == "unexplained":
         return f"Cause unknown{f', beside {named}' if named else ''}"
     start = "Several causes are possible" if content["verdict"] == "ambiguous" else (

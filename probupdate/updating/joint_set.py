@@ -173,7 +173,9 @@ def _to_one_scale(data: ModalData) -> list[ModalSet]:
     for s in data.sets:
         lacking = ~np.isfinite(target).any(axis=0)
         target[:, lacking] = rotate_to_real(s.shape)[:, lacking]
-    frequency = np.nanmean(np.array([s.frequency_hz for s in data.sets]), axis=0)
+    measured = np.array([s.frequency_hz for s in data.sets])
+    n = np.isfinite(measured).sum(axis=0)
+    frequency = np.where(n > 0, np.nansum(measured, axis=0) / np.maximum(n, 1), np.nan)
     return [_turned(s, target, close_clusters(frequency)) for s in data.sets]
 
 

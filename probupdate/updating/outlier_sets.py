@@ -76,6 +76,9 @@ def outlier_sets(data: ModalData) -> OutlierSets:
 def near_the_median(value: np.ndarray, stated: np.ndarray, times: float = 5.0) -> np.ndarray:
     """Rows (n_set,) of value (n_set, n) to begin with: none far from the median by the median absolute deviation, which
     is no less than what is stated."""
+    # a mode of interest that no set shows says nothing
+    shown = np.isfinite(value).any(axis=0)
+    value, stated = value[:, shown], stated[:, shown]
     middle = np.nanmedian(value, axis=0)
     scale = np.maximum(1.4826 * np.nanmedian(np.abs(value - middle), axis=0), np.median(stated, axis=0))
     return ~np.any(np.abs(value - middle) > times * scale, axis=1)

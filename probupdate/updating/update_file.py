@@ -209,6 +209,10 @@ def summary(record: UpdateRecord) -> str:
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
                  f"{100 * after:.1f} % at the MAP")
+    std = np.sqrt(np.diag(record.map_covariance))
+    ends = [f"{p.name} {value:.4g} ± {s:.2g} (before {p.initial:.4g}){f' {p.unit}' if p.unit not in ('', '-') else ''}"
+            for p, value, s in zip(record.parameters, record.map_theta, std, strict=True)]
+    lines.append(f"parameters at the MAP, with one standard deviation: {', '.join(ends)}")
     if np.isfinite(record.map_gradient):
         lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
                      "deviation")

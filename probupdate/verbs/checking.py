@@ -113,7 +113,8 @@ def _remedy(likely: ChannelMistake) -> str:
 
 def _reversed_remedy(channel: str) -> str:
     return (f"look at {channel}, and if it is mounted the other way reverse its direction in campaign.toml and where "
-            "the model reads it (its [[sensor]] in model.toml, channel_sign of a model of matrices)")
+            "the model reads it (its [[sensor]] in model.toml; of a model of matrices channel_sign, or its row of "
+            "channel_row times -1)")
 
 
 def _some_blocks(campaign: Campaign) -> Campaign:
