@@ -93,6 +93,11 @@ def unit_in(name: str) -> str | None:
     return found[1] if found and not re.fullmatch("[A-Z]", found[1].strip()) and known_unit(found[1]) else None
 
 
+def without_unit(name: str) -> str:
+    """A column's name without the unit in brackets at its end."""
+    return name if unit_in(name) is None else BRACKETS.sub("", name).strip()
+
+
 def keyed_rate(values: Mapping[str, float]) -> float | None:
     """The rate that a file states under one of the usual names (a step in s as well)."""
     for name, value in values.items():

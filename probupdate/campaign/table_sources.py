@@ -13,7 +13,7 @@ import pandas as pd
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.reading import nearest
-from probupdate.campaign.stated import NOT_A_NUMBER, UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in
+from probupdate.campaign.stated import NOT_A_NUMBER, UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in, without_unit
 from probupdate.errors import InputError, parsing
 from probupdate.io.result_table import plural
 
@@ -219,6 +219,10 @@ def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
         if wanted > len(names):
             raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
         return wanted - 1
+    # "F1x [mg]" is the column F1x, its unit is read beside
+    bare = [without_unit(str(n)) for n in names]
+    if wanted not in names and bare.count(wanted) == 1:
+        return bare.index(wanted)
     if wanted not in names:
         known = tuple(map(str, names[:40]))
         if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:

@@ -147,6 +147,13 @@ def test_units_behind_a_columns_name_and_a_factor_that_agrees(job):
     np.testing.assert_allclose(written(campaign), samples() * [9.80665, 1.0], rtol=1e-5)
 
 
+def test_a_column_is_found_without_the_unit_behind_its_name(job):
+    raw, campaign = job(TABLE)
+    pd.DataFrame(samples(), columns=["a [g]", "b"]).to_csv(raw / "r.csv", index=False)
+    assert "a: g was turned into m/s2" in convert(raw, campaign).summary
+    np.testing.assert_allclose(written(campaign), samples() * [9.80665, 1.0], rtol=1e-5)
+
+
 @pytest.mark.parametrize(("factor", "works"), [(9.81, True), (10.2, True), (1.0, False), (1e3, False)])
 def test_a_factor_beside_a_stated_unit_must_hold_it(job, factor, works):
     raw, campaign = job(TABLE + f'[columns]\na = "acc [g]"\n[factor]\na = {factor}\n')
