@@ -21,6 +21,8 @@ from probupdate.modal.modes import Sensor
 
 FLIPPED, SWAPPED, TURNED, SCALED, DEAD, LEVEL_SCALED = "flipped", "swapped", "turned", "scaled", "dead", "level scaled"
 COPIED = "copied"
+# cosine of the angle up to which two sensors count as of one direction
+ALONG = 0.9
 # the lowest motion is sought above this; the waves' own motion of a tower is to one side as well, and may serve
 LOWEST_HZ = 0.15
 # a level is rigid up to so many times the lowest motion's frequency
@@ -91,11 +93,18 @@ def _rigid_levels(sensors: tuple[Sensor, ...], alive: list[int]) -> list[list[in
 
 
 def _bent(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int], lowest: float) -> list[Suspicion]:
-    """By the whole height as a cantilever, or where that is not seen by each line of sensors."""
-    found = _cantilever(spectra, sensors, alive, lowest)
-    if found is not None:
-        return found
-    return [Suspicion(kind=FLIPPED, channels=(sensors[i].channel,)) for i in reversed_in_line(spectra, sensors, alive)]
+    """By the whole height as a cantilever, and by each line of sensors: where modes of both directions and of torsion
+    lie close together no level's motion explains the others', but a line's shape has one sign all the same."""
+    found, place = _cantilever(spectra, sensors, alive, lowest), {s.channel: s for s in sensors}
+    for i in reversed_in_line(spectra, sensors, alive):
+        one = sensors[i]
+        if any(one.channel in s.channels for s in found):
+            continue
+        # signs are relative: where the reference is reversed, all others along its direction seem to be
+        found = [s for s in found if s.kind != FLIPPED or not any(
+            abs(float(place[c].direction @ one.direction)) > ALONG for c in s.channels)]
+        found.append(Suspicion(kind=FLIPPED, channels=(one.channel,)))
+    return found
 
 
 def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]]:
@@ -116,7 +125,7 @@ def _horizontal(sensor: Sensor) -> bool:
 
 
 def _vertical(sensor: Sensor) -> bool:
-    return abs(sensor.direction[2]) > 0.9
+    return abs(sensor.direction[2]) > ALONG
 
 
 def lowest_motion_hz(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> float | None:
@@ -193,7 +202,7 @@ def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) ->
 def _common_scale(covariance: np.ndarray, sensors: list[Sensor]) -> np.ndarray:
     """(n_channel,) the median deviation of the channels along one line, so that vertical ones count as well."""
     std = np.sqrt(np.diag(covariance))
-    along = np.abs([[a.direction @ b.direction for b in sensors] for a in sensors]) > 0.9
+    along = np.abs([[a.direction @ b.direction for b in sensors] for a in sensors]) > ALONG
     return np.array([np.median(std[row]) for row in along])
 
 
@@ -253,10 +262,10 @@ class _Bending:
         return np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float) -> list[Suspicion] | None:
-    """None where the sensors do not allow it: no level sees two directions, or they do not stand above one another."""
+def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float) -> list[Suspicion]:
+    """Nothing where no level sees two directions, or the sensors do not stand above one another."""
     if not is_upright(sensors):
-        return None
+        return []
     kept = (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
     covariance = np.real(spectra.density[kept]).mean(axis=0)
     # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
@@ -268,7 +277,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
         if len(across) >= 2 and np.linalg.svd(plane, compute_uv=False)[-1] > 0.5:
             candidates.append(_bending(covariance, sensors, alive, across, plane, level, n_free))
     if not candidates:
-        return None
+        return []
     # a level that is wrong itself agrees with few others; among about equal ones the highest, which moves most
     height = {s.level: s.position_m[2] for s in sensors}
     agree = [int(np.sum(np.abs(b.angle_deg()) < TURNED_DEG)) for b in candidates]

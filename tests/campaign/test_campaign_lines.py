@@ -108,3 +108,19 @@ def test_check_says_which_of_five_is_reversed_and_what_to_do(campaign_folder):
     found = [text for text in check(read_campaign(folder)).findings if "flipped" in text]
     assert len(found) == 1 and found[0].startswith("suspect: F3 looks flipped")
     assert "turn its direction in campaign.toml" in found[0] and "(in 3 of 3 blocks compared)" in found[0]
+
+
+def test_a_reversed_sensor_of_a_building_measured_both_ways_at_one_corner():
+    """Modes along x, along y and of torsion lie close together, and a corner sees torsion in both directions."""
+    storeys = chain(4)
+    u, v, turn = (moved(storeys, EVEN, seed, first_hz=hz) for seed, hz in ((3, 0.6), (4, 0.7), (5, 0.9)))
+    data = np.hstack([u - 0.5 * turn, v + turn])
+    sensors = tuple(Sensor(channel=f"{axis}{k + 1}", level=f"F{k + 1}", position_m=[8.0, 4.0, 15 * x], direction=direction)
+                    for axis, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0])) for k, x in enumerate(storeys[2]))
+
+    def found(record):
+        return [s.channels for s in suspicions(cross_spectra(record, RATE, 0.4 * RATE), sensors)]
+
+    assert found(data) == []
+    for k, sensor in enumerate(sensors):
+        assert found(data * np.where(np.arange(8) == k, -1, 1)) == [(sensor.channel,)]
