@@ -32,8 +32,8 @@ NO_CHANCE = 0.01
 # standardised shift of one parameter beyond which it is said without a diagnosis; a prior is rarely better known
 FAR_SHIFT = 2.0
 CHECK_PRIORS = (
-    "Check the priors of these parameters against drawings and site data; where they hold, inspect what these parameters "
-    "stand for: either the structure has changed there, or they absorb an error of the model.")
+    "Check the priors of these parameters against drawings and site data; where they hold, inspect what these "
+    "parameters stand for: either the structure has changed there, or they absorb an error of the model.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -115,7 +115,7 @@ def test_a_reversed_sensor_of_a_building_measured_both_ways_at_one_corner():
     storeys = chain(4)
     u, v, turn = (moved(storeys, EVEN, seed, first_hz=hz) for seed, hz in ((3, 0.6), (4, 0.7), (5, 0.9)))
     data = np.hstack([u - 0.5 * turn, v + turn])
-    sensors = tuple(Sensor(channel=f"{axis}{k + 1}", level=f"F{k + 1}", position_m=[8.0, 4.0, 15 * x], direction=direction)
+    sensors = tuple(Sensor(channel=f"{axis}{k + 1}", level=f"F{k + 1}", position_m=[8, 4, 15 * x], direction=direction)
                     for axis, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0])) for k, x in enumerate(storeys[2]))
 
     def found(record):
