@@ -94,7 +94,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_Seen]:
         return [_Seen(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
                 for name, place, stated in zip(records.names, records.places, records.stated, strict=True)]
     raise InputError(str(first), f"a file of this kind ({kind}) does not say what its columns are",
-                     "write campaign.toml and convert.toml by hand: docs/formats/campaign.md and convert.md, or docs/tutorials")
+                     "write campaign.toml and convert.toml by hand, as docs/formats/convert.md has them")
 
 
 def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc: bool) -> _Seen:

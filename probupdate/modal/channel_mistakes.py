@@ -53,8 +53,8 @@ class ChannelMistake:
             return "check the order of `channels`, and correct it"
         if len(self.candidates[0]) == 1:
             return (f"check its sign at {self.candidates[0][0]}; if it is reversed, say so where the model reads it "
-                    "(direction of its [[sensor]] in model.toml; channel_sign, or its row of channel_row times -1, in a "
-                    "model of matrices), or give it the "
+                    "(direction of its [[sensor]] in model.toml; channel_sign, or its row of channel_row times -1, in "
+                    "a model of matrices), or give it the "
                     "factor -1 in convert.toml, convert into a new folder and identify again")
         return (f"check which cable is whose at {' and '.join(self.candidates[0])}; if they are exchanged, exchange "
                 "the two names in `channels` of the modes' file, and in convert.toml, [columns], for other records")

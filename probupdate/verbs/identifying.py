@@ -234,8 +234,8 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
         raise InputError(
             f"{where}: channel {sensor.channel}", f"points along {sensor.direction.tolist()} in campaign.toml, and "
             f"{model.name} reads it along {own.tolist()}",
-            "reverse the one that is wrong: direction in campaign.toml, or channel_sign in the model's archive (its row "
-            "of channel_row times -1)"
+            "reverse the one that is wrong: direction in campaign.toml, or channel_sign in the model's archive (its "
+            "row of channel_row times -1)"
             if opposite else "correct direction in campaign.toml, or channel_dof in the model's archive (channel_row "
             "for an oblique sensor)")
 
