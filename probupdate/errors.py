@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import PurePath
+from traceback import walk_tb
 from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -107,18 +108,28 @@ def names_files(data: str, model: str = "model") -> Callable[[F], F]:
     return decorate
 
 
+def _raised_by_caller(error: Exception) -> bool:
+    """Whether it was raised in the package that reads, and not in the library that it calls."""
+    # the first frame is that of `parsing`, the second its caller's
+    packages = [str(frame.f_globals.get("__name__", "")).split(".")[0] for frame, _ in walk_tb(error.__traceback__)]
+    return packages[-1] == packages[min(1, len(packages) - 1)]
+
+
 @contextmanager
 def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
     """Around another library's reading of a file: whatever it raises on a damaged one becomes an InputError.
 
     Parsers do not say what they raise, and it is of many kinds: for .mat alone zlib.error, IndexError and TypeError. So
-    every kind is meant here, but for those that only a defect of a program raises. What stands inside is the library's
-    call and the taking apart of what it gives, not a computation.
+    every kind is meant here, but for those that only a defect of a program raises, where the program is this one: SciPy
+    ends on some .mat with UnboundLocalError. What stands inside is the library's call and the taking apart of what it
+    gives, not a computation.
     """
     try:
         yield
-    except (InputError, NameError, AssertionError, ImportError):
+    except (InputError, ImportError):
         raise
     except Exception as error:
+        if isinstance(error, NameError | AssertionError) and _raised_by_caller(error):
+            raise
         reason = str(error).strip() or "no reason given"
         raise InputError(where, f"{problem} ({type(error).__name__}: {reason.splitlines()[0]})", remedy) from error

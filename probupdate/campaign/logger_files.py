@@ -283,15 +283,11 @@ def wav_channels(path: Path) -> list[LoggerChannel]:
         warnings.filterwarnings("ignore", "Chunk .*not understood", wavfile.WavFileWarning)
         warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
         try:
-            try:
-                rate, data = wavfile.read(path, mmap=True)
-            except ValueError:
-                # 24 bits have no counterpart in memory
-                _refuse_large(path, path.stat().st_size // 3)
-                rate, data = wavfile.read(path)
-        except UnboundLocalError:
-            # SciPy's answer to a file that ends before its samples
-            raise ValueError("it has no chunk of samples") from None
+            rate, data = wavfile.read(path, mmap=True)
+        except ValueError:
+            # 24 bits have no counterpart in memory
+            _refuse_large(path, path.stat().st_size // 3)
+            rate, data = wavfile.read(path)
     data = data.reshape(len(data), -1)
     kind = data.dtype
     scale = 1.0 if kind.kind == "f" else 2.0 ** (1 - 8 * kind.itemsize)
