@@ -46,7 +46,7 @@ def write_modes(folder, channels=("A1", "A2", "A3", "A4"), sign=(1, 1, 1, 1)):
 
 def test_a_reversed_channel_of_matrices_is_mended_by_its_sign_in_the_model(tmp_path):
     modes = write_modes(tmp_path, sign=(1, 1, 1, -1))
-    with pytest.raises(InputError, match=r"A4 with the opposite sign.*channel_sign in a model of matrices"):
+    with pytest.raises(InputError, match=r"A4 with the opposite sign.*channel_sign, or its row of channel_row"):
         update(write_model(tmp_path), modes)
     found = update(write_model(tmp_path, sign=(1, 1, 1, -1)), modes)
     assert found.map_theta[0] == pytest.approx(1.0, abs=0.01)
