@@ -1,6 +1,7 @@
 """The exported joint distribution and FORM beside OpenTURNS."""
 
 import importlib.util
+import sys
 import json
 from pathlib import Path
 
@@ -39,6 +40,7 @@ def test_its_marginals_and_correlation_are_ours(validation):
 
 
 def test_the_written_file_is_the_same_distribution(tmp_path):
+    sys.path.append(str(READERS.parent))
     spec = importlib.util.spec_from_file_location("reader_cases_of_joint", READERS)
     cases = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(cases)
