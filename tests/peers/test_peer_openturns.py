@@ -1,8 +1,8 @@
 """The exported joint distribution and FORM beside OpenTURNS."""
 
 import importlib.util
-import sys
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
