@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -233,13 +234,14 @@ class Description(Table):
     groups: ClassVar[tuple[Group, ...]] = ("tower",)
 
     @property
+    @abstractmethod
     def gravity_mps2(self) -> float:
-        raise NotImplementedError
+        """Where the structure stands."""
 
     @property
+    @abstractmethod
     def own_parameters(self) -> tuple[str, ...]:
         """Parameters of the whole structure that act in this one."""
-        raise NotImplementedError
 
     @property
     def effects(self) -> tuple[ParameterEntry, ...]:
@@ -273,8 +275,9 @@ class Offshore(Description):
         return self.site.gravity_mps2
 
     @property
+    @abstractmethod
     def pile_tip_m(self) -> float:
-        raise NotImplementedError
+        """Lowest point of its piles."""
 
 
 class OnJacket(Offshore):
