@@ -41,8 +41,8 @@ docs: $(VENV)/docs
 lock:
 	uv lock
 	uv export --frozen --no-emit-project --quiet -o requirements.lock
-	uv export --frozen --no-emit-project --quiet --extra test --extra peers --extra parquet --extra zarr --extra dask --extra uff --extra tdms\
-	  --extra miniseed -o requirements-test.lock
+	uv export --frozen --no-emit-project --quiet --extra test --extra peers --extra parquet --extra zarr --extra dask --extra uff --extra tdms --extra mdf\
+	  --extra miniseed --extra nastran -o requirements-test.lock
 	rm uv.lock
 	sed -i '1,2d' requirements.lock requirements-test.lock
 	$(BIN)/python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']\

@@ -49,13 +49,15 @@ def tdms_channels(path: Path) -> Iterator[tuple[list[LoggerChannel], bool]]:
     start and a rate."""
     nptdms = _library("nptdms", path, "TDMS", "tdms")
     said = str(path), "cannot be read as TDMS", "write it again or remove it"
-    with parsing(*said):
-        _refuse_restarts(path)
-        file = nptdms.TdmsFile.open(path)
-    with file:
+    # given a path, the package leaves a damaged file open, and believes an index file beside it
+    with path.open("rb") as raw:
         with parsing(*said):
-            found = [_tdms_channel(path, c, said) for g in file.groups() for c in g.channels()]
-        yield found, True
+            _refuse_restarts(path)
+            file = nptdms.TdmsFile.open(raw)
+        with file:
+            with parsing(*said):
+                found = [_tdms_channel(path, c, said) for g in file.groups() for c in g.channels()]
+            yield found, True
 
 
 def _tdms_channel(path: Path, channel, said: Sequence[str]) -> LoggerChannel:

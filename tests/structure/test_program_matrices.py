@@ -230,3 +230,19 @@ def test_a_full_file_of_ansys_is_read_whole(tmp_path):
     result = probupdate.matrices(examples.fullfile, tmp_path / "model.npz")
     # unmirrored, or with held rows, it is 10 kHz and more
     assert result.frequency_hz[0] == pytest.approx(1283.2, rel=1e-4)
+
+
+@pytest.mark.parametrize("triangle", [False, True], ids=["both halves", "one triangle"])
+@pytest.mark.parametrize("files", [1, 2])
+def test_op4_as_its_own_package_writes_it(tmp_path, files, triangle):
+    op4 = pytest.importorskip("pyNastran.op4.op4", reason="pyNastran is not installed")
+    K, M = chain()
+    written = {"KGG": (6, sparse.coo_matrix(np.triu(K) if triangle else K)), "MGG": (6, sparse.coo_matrix(M))}
+    named = [["KGG", "MGG"]] if files == 1 else [["KGG"], ["MGG"]]
+    for k, names in enumerate(named):
+        own = {n: written[n] for n in names}
+        op4.OP4().write_op4(str(tmp_path / f"{k}.op4"), own, name_order=names, is_binary=False)
+    source = tmp_path / "0.op4" if files == 1 else [tmp_path / "0.op4", tmp_path / "1.op4"]
+    result = probupdate.matrices(source, tmp_path / "model.npz")
+    # the package writes ten digits and more
+    np.testing.assert_allclose(result.frequency_hz, frequencies(K, M)[: len(result.frequency_hz)], rtol=1e-9)
