@@ -246,3 +246,11 @@ def test_op4_as_its_own_package_writes_it(tmp_path, files, triangle):
     result = probupdate.matrices(source, tmp_path / "model.npz")
     # the package writes ten digits and more
     np.testing.assert_allclose(result.frequency_hz, frequencies(K, M)[: len(result.frequency_hz)], rtol=1e-9)
+
+
+def test_op4_names_alike_in_eight_letters_are_refused(tmp_path):
+    op4 = pytest.importorskip("pyNastran.op4.op4", reason="pyNastran is not installed")
+    own = {"STIFFNESS1": (6, sparse.coo_matrix(chain()[0])), "STIFFNESS2": (6, sparse.coo_matrix(chain()[1]))}
+    op4.OP4().write_op4(str(tmp_path / "both.op4"), own, name_order=list(own), is_binary=False)
+    with pytest.raises(InputError, match="several matrices named 'STIFFNES'"):
+        probupdate.matrices(tmp_path / "both.op4", tmp_path / "model.npz")
