@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -37,6 +37,7 @@ ODDS, MODEL_ERROR, IMPROBABLE = 1000.0, 0.02, 4.0
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
+OR_NULL = ", or leave one out: null for its frequency_hz in every set"
 # measured shapes this much alike are one shape within what shapes are measured to
 SAME = 0.95
 # frequencies that differ by a common factor beyond this are taken for given in another unit: no model is so wrong
@@ -67,8 +68,9 @@ class Matching:
     MAC of the computed shape with its best match in the measured plane, and of one of a close pair measured alone that
     with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
-    absent: measured modes of a pair of which the model has the other one alone. least_motion: over the measured
-    channels, for unit modal mass: a computed mode that moves them less is none of the measured ones.
+    absent: measured modes of a pair of which the model has the other one alone. uncertain: of modes that are
+    left out as either of two computed ones may be theirs, what is to be said. least_motion: over the measured channels,
+    for unit modal mass: a computed mode that moves them less is none of the measured ones.
     """
 
     groups: tuple[ModeGroup, ...]
@@ -76,6 +78,7 @@ class Matching:
     left_out: tuple[str, ...]
     n_mode: int
     absent: tuple[int, ...] = ()
+    uncertain: InputError | None = None
     least_motion: float = 0.0
 
     @property
@@ -146,10 +149,10 @@ def match(
     measured modes are compared as planes (default: by frequency, `close_clusters`); where only one of a close pair was
     measured, its computed mode has a mate, unless `planes` is False. `prior_cov`: gives the covariance (n_computed,
     n_computed) of ln f by the prior; where shapes leave two pairings, the one that is ODDS times as probable by it
-    stands. Raises InputError where a shape is
-    zero, where no mode can be used, where the set is not this model's, where frequencies are in another unit, where a
-    mode has two computed ones to choose from, and where close modes have one shape. `refuse` False: all but the first
-    two are no error, for a picture of a poor model.
+    stands, and where neither is, the modes that differ are left out. Raises InputError where a shape is
+    zero, where no mode can be used, where the set is not this model's, where frequencies are in another unit, where
+    more than half of the modes have two computed ones to choose from, and where close modes have one shape. `refuse`
+    False: all but the first two are no error, for a picture of a poor model.
     """
     modal_set.refuse_zero_shapes(f"set {modal_set.id}")
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
@@ -197,7 +200,7 @@ def match(
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]), absent=tuple(absent),
-        least_motion=_least_motion(measured, computed, groups),
+        uncertain=chosen.uncertain, least_motion=_least_motion(measured, computed, groups),
     )
 
 
@@ -500,6 +503,7 @@ class _Grouped:
     criterion: np.ndarray
     groups: tuple[ModeGroup, ...]
     left_out: tuple[str, ...]
+    uncertain: InputError | None = None
 
     @property
     def places(self) -> list[slice]:
@@ -524,8 +528,8 @@ def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
 
 def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouped:
     """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable, group by group;
-    where neither is, or what is chosen is improbable itself, it is refused. The prior, which takes derivatives, is
-    asked where shapes leave two."""
+    where neither is, or what is chosen is improbable itself, what differs is left out. The prior, which takes
+    derivatives, is asked where shapes leave two."""
     cov = None
     # each step changes a group for the better
     for _ in range(2 * len(x.name)):
@@ -545,9 +549,22 @@ def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, re
         others = [other for other, (value, _) in zip(others, density, strict=True)
                   if not (probable and own > value + np.log(ODDS))]
         break
-    if others and refuse:
-        _refuse_two_pairings(x, found, *others[0])
-    return found
+    return _certain(x, found, others, n_used) if others and refuse else found
+
+
+def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np.ndarray]], n_used: int) -> _Grouped:
+    """Without the groups that another choice pairs differently. Raises InputError where more than half of the modes are
+    such, or one alone is left: too little to know the structure by."""
+    column = np.array([found.partner[j] for j in found.rows], int)
+    same = [all(set(other[here]) == set(column[here]) for _, other in others) for here in found.places]
+    rest = tuple(group for group, stays in zip(found.groups, same, strict=True) if stays)
+    error = _two_pairings(x, found, *others[0])
+    if sum(len(group.measured) for group in rest) < max(2.0, 0.5 * n_used):
+        raise error
+    names = " and ".join(x.name[j] for j in sorted({*found.rows}.difference(*(group.measured for group in rest))))
+    return replace(found, groups=rest, uncertain=error,
+                   left_out=(*found.left_out, f"{names} of set {x.set_id}: {error.problem}; "
+                               f"{error.remedy.removesuffix(OR_NULL)}"))
 
 
 def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:
@@ -626,7 +643,7 @@ def _with_planes(x: _Compared, found: _Grouped, choice: np.ndarray, column: np.n
     return result
 
 
-def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.ndarray) -> None:
+def _two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.ndarray) -> InputError:
     """Of a group that two choices pair differently, as found and with the computed mode `other` of every row."""
     set_id, name, measured, frequency_hz = x.set_id, x.name, x.measured, x.computed_hz
     score = np.nan_to_num(found.criterion[found.rows], nan=0.0)
@@ -640,8 +657,7 @@ def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other:
         return " and ".join(f"mode {choice[r] + 1} at {frequency_hz[choice[r]]:.4g} Hz with MAC "
                             f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))
 
-    remedy = ("measure where their shapes differ, narrow the prior if more is known, or leave one out: null for its "
-              "frequency_hz in every set")
+    remedy = f"measure where their shapes differ, narrow the prior if more is known{OR_NULL}"
     chosen = frequency_hz[[c for _, here in differ for c in column[here]]]
     if len(differ) > 1 and len(chosen) == len(differ) and np.ptp(chosen) < PAIR_GAP * np.mean(chosen):
         # a close pair that is compared mode by mode
@@ -649,7 +665,7 @@ def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other:
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
-        raise InputError(f"set {set_id}, {own}", f"two computed modes are about as alike, {found}", remedy)
+        return InputError(f"set {set_id}, {own}", f"two computed modes are about as alike, {found}", remedy)
     found = ", or ".join("; ".join(f"{n} as {said(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
                          for choice in choices)
     rows = [m for one, _ in differ for m in one.measured]
@@ -657,10 +673,10 @@ def _refuse_two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other:
     alike = mac(measured[known][:, rows], measured[known][:, rows]) - np.eye(len(rows))
     if alike.max() >= SAME:
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
-        raise InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
-                         f"so that two pairings are about as alike: {found}", "check that they are two different "
-                         f"modes, or {remedy}")
-    raise InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
+        return InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
+                          f"so that two pairings are about as alike: {found}", "check that they are two different "
+                          f"modes, or {remedy}")
+    return InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
 
 
 def pair_in_order(measured: np.ndarray, computed: np.ndarray) -> np.ndarray:

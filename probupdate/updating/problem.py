@@ -598,6 +598,12 @@ def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
     return InputError(error.where, f"{error.problem}; {likely.sentence}", likely.remedy)
 
 
+def _refuse_mistake(error: InputError, likely: ChannelMistake | None) -> None:
+    """Raises it with the channels' mistake that would explain it, where there is one."""
+    if likely is not None:
+        raise with_mistake(error, likely) from None
+
+
 def suspected_channels(
     model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None,
     absent: Sequence[int] = (),
@@ -667,8 +673,10 @@ def build_problem(
                          planes=weights.shapes != "components",
                          prior_cov=lambda: _prior_cov(model, len(solution.frequency_hz)))
     except InputError as error:
-        likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
-        raise error if likely is None else with_mistake(error, likely) from None
+        _refuse_mistake(error, channel_mistake(modal_set, data.channels, [solution.shape[rows]]))
+        raise
+    if matching.uncertain is not None:
+        _refuse_mistake(matching.uncertain, channel_mistake(modal_set, data.channels, [solution.shape[rows]]))
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels, len(g.mates))
                    for g in matching.groups)

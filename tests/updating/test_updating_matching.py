@@ -272,8 +272,8 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
     assert match(clear, stiffer, ROWS, clusters=[(0,), (1,), (2,)]).computed == (0, 1, 2)
     # as near as the other one, it is what it was: no choice is right
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 1.6, 1.7]), shape=shape)
-    with pytest.raises(InputError, match="about as alike"):
-        match(measured, solution, ROWS)
+    found = match(measured, solution, ROWS)
+    assert found.computed == (0, 1) and "mode 3 of set one: two computed modes are about as alike" in found.left_out[0]
 
 
 def test_measured_modes_an_octave_apart_do_not_change_their_partners():
@@ -284,7 +284,7 @@ def test_measured_modes_an_octave_apart_do_not_change_their_partners():
     shape = np.column_stack([axes[0], axes[1], second])
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([134.0, 147.0, 300.0]), shape=shape)
     assert match(modal_set([131.0, 150.0, 295.0], shape), solution, ROWS).computed == (0, 1, 2)
-    # where either could be either, it is said
+    # where either could be either, it is said, and so many of three are too many
     near = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([134.0, 147.0, 170.0]), shape=shape)
     with pytest.raises(InputError, match="about as alike"):
         match(modal_set([131.0, 150.0, 167.0], shape), near, ROWS, clusters=[(0,), (1,), (2,)])
