@@ -1,7 +1,7 @@
 """Damage-equivalent stress ranges and damage of every hot spot at any parameter vector, and their change with it.
 
 All states of sea and wind on all headings are summed by their share of a year; each is stationary and Gaussian, its
-ranges are Dirlik's (or Tovo and Benasciutti's). DEL_m = (T sum_s p_s nu_s E_s[S^m] / N_ref)^(1/m), T a year.
+ranges are Park's (or Dirlik's, or Tovo and Benasciutti's). DEL_m = (T sum_s p_s nu_s E_s[S^m] / N_ref)^(1/m), T a year.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class FatigueModel:
     details: tuple[Detail, ...]
     spots: tuple[HotSpot, ...]
     conditions: Conditions
-    method: str = "dirlik"
+    method: str = "park"
 
     @property
     def parameters(self) -> Parameters:
@@ -90,7 +90,7 @@ class FatigueModel:
         )
 
     def _of_spots(self, moments: np.ndarray) -> np.ndarray:
-        """(..., 4, n_detail, 3, 3) -> (..., 4, n_spot)."""
+        """(..., 14, n_detail, 3, 3) -> (..., 14, n_spot)."""
         at, w = self._weights
         flat = moments.reshape(*moments.shape[:-2], 9)
         outer = (w[:, :, None] * w[:, None, :]).reshape(-1, 9)
@@ -99,7 +99,8 @@ class FatigueModel:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stress:
-    """moments (n_heading, n_state, 4, n_spot) of hot-spot stress in MPa^2 Hz^k, change (n_param, ...) of them."""
+    """moments (n_heading, n_state, 14, n_spot) of hot-spot stress in MPa^2 Hz^k, k of
+    ORDERS, change (n_param, ...) of them."""
 
     owner: FatigueModel
     responses: tuple[Response, ...]
@@ -123,7 +124,7 @@ class Stress:
             raise ValueError("solved without derivatives")
         moments = np.moveaxis(self.moments, 2, 0)
         slope = []
-        for k in range(4):
+        for k in range(len(moments)):
             stepped = moments.astype(complex)
             stepped[k] += 1j * STEP * moments[k]
             slope.append(np.imag(ranges(stepped, self.owner.method).moment(m)) / (STEP * moments[k]))
@@ -152,7 +153,7 @@ def fatigue_model(
     *,
     parameters: Parameters | None = None,
     sensors: tuple[Sensor, ...] | None = None,
-    method: str = "dirlik",
+    method: str = "park",
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> FatigueModel:
     """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one, with
@@ -183,7 +184,7 @@ def fatigue_model_of(
     *,
     parameters: Parameters | None = None,
     sensors: tuple[Sensor, ...] | None = None,
-    method: str = "dirlik",
+    method: str = "park",
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> FatigueModel:
     """Of a model's file: a model.toml, or the TOML of a SubDyn model. Raises InputError for models without members."""

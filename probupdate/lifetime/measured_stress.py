@@ -26,7 +26,8 @@ from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
 from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
-from probupdate.lifetime.spectral import rainflow, ranges
+from probupdate.lifetime.modal_stress import paired_moments
+from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -361,7 +362,7 @@ class _Group:
         self._smoothers: dict[tuple[int, ...], tuple[Smoother, np.ndarray]] = {}
 
     def _smoother(self, whole: np.ndarray, lines: np.ndarray) -> tuple[Smoother, np.ndarray]:
-        """With what is unresolved of the moments (4, n_detail, 3, 3); learnt of all blocks with these channels whole,
+        """With what is unresolved of the moments (14, n_detail, 3, 3); learnt of all blocks with these channels whole,
         else of the block itself."""
         key = tuple(whole.tolist())
         if key not in self._smoothers:
@@ -389,7 +390,7 @@ class _Group:
             exponent=frozen_array(np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)))
 
     def _of_spots(self, moments: np.ndarray) -> np.ndarray:
-        """(4, n_detail, 3, 3) -> (4, n_spot)."""
+        """(14, n_detail, 3, 3) -> (14, n_spot)."""
         at, w = weights(self.work.spots)
         return np.einsum("ksij,si,sj->ks", moments[:, at], w, w, optimize=True)
 
@@ -452,7 +453,7 @@ class _Group:
 
     def _counted(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
         f = self.of.frequency_hz
-        moments = np.array([np.sum(f**k * np.abs(of_spots) ** 2, axis=1) for k in (0, 1, 2, 4)]) * (f[1] - f[0])
+        moments = np.array([np.sum(f**k * np.abs(of_spots) ** 2, axis=1) for k in ORDERS]) * (f[1] - f[0])
         ten = round(TEN_MINUTES_S * rate)
         found = []
         for j, k in enumerate(worst):
@@ -474,18 +475,15 @@ def _spread(planned: Sequence[_Planned], n: int) -> list[_Planned]:
 
 
 def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(4, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
-    z = stress.reshape(-1, 3, len(f))
-    both = np.concatenate([np.real(z), np.imag(z)], axis=2)
-    step = f[1] - f[0]
-    return np.array([step * np.matmul(both * np.tile(f**k, 2), both.transpose(0, 2, 1)) for k in (0, 1, 2, 4)])
+    """(14, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
+    return paired_moments(stress, (f[1] - f[0]) * f ** np.array(ORDERS)[:, None])
 
 
 def _unresolved(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:
-    """(4, n_detail, 3, 3) moments of what the readings do not resolve, by each sixth line."""
+    """(14, n_detail, 3, 3) moments of what the readings do not resolve, by each sixth line."""
     f = one.of.frequency_hz
     lines = np.arange(0, len(f), every)
-    step, total = f[1] - f[0], np.zeros((4, n_detail, 3, 3))
+    step, total = f[1] - f[0], np.zeros((len(ORDERS), n_detail, 3, 3))
     # what a line stands for
     width = np.minimum(every, len(f) - lines) * step
     for start in range(0, len(lines), 128):
@@ -494,6 +492,6 @@ def _unresolved(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:
         n, rows, i = T.shape
         left = np.matmul(T, one.unresolved(own)).reshape(n, n_detail, 3, i)
         density = np.real(np.matmul(left, np.conj(T.reshape(n, n_detail, 3, i).transpose(0, 1, 3, 2))))
-        weight = width[start : start + 128] * f[own] ** np.array([0, 1, 2, 4])[:, None]
+        weight = width[start : start + 128] * f[own] ** np.array(ORDERS)[:, None]
         total += np.einsum("kn,ndij->kdij", weight, density, optimize=True)
     return total

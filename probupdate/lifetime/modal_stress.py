@@ -9,6 +9,9 @@ import numpy as np
 
 # modes nearer than this, relative, are a pair
 CLOSE = 0.1
+# of the three nominal stresses
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIR_OF = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,6 +77,15 @@ def times(real, x: np.ndarray) -> np.ndarray:
     n = x.shape[1]
     both = np.asarray(real @ np.hstack([np.real(x), np.imag(x)]))
     return both[:, :n] + 1j * both[:, n:]
+
+
+def paired_moments(z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(n, n_detail, 3, 3) sums over lines of Re(z_i conj z_j) times each of n weights (n, n_line); z (3 n_detail,
+    n_line)."""
+    z = z.reshape(-1, 3, z.shape[-1])
+    pairs = np.stack([z[:, i].real * z[:, j].real + z[:, i].imag * z[:, j].imag for i, j in PAIRS], axis=1)
+    found = (pairs.reshape(-1, z.shape[-1]) @ weights.T).reshape(*pairs.shape[:2], -1)
+    return found[:, PAIR_OF].transpose(3, 0, 1, 2)
 
 
 def shared_damping(frequency, labels: Sequence[str], damping: Mapping[str, float], assumed: np.ndarray) -> np.ndarray:

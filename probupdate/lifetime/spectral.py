@@ -1,7 +1,8 @@
 """Fatigue damage of stationary Gaussian stress from its spectral moments, and by rainflow counting of a record.
 
-Dirlik, Application of Computers in Fatigue Analysis (PhD thesis, Warwick 1985); Benasciutti & Tovo, Int. J. Fatigue 27
-(2005) 867-877; counting after ASTM E1049-85, three points, what is left over as half cycles.
+Park, Choung & Kim, Ocean Engineering 76 (2014) 144-151; Dirlik, Application of Computers in Fatigue Analysis (PhD
+thesis, Warwick 1985); Benasciutti & Tovo, Int. J. Fatigue 27 (2005) 867-877; counting after ASTM E1049-85, three
+points, what is left over as half cycles.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from scipy.special import gamma, gammainc, gammaincc
 from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
 
-METHODS = ("dirlik", "tovo-benasciutti")
-# a spectrum with an irregularity factor above it is narrow: Dirlik's fit divides zero by zero there
+METHODS = ("park", "dirlik", "tovo-benasciutti")
+# of spectral moments: Dirlik's and Tovo and Benasciutti's four first, then what Park's bandwidths take
+ORDERS = (0, 1, 2, 4, 0.54, 1.08, 0.93, 1.86, 0.95, 1.9, 1.95, 3.9, 1.97, 3.94)
+# a spectrum with an irregularity factor above it is narrow: the fits divide zero by zero there
 NARROW = 0.9999
 
 
@@ -48,7 +51,8 @@ class Curve:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ranges:
     """The distribution of rainflow ranges as a sum of parts: rate (...,) in Hz of all cycles; part k has the share
-    weight[k] (...,) and is exponential (kind 'e', mean scale) or Rayleigh (kind 'r', of parameter scale), in ranges."""
+    weight[k] (...,) and is exponential (kind 'e', mean scale), Rayleigh ('r', of parameter scale) or
+    half-Gaussian ('g', scale that of the whole), in ranges."""
 
     rate: np.ndarray
     weight: tuple[np.ndarray, ...]
@@ -59,7 +63,7 @@ class Ranges:
         """(...,) E[S^m; low < S < high] times the rate: per second."""
         total = 0.0
         for weight, scale, kind in zip(self.weight, self.scale, self.kind, strict=True):
-            total = total + weight * (_exponential if kind == "e" else _rayleigh)(scale, m, low, high)
+            total = total + weight * _MOMENT[kind](scale, m, low, high)
         return self.rate * total
 
     def damage(self, curve: Curve, factor: float | np.ndarray = 1.0) -> np.ndarray:
@@ -80,6 +84,15 @@ def _rayleigh(scale, m, low, high):
     return (np.sqrt(2) * scale) ** m * gamma(1 + m / 2) * share
 
 
+def _half_gaussian(scale, m, low, high):
+    half = 0.5 * (1 + m)
+    share = _share(half, 0.5 * _over(low, scale) ** 2, 0.5 * _over(high, scale) ** 2)
+    return (np.sqrt(2) * scale) ** m * gamma(half) / np.sqrt(np.pi) * share
+
+
+_MOMENT = {"e": _exponential, "r": _rayleigh, "g": _half_gaussian}
+
+
 def _over(limit: float, scale):
     # a complex step does not meet limits
     return limit if limit in (0.0, np.inf) else limit / scale
@@ -94,14 +107,42 @@ def _share(order: float, low, high):
 
 
 def moments(frequency_hz: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
-    """m_0, m_1, m_2, m_4 (4, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in
+    """Those of ORDERS (14, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in
     Hz."""
-    return np.array([np.trapezoid(frequency_hz**k * spectrum, frequency_hz, axis=-1) for k in (0, 1, 2, 4)])
+    return np.array([np.trapezoid(frequency_hz**k * spectrum, frequency_hz, axis=-1) for k in ORDERS])
+
+
+def park(m: np.ndarray) -> Ranges:
+    """Park's ranges from m (14, ...) of ORDERS, real or complex: a half-Gaussian and two Rayleigh distributions with
+    the first three moments of normalised ranges that products of bandwidths m_k / sqrt(m_0 m_2k) give. Of slow wind
+    beside swell and a resonance its damage is within 12 % of rainflow counts where Dirlik's is 30 % off
+    (studies/lifetime)."""
+    m = _positive(m, len(ORDERS))
+    m0, m2, m4 = m[[0, 2, 3]]
+    # roots one by one: of no stress products of moments are below the least number
+    bandwidth = m[4::2] / (np.sqrt(m0) * np.sqrt(m[5::2]))
+    irregular = m2 / (np.sqrt(m0) * np.sqrt(m4))
+    narrow = irregular.real > NARROW
+    g = np.where(narrow, 0.5, irregular)
+    second, third = bandwidth[2] * bandwidth[4], bandwidth[0] * bandwidth[1] * bandwidth[3]
+    c1, c2 = (second - third) / (g**2 * (1 - g)), (third - g * second) / (1 - g)
+    c0 = 1 - c1 - c2
+    # of next to no cycles it may come out below zero, where only its modulus has a meaning
+    rest = np.pi / 2 * (g - c1 * g - c2) / np.where(narrow, 1.0, c0)
+    rest = np.where(rest.real < 0, -rest, rest)
+    two, one, zero = 2 * np.sqrt(m0), np.ones_like(g), np.zeros_like(g)
+    return Ranges(
+        rate=np.sqrt(m4 / m2),
+        kind=("g", "r", "r"),
+        weight=(np.where(narrow, zero, c0), np.where(narrow, zero, c1), np.where(narrow, one, c2)),
+        scale=(two * rest, two * g, two * one),
+    )
 
 
 def dirlik(m: np.ndarray) -> Ranges:
-    """Dirlik's ranges from m (4, ...) = m_0, m_1, m_2, m_4, real or complex. The range is Z = S / (2 sqrt(m_0))."""
-    m0, m1, m2, m4 = _positive(m)
+    """Dirlik's ranges from m (4 or more, ...) = m_0, m_1, m_2, m_4, real or complex. The range is Z = S / (2
+    sqrt(m_0))."""
+    m0, m1, m2, m4 = _positive(m)[:4]
     irregular, mean = m2 / np.sqrt(m0 * m4), m1 / m0 * np.sqrt(m2 / m4)
     narrow = irregular.real > NARROW
     g = np.where(narrow, 0.5, irregular)
@@ -124,8 +165,8 @@ def dirlik(m: np.ndarray) -> Ranges:
 
 
 def tovo_benasciutti(m: np.ndarray) -> Ranges:
-    """From m (4, ...): b of level crossings and 1 - b of ranges, with b of their eq. 2005 (alpha_1, alpha_2)."""
-    m0, m1, m2, m4 = _positive(m)
+    """From m (4 or more, ...): b of level crossings and 1 - b of ranges, with b of 2005 (alpha_1, alpha_2)."""
+    m0, m1, m2, m4 = _positive(m)[:4]
     # alpha_1 of the moments up to the second
     a1, a2 = m1 / np.sqrt(m0 * m2), m2 / np.sqrt(m0 * m4)
     narrow = a2.real > NARROW
@@ -141,22 +182,22 @@ def tovo_benasciutti(m: np.ndarray) -> Ranges:
     )
 
 
-def _positive(m: np.ndarray) -> np.ndarray:
+def _positive(m: np.ndarray, least: int = 4) -> np.ndarray:
     m = np.asarray(m)
-    if m.shape[0] != 4 or not np.all(np.isfinite(m)) or np.any(np.real(m) <= 0):
+    if m.shape[0] < least or not np.all(np.isfinite(m)) or np.any(np.real(m) <= 0):
         raise InputError(
             "spectral moments",
-            "m_0, m_1, m_2, m_4 are not all finite and positive",
+            f"the {least} that are needed are not all finite and positive",
             "check the stress spectrum: it must not be zero, nor reach to 0 Hz alone",
         )
     return m if np.iscomplexobj(m) else m.astype(float)
 
 
-def ranges(m: np.ndarray, method: str = "dirlik") -> Ranges:
-    """Distribution of rainflow ranges from moments m (4, ...) by `method` of METHODS."""
+def ranges(m: np.ndarray, method: str = "park") -> Ranges:
+    """Distribution of rainflow ranges from moments m (14, ...) of ORDERS by `method` of METHODS."""
     if method not in METHODS:
         raise InputError("method", f"'{method}' is unknown", f"choose from {', '.join(METHODS)}")
-    return dirlik(m) if method == "dirlik" else tovo_benasciutti(m)
+    return dict(zip(METHODS, (park, dirlik, tovo_benasciutti), strict=True))[method](m)
 
 
 def gaussian_record(

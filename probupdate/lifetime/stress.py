@@ -25,7 +25,8 @@ from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail
-from probupdate.lifetime.modal_stress import ModalStress, Slopes, times
+from probupdate.lifetime.modal_stress import ModalStress, Slopes, paired_moments, times
+from probupdate.lifetime.spectral import ORDERS
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -63,9 +64,6 @@ BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 DYNAMIC_HZ, WAVE_TOLERANCE = 12.0, 1e-7
 # (lowest frequency over that of a mode)^2 from which it is without mass
 MASSLESS = 1e-14
-# of the three nominal stresses
-PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-PAIR_OF = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 LABELLED = 10
 # modes whose eigenvalues differ by less than this, relative, are equal but for rounding
 EQUAL = 1e-9
@@ -127,9 +125,9 @@ class Case:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Response:
-    """At one parameter vector: frequency_hz (n_mode,); moments (n_case, 4, n_detail, 3, 3) in MPa^2 Hz^k, k = 0, 1, 2,
-    4, of nominal axial and bending stress at crown and saddle; with derivatives change (n_param, n_case, 4, n_detail,
-    3, 3)."""
+    """At one parameter vector: frequency_hz (n_mode,); moments (n_case, 14, n_detail, 3, 3) in MPa^2 Hz^k, k of
+    `spectral.ORDERS`, of nominal axial and bending stress at crown and saddle; with derivatives change (n_param,
+    n_case, 14, n_detail, 3, 3)."""
 
     frequency_hz: np.ndarray
     moments: np.ndarray
@@ -417,7 +415,7 @@ class StressModel:
         return np.array(stress), np.array([hub @ x for x in X])
 
     def _of_cases(self, m: ModalStress, rest, numbers: Sequence[int], rates) -> list[np.ndarray]:
-        """Moments (4, n_detail, 3, 3) of cases with the same modes."""
+        """Moments (14, n_detail, 3, 3) of cases with the same modes."""
         wet, w2 = self._wet, m.omega**2
         by_hub, hub_by = rest[0][:, :, 0], rest[1][:, 0]
         alone = m.hub[:, None] / m.plain
@@ -501,20 +499,17 @@ class StressModel:
         return Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
 
     def _line_weights(self, n: int) -> np.ndarray:
-        """(4, n) of f^0, f^1, f^2, f^4 by trapezoids."""
+        """(14, n) of f to the power of ORDERS by trapezoids."""
         f = self.frequency_hz[:n]
-        return np.convolve(np.diff(f), [0.5, 0.5]) * f ** np.array([0, 1, 2, 4])[:, None]
+        return np.convolve(np.diff(f), [0.5, 0.5]) * f ** np.array(ORDERS)[:, None]
 
     def _moments(self, z: np.ndarray, density: np.ndarray) -> np.ndarray:
-        """(n, 4, n_detail, 3, 3) sums of f^k Re(z_i conj z_j) times each of n densities (n, n_frequency)."""
-        z = z.reshape(len(self.details), 3, -1)
-        pairs = np.stack([z[:, i].real * z[:, j].real + z[:, i].imag * z[:, j].imag for i, j in PAIRS], axis=1)
-        weights = self._line_weights(z.shape[-1]) * density[:, None]
-        found = (pairs.reshape(-1, z.shape[-1]) @ weights.reshape(-1, z.shape[-1]).T).reshape(*pairs.shape[:2], -1, 4)
-        return found[:, PAIR_OF].transpose(3, 4, 0, 1, 2)
+        """(n, 14, n_detail, 3, 3) sums of f^k Re(z_i conj z_j) times each of n densities (n, n_frequency)."""
+        weights = self._line_weights(z.shape[1]) * density[:, None]
+        return paired_moments(z, weights.reshape(-1, z.shape[1])).reshape(len(density), len(ORDERS), -1, 3, 3)
 
     def _change(self, z: np.ndarray, density: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(4, n_detail, 3, 3) change of the moments with that of z."""
+        """(14, n_detail, 3, 3) change of the moments with that of z."""
         weights = self._line_weights(z.shape[1]) * density
         a, b = (x.reshape(len(self.details), 3, -1) for x in (change, z))
         one = np.real(np.einsum("dif,kf,djf->kdij", a, weights, np.conj(b), optimize=True))

@@ -102,7 +102,7 @@ def test_ten_minute_records_with_slow_wind_are_counted_alike(validation):
     record = gaussian_record(f, spectrum, rate_hz=rate, n_sample=120 * n, rng=np.random.default_rng(2))
     row = validation(what="damage-equivalent range with wind from 1/600 Hz, m = 3 and 5",
                      reference="rainflow counts of twenty hours in ten-minute pieces",
-                     why="Dirlik's fit, half cycles of a piece, twenty hours")
+                     why="Park's fit, half cycles of a piece, twenty hours")
     found = model.solve(model.parameters.initial)
     for m in (3.0, 5.0):
         counted = sum(float(np.sum(count * size**m)) for size, count in map(rainflow, record.reshape(-1, n)))

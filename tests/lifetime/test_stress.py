@@ -288,7 +288,7 @@ def test_static_rest_of_high_modes_and_all_modes_agree(whole, validation):
 def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, validation):
     checked = validation(what="range from the thrust's spectrum, m = 3 and 5",
                          reference="a record integrated in time, counted",
-                         why="four hours of a mode at 0.5 Hz with 2 %, Dirlik's fit")
+                         why="four hours of a mode at 0.5 Hz with 2 %, Park's fit")
     # thrust alone on the idling turbine, integrated in time mode by mode with exact steps, counted
     one = whole.models[0]
     f = one.frequency_hz
@@ -329,12 +329,12 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, valid
     only = model(lambda raw: [s.update(hs_m=1e-6) for s in raw["state"]])
     spectral = only.models[0].solve(theta, {})
     tensor = spectral.moments[0, :, at]
-    from probupdate.lifetime.spectral import dirlik
+    from probupdate.lifetime.spectral import park
 
-    own = dirlik(np.einsum("i,kij,j->k", weight, tensor, weight))
+    own = park(np.einsum("i,kij,j->k", weight, tensor, weight))
     for power in (3, 5):
         counted = (np.sum(count * cycles**power) / span) ** (1 / power)
-        # four hours of a mode at 0.5 Hz with 2 %: standard error of the range about 3 %, Dirlik's fit 3 %
+        # four hours of a mode at 0.5 Hz with 2 %: standard error of the range about 3 %, Park's fit 3 %
         checked.error(float(own.moment(power)) ** (1 / power) / counted - 1, below=0.08)
 
 

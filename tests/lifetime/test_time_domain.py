@@ -17,7 +17,7 @@ MONOPILE = 3
 def test_annual_damage_is_that_of_stresses_in_time(ops, validation):
     row = validation(what="annual damage of a drawn monopile's worst ten spots, two states",
                      reference="OpenSees' K and M integrated in time, ten-minute pieces counted",
-                     why="mesh, lumped soil, Dirlik's fit")
+                     why="mesh, lumped soil, Park's fit")
     found = time_domain.run(MONOPILE, batches=1, count=rainflow)
     assert max(np.array(found["error"]) / found["counted"]) < 0.02
     row.error(np.array(found["damage"]) / found["counted"] - 1, below=0.1)
