@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 
 # room -> floor; a module may import rooms of a lower floor, and its own
 FLOOR = {
-    "errors": 0, "runtime": 0.1, "io": 0.2, "model": 0.3, "modal": 0.4,
+    "errors": 0, "runtime": 0.1, "io": 0.2, "model": 0.3, "evidence": 0.35, "modal": 0.4,
     "structure": 1, "campaign": 1, "virtual": 1,
     "effects": 2, "identification": 2, "updating": 3,
     "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9,

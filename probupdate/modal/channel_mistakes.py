@@ -8,17 +8,20 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.special import gammaln
 
+from probupdate.evidence.directions import chosen, log_evidence
 from probupdate.modal.matching import assign, close_clusters
 from probupdate.modal.sets import ModalSet
 from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 
-# mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
-# share; and how much worse others must be, or they explain as much
-FAR_LOSS, EXPLAINED_SHARE, DISTINCT = 0.05, 0.3, 2.0
-# mean of 1 - MAC from which another order of all channels is looked for, and turns in which order and signs of the
-# modes are found
-OTHER_ORDER, TURNS = 0.4, 3
+# probabilities before, of a reversed channel, of an exchange and of another order among all, of a channel that moves by
+# something of its own (its place, a motion that the model lacks): over that of channels as they should be
+REVERSED, EXCHANGED, REORDERED, OWN_MOTION = 0.05, 0.05, 0.01, 0.05
+# a model's errors are alike in its modes: each counts for so much of one by itself
+INDEPENDENT = 0.7
+# turns in which order and signs of the modes are found
+TURNS = 3
 # more candidates than so many are no explanation
 MOST_CANDIDATES = 3
 # every pair of so many channels is tried; of more, pairs of those whose components are farthest from the model's
@@ -70,25 +73,83 @@ def _by_words(channels: tuple[str, ...]) -> str:
 def channel_mistake(
     modal_set: ModalSet, channels: Sequence[str], computed: Sequence[np.ndarray]
 ) -> ChannelMistake | None:
-    """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. None where
-    the shapes are alike, or no single change makes them so."""
+    """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. A change
+    is named where it, or few that explain as much, is as good as certain beside channels as they should be and beside
+    one that moves by something of its own, whatever the model's error (`evidence.directions`); else None."""
     shape, clusters = _real_shapes(modal_set)
     if shape.shape[1] < 2 or len(channels) < 3:
         return None
-    best: ChannelMistake | None = None
+    best: tuple[float, ChannelMistake] | None = None
     for model in computed:
-        found = (_single_change(shape, clusters, tuple(channels), model)
-                 or _in_another_order(shape, clusters, tuple(channels), model))
-        if found is not None and (best is None or found.mac_after > best.mac_after):
-            best = found
-    return best
+        tried = _changes(shape, clusters, tuple(channels), model)
+        choice = chosen([t.log for t in tried], [t.channels != () for t in tried])
+        if not choice or len(choice) > MOST_CANDIDATES:
+            continue
+        first = tried[choice[0]]
+        if best is None or first.log > best[0]:
+            best = first.log, ChannelMistake(candidates=tuple(tried[k].channels for k in choice),
+                                             mac_before=tried[0].mac, mac_after=first.mac)
+    return best and best[1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Change:
+    """log: ln probability up to a constant; mac: mean over the modes; order (n_channel,) of the rows; channels: their
+    names, none where nothing is named."""
+
+    log: float
+    mac: float
+    order: np.ndarray
+    channels: tuple[str, ...] = ()
+
+
+def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> list[_Change]:
+    """Every change, the first: none."""
+    as_is = np.arange(len(channels))
+
+    def of(changed: np.ndarray, odds: float, names=(), order=as_is, own: int | None = None) -> _Change:
+        log, mean = _evidence(changed[order], clusters, model, own)
+        return _Change(log=log + np.log(odds), mac=mean, order=order, channels=names)
+
+    n, pairs = len(channels), list(combinations(_channels_tried(shape, clusters, model), 2))
+    found = [of(shape, 1.0)]
+    for i in as_is:
+        found += [of(_reversed(shape, i), REVERSED / n, (channels[i],)), of(shape, OWN_MOTION / n, own=i)]
+    found += [of(shape, EXCHANGED / len(pairs), (channels[i], channels[j]), _exchanged(as_is, i, j)) for i, j in pairs]
+
+    def ordered(order: np.ndarray) -> _Change:
+        names = tuple(channels[k] for k in np.argsort(order))
+        return of(shape, REORDERED * np.exp(-gammaln(n + 1)), names, order)
+
+    # an order is found where none beside it, with two more exchanged, explains as much
+    orders, best, last = {}, ordered(_order(shape, model)), None
+    while best.log > found[0].log and best is not last:
+        last = best
+        orders |= {c.channels: c for c in (best, *(ordered(_exchanged(best.order, i, j)) for i, j in pairs))}
+        best = max(orders.values(), key=lambda c: c.log)
+    # one exchange is no other order
+    return found + [c for c in orders.values() if np.sum(c.order != as_is) > 2]
+
+
+def _evidence(shape, clusters, model, own: int | None = None) -> tuple[float, float]:
+    """ln evidence that every mode is one of the model's own, channel `own` aside, and the mean MAC."""
+    rank = np.array([len(next(c for c in clusters if j in c)) for j in range(shape.shape[1])])
+    n, part = np.sum(np.isfinite(shape), axis=0), np.ones(len(rank))
+    if own is not None:
+        part -= np.nan_to_num(shape[own]) ** 2 / np.nansum(shape**2, axis=0)
+        rank = rank + np.isfinite(shape[own])
+        shape = shape.copy()
+        shape[own] = np.nan
+    _, value = _best_pairing(shape, clusters, model)
+    log = log_evidence(part * (1 - value), n, rank, count=INDEPENDENT)
+    return float(log), float(np.mean(value))
 
 
 def shape_agreement(modal_set: ModalSet, computed: np.ndarray) -> float:
     """Mean MAC of the set's modes, each with one of computed (n_channel, n_mode) of its own; NaN where none has three
     components."""
     shape, clusters = _real_shapes(modal_set)
-    return 1 - _loss(shape, clusters, computed) if shape.shape[1] else float("nan")
+    return float(np.mean(_best_pairing(shape, clusters, computed)[1])) if shape.shape[1] else float("nan")
 
 
 def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
@@ -120,53 +181,29 @@ def _real_shapes(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
     return shape[:, used], [c for c in clusters if c]
 
 
-def _single_change(shape, clusters, channels, model) -> ChannelMistake | None:
-    before = _loss(shape, clusters, model)
-    if not before > FAR_LOSS:
-        return None
-    loss: dict[tuple[str, ...], float] = {(channels[i],): _loss(_reversed(shape, i), clusters, model)
-                                          for i in range(len(channels))}
-    for i, j in combinations(_channels_tried(shape, clusters, model), 2):
-        order = np.arange(len(channels))
-        order[[i, j]] = j, i
-        loss[channels[i], channels[j]] = _loss(shape[order], clusters, model)
-    ranked = sorted(loss, key=loss.__getitem__)
-    least = loss[ranked[0]]
-    alike = [c for c in ranked if loss[c] < DISTINCT * least + 1e-3]
-    if least > EXPLAINED_SHARE * before or len(alike) > MOST_CANDIDATES:
-        return None
-    return ChannelMistake(candidates=tuple(alike), mac_before=1 - before, mac_after=1 - least)
-
-
-def _in_another_order(shape, clusters, channels, model) -> ChannelMistake | None:
-    """All channels in the order in which each moves most as its name does in the model, the modes paired as they stand
-    in both: where shapes are a model's by nothing but their order, the lowest modes are the lowest."""
-    before = _loss(shape, clusters, model)
+def _order(shape: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """(n_channel,) all channels in the order in which each moves most as its name does in the model, the modes paired
+    as they stand in both: where shapes are a model's by nothing but their order, the lowest modes are the lowest."""
     n = min(shape.shape[1], model.shape[1])
-    if not before > OTHER_ORDER or n < 2:
-        return None
     unit = [np.nan_to_num(a[:, :n]) / np.maximum(np.linalg.norm(np.nan_to_num(a[:, :n]), axis=0), 1e-300)
             for a in (shape, model)]
     order = assign(np.abs(unit[1]) @ np.abs(unit[0]).T)
     for _ in range(TURNS):
         sign = np.sign(np.sum(unit[0][order] * unit[1], axis=0))
         order = assign((unit[1] * sign) @ unit[0].T)
-    after = _loss(shape[order], clusters, model)
-    if after > FAR_LOSS:
-        return None
-    return ChannelMistake(candidates=(tuple(channels[np.flatnonzero(order == k)[0]] for k in range(len(channels))),),
-                          mac_before=1 - before, mac_after=1 - after)
+    return order
+
+
+def _exchanged(order: np.ndarray, i: int, j: int) -> np.ndarray:
+    changed = order.copy()
+    changed[[i, j]] = order[[j, i]]
+    return changed
 
 
 def _reversed(shape: np.ndarray, channel: int) -> np.ndarray:
     changed = shape.copy()
     changed[channel] *= -1
     return changed
-
-
-def _loss(shape: np.ndarray, clusters: list[list[int]], model: np.ndarray) -> float:
-    """Mean of 1 - MAC over the modes, each with a computed mode of its own."""
-    return float(1 - np.mean(_best_pairing(shape, clusters, model)[1]))
 
 
 def _best_pairing(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import identify
 from probupdate.identification.settings import IdentificationSettings
-from probupdate.modal.channel_mistakes import FAR_LOSS, ChannelMistake, channel_mistake, shape_agreement, signed_comac
+from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake, shape_agreement, signed_comac
 from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
@@ -27,6 +27,8 @@ from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
 MOST_BLOCKS, PERSISTENT = 24, 0.5
 # signed coordinate MAC from which a channel moves the other way, and share of the blocks in which it does
 OPPOSITE = 0.8
+# mean of 1 - MAC from which shapes are said to be far from the model's
+FAR_LOSS = 0.05
 # modes of the model beyond the measured ones that are searched
 SEARCH = 10
 
