@@ -24,7 +24,7 @@ from probupdate.lifetime.conditions import Conditions, _keys
 from probupdate.modal.modes import read_modes
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
 from probupdate.structure.description import Description as TurbineDescription
-from probupdate.structure.description_file import _tables
+from probupdate.structure.description_file import nested_tables
 from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 from probupdate.structure.parameter_table import KEYS, parameter_from_table
@@ -380,7 +380,7 @@ def test_the_format_of_a_turbine_names_every_key():
     def names(table):
         for key, field in table.model_fields.items():
             yield key
-            for inner in _tables(field.annotation):
+            for inner in nested_tables(field.annotation):
                 yield from names(inner)
 
     page = text(MODEL)

@@ -100,7 +100,7 @@ def _kept_words(program: str) -> str:
 
 
 @contextlib.contextmanager
-def _warned(program: str) -> Iterator[None]:
+def _short_warnings(program: str) -> Iterator[None]:
     """Warnings of this program in one line, as its errors are."""
     before = warnings.showwarning
 
@@ -117,7 +117,7 @@ def _warned(program: str) -> Iterator[None]:
         warnings.showwarning = before
 
 
-def _unused(a: argparse.Namespace) -> list[str]:
+def _list_unused(a: argparse.Namespace) -> list[str]:
     """Of the model that a command opens, what its files hold without effect; `modes` lists all of it by itself."""
     model, run = getattr(a, "model", None), getattr(a, "run", None)
     if a.verb == "modes" or not (model or run):
@@ -146,8 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if a.out:
                 refuse_unwritable(a.out, folder=writes_folder(a))
                 refuse_overwriting(a.verb, a.out, given_paths(a))
-            with terminal_progress() as progress, _warned(program):
-                for note in _unused(a):
+            with terminal_progress() as progress, _short_warnings(program):
+                for note in _list_unused(a):
                     complain(f"{program}: {note}")
                 a.action(a, progress)
     except InputError as error:

@@ -113,12 +113,12 @@ def run_figures(a: argparse.Namespace, progress: Progress) -> None:
 
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
-    _of_records(verb)
-    _of_poles(verb)
-    _of_modes(verb)
+    _add_records(verb)
+    _add_poles(verb)
+    _add_modes(verb)
 
 
-def _of_records(verb: AddCommand) -> None:
+def _add_records(verb: AddCommand) -> None:
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF, "
              "TDMS, MDF, miniSEED, SAC, WAV) into a campaign; modes and poles of other programs into a "
              "modes.json; both to universal files")
@@ -143,7 +143,7 @@ def _of_records(verb: AddCommand) -> None:
     p.add_argument("--out", help="write the findings as JSON too")
 
 
-def _of_poles(verb: AddCommand) -> None:
+def _add_poles(verb: AddCommand) -> None:
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
@@ -182,7 +182,7 @@ def _of_poles(verb: AddCommand) -> None:
     p.add_argument("--rate", type=positive(float, "Hz"), help="of a campaign: sampling rate after decimation in Hz")
 
 
-def _of_modes(verb: AddCommand) -> None:
+def _add_modes(verb: AddCommand) -> None:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")

@@ -71,19 +71,19 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     _refuse_target(path)
     with errors_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _tidied(path.parent.absolute())
+        _remove_remains(path.parent.absolute())
         # a name may have 255 bytes
         short = os.fsdecode(os.fsencode(path.name)[:120])
         part = path.with_name(f"{short}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
     try:
         with errors_named(path):
             yield part
-            _to_disk(part)
+            _sync_folder(part)
             if path.exists():
                 with contextlib.suppress(OSError):
                     shutil.copymode(path, part)
             os.replace(part, path)
-            _to_disk(path.parent)
+            _sync_folder(path.parent)
     finally:
         with contextlib.suppress(OSError):
             part.unlink()
@@ -118,20 +118,20 @@ def write_json_rows(
     with written_whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         stream.write("{")
         for name, value in before.items():
-            stream.write(f"\n {json.dumps(name)}: {_indented(value, 1)},")
+            stream.write(f"\n {json.dumps(name)}: {_indent_json(value, 1)},")
         stream.write(f"\n {json.dumps(key)}: [")
         count = 0
         for row in rows:
-            stream.write(f"{',' if count else ''}\n  {_indented(row, 2)}")
+            stream.write(f"{',' if count else ''}\n  {_indent_json(row, 2)}")
             count += 1
         stream.write("\n ]" if count else "]")
         for name, value in after.items():
-            stream.write(f",\n {json.dumps(name)}: {_indented(value, 1)}")
+            stream.write(f",\n {json.dumps(name)}: {_indent_json(value, 1)}")
         stream.write("\n}")
     return Path(path)
 
 
-def _indented(value: object, depth: int) -> str:
+def _indent_json(value: object, depth: int) -> str:
     # no text of JSON has a line break of its own
     return json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n" + " " * depth)
 
@@ -150,13 +150,13 @@ def write_table(path: str | Path, frame: Any, float_format: str | None = "%.6g")
     safe = frame.copy(deep=False)
     for column in safe:
         if safe[column].dtype.kind not in "biufcmM":
-            safe[column] = safe[column].map(_no_formula)
-    safe.columns = [_no_formula(c) for c in safe.columns]
+            safe[column] = safe[column].map(_escape_formula)
+    safe.columns = [_escape_formula(c) for c in safe.columns]
     text = safe.to_csv(index=False, float_format=float_format, lineterminator="\n")
     return write_text(path, text)
 
 
-def _no_formula(cell: Any) -> Any:
+def _escape_formula(cell: Any) -> Any:
     return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
 
 
@@ -197,7 +197,7 @@ def _alive(process: int) -> bool:
 
 
 @functools.cache
-def _tidied(folder: Path) -> None:
+def _remove_remains(folder: Path) -> None:
     """Once a folder and process: an earlier run's remains."""
     remove_stale(folder)
 
@@ -220,7 +220,7 @@ def _refuse_target(path: Path) -> None:
         raise InputError(str(path), f"is {_kind(mode)}, not a file", "name a file")
 
 
-def _to_disk(path: Path) -> None:
+def _sync_folder(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

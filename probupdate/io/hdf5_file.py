@@ -137,7 +137,7 @@ class _Probe:
 
     def ask(self, path: Path, whole: bool) -> str | None:
         with self._lock:
-            child = self._started()
+            child = self._start_probe()
             seconds = SECONDS + int(path.stat().st_size / BYTES_A_SECOND)
             try:
                 line = json.dumps({"path": str(path), "whole": whole, "seconds": seconds}) + "\n"
@@ -154,7 +154,7 @@ class _Probe:
                 return f"the HDF5 library is not done with it after {seconds} s: it is damaged"
             return "the HDF5 library ends on it, or does not come to an end: it is damaged"
 
-    def _started(self) -> subprocess.Popen:
+    def _start_probe(self) -> subprocess.Popen:
         if self._owner != os.getpid():
             # after a fork the child is another process's
             self._child = None

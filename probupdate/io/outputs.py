@@ -29,7 +29,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
     read = {path for text in given for path in belonging(Path(text))}
     folders = [Path(text).resolve() for text in given if _is(Path(text), "is_dir")]
     for target in written_beside(verb, Path(out)):
-        place = _resolved(target)
+        place = _resolve(target)
         if place in read or (verb == "report" and _is(target, "is_file")
                              and target.suffix.lower() not in (".html", ".htm")
                              and any(place.is_relative_to(f) for f in folders)):
@@ -52,13 +52,13 @@ def belonging(path: Path) -> Iterator[Path]:
     """A given path and what is read with it, as they are on the disk."""
     if not _is(path, "exists"):
         return
-    yield _resolved(path)
+    yield _resolve(path)
     if path.is_dir():
-        yield from (_resolved(path / name) for name in CAMPAIGN_FILES)
+        yield from (_resolve(path / name) for name in CAMPAIGN_FILES)
         return
-    yield from (_resolved(path.with_name(f"{path.stem}{ending}")) for ending in MODES_BESIDE if path.suffix == ".json")
+    yield from (_resolve(path.with_name(f"{path.stem}{ending}")) for ending in MODES_BESIDE if path.suffix == ".json")
     if path.suffix in (".npz", ".toml"):
-        yield from (_resolved(path.with_name(name))
+        yield from (_resolve(path.with_name(name))
                     for name in ("parameters.toml", f"{path.stem}.npz", f"{path.stem}.toml"))
     if path.suffix == ".toml":
         try:
@@ -70,10 +70,10 @@ def belonging(path: Path) -> Iterator[Path]:
             named = content.get(key)
             name = named.get("file") if isinstance(named, dict) else None
             if isinstance(name, str) and "\0" not in name:
-                yield _resolved(path.parent / name)
+                yield _resolve(path.parent / name)
 
 
-def _resolved(path: Path) -> Path:
+def _resolve(path: Path) -> Path:
     try:
         return path.resolve()
     except (OSError, RuntimeError):
@@ -93,7 +93,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     lock goes with the process, however it ends."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "writer.lock"
-    descriptor = _locked(folder, path)
+    descriptor = _lock_folder(folder, path)
     try:
         yield
     finally:
@@ -102,7 +102,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _locked(folder: Path, path: Path) -> int:
+def _lock_folder(folder: Path, path: Path) -> int:
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:

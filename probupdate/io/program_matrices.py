@@ -71,10 +71,10 @@ def _triplets(path: Path, offset: int = 1) -> sparse.csc_array:
     rows = np.loadtxt(read_text(path).splitlines(), ndmin=2)
     if rows.shape[1] != 3:
         raise InputError(str(path), f"has {rows.shape[1]} numbers a line, not row, column and value", "write it again")
-    return _placed(path, rows[:, 0] - offset, rows[:, 1] - offset, rows[:, 2])
+    return _assemble_entries(path, rows[:, 0] - offset, rows[:, 1] - offset, rows[:, 2])
 
 
-def _placed(path: Path, row, column, value) -> sparse.csc_array:
+def _assemble_entries(path: Path, row, column, value) -> sparse.csc_array:
     row, column = np.asarray(row), np.asarray(column)
     if not np.all(np.isfinite(value)):
         raise InputError(str(path), "has an entry that is no number", "write it again")
@@ -104,7 +104,7 @@ def _calculix(path: Path) -> ProgramMatrices:
     place = _deck_nodes(deck) if deck.is_file() else None
     printed = path.with_suffix(".dat")
     return ProgramMatrices(
-        stiffness=_sized(K, n), mass=_sized(M, n), node=node, direction=direction, place=place,
+        stiffness=_grow_matrix(K, n), mass=_grow_matrix(M, n), node=node, direction=direction, place=place,
         frequency_hz=_calculix_frequencies(printed) if printed.is_file() else None,
         notes=() if place is not None else (f"{deck.name} does not lie beside it: nodes have no places",))
 
@@ -153,7 +153,7 @@ def _pair(stiffness: Path, mass: Path) -> ProgramMatrices:
         return _abaqus(stiffness, mass)
     K, M = _single_matrix(stiffness), _single_matrix(mass)
     n = max(K.shape[0], M.shape[0])
-    return ProgramMatrices(stiffness=_sized(K, n), mass=_sized(M, n))
+    return ProgramMatrices(stiffness=_grow_matrix(K, n), mass=_grow_matrix(M, n))
 
 
 def _single_matrix(path: Path) -> sparse.csc_array:
@@ -206,7 +206,7 @@ def _pair_of_matrices(path: Path) -> ProgramMatrices | None:
         held, node, direction = _dmig(path)
     else:
         held = _variables(path)
-    K, M = (_matrix_named(held, names) for names in (STIFFNESS, MASS))
+    K, M = (_find_matrix(held, names) for names in (STIFFNESS, MASS))
     if K is None or M is None:
         if len(held) == 1:
             return None
@@ -217,7 +217,7 @@ def _pair_of_matrices(path: Path) -> ProgramMatrices | None:
     return ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction)
 
 
-def _matrix_named(held: dict[str, sparse.csc_array], names: Sequence[str]) -> sparse.csc_array | None:
+def _find_matrix(held: dict[str, sparse.csc_array], names: Sequence[str]) -> sparse.csc_array | None:
     for wanted in names:
         match = [k for k in held if k.lower() == wanted or (len(wanted) > 2 and k.lower().startswith(wanted))]
         if match:
@@ -386,7 +386,7 @@ def _bulk_fields(line: str) -> tuple[str, list[str]] | None:
     return first, [text[k : k + width].strip() for k in range(8, 72, width)]
 
 
-def _sized(matrix: sparse.csc_array, n: int) -> sparse.csc_array:
+def _grow_matrix(matrix: sparse.csc_array, n: int) -> sparse.csc_array:
     """(n, n): trailing rows without entries are not written by all programs."""
     if matrix.shape == (n, n):
         return matrix

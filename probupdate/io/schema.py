@@ -188,7 +188,7 @@ def _type(hint: Any, unbounded: bool = False) -> Any:
 
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if hint is float:
-        return Annotated[float, pydantic.AfterValidator(_any_number if unbounded else _not_infinite)]
+        return Annotated[float, pydantic.AfterValidator(_any_number if unbounded else _check_finite)]
     if hint is str:
         return Annotated[str, pydantic.Field(max_length=LONGEST_TEXT)]
     if hint is np.ndarray:
@@ -213,7 +213,7 @@ def _any_number(value: float) -> float:
     return value
 
 
-def _not_infinite(value: float) -> float:
+def _check_finite(value: float) -> float:
     # NaN passes: it is null
     if abs(value) > LARGEST:
         raise ValueError(f"is beyond {LARGEST:g}")

@@ -255,7 +255,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     if r.at >= len(lines) or not any(words(line) for line in lines[r.at :]):
         notes.append(f"{where}: ends before its OUTPUT section; SubDyn itself will not read it")
     notes += r.passed_over()
-    notes += _unused(where, settings, tables["cable"])
+    notes += _list_unused(where, settings, tables["cable"])
     file = SubDynFile(
         where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,
         members=members, sets={k: rows for k, rows in tables.items() if k not in ("cosine", "mass")},
@@ -559,7 +559,7 @@ def _check_sizes(r: _Reader, file: SubDynFile) -> None:
             r.fail(f"a concentrated mass is {row.values[0]:g} kg", "give zero or more", row.line)
 
 
-def _unused(where: str, settings: Mapping[str, str], cables: Sequence[Row]) -> list[str]:
+def _list_unused(where: str, settings: Mapping[str, str], cables: Sequence[Row]) -> list[str]:
     """What SubDyn does with the structure beyond its stiffness and mass."""
     notes = []
     if any(number(word) for word in settings.get("InitialPosition", "").split()):

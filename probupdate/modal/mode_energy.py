@@ -87,15 +87,15 @@ def _sections(phi, mass, position, direction) -> tuple[np.ndarray, np.ndarray]:
     (pitch) and about x (roll)."""
     width, height = float(np.ptp(position[:, :2], axis=0).max()), float(np.ptp(position[:, 2]))
     on_axis = np.hypot(position[:, 0], position[:, 1]) <= OFF_AXIS * width
-    found = _fitted(phi, mass, position, direction, on_axis, _levels(position[:, 2], SAME_LEVEL * max(width, height)))
+    found = _rigid(phi, mass, position, direction, on_axis, _levels(position[:, 2], SAME_LEVEL * max(width, height)))
     if len(found) < 2 and not on_axis.all():
-        found = _fitted(phi, mass, position, direction, on_axis, _levels(position[:, 2], height / BANDS)) or found
+        found = _rigid(phi, mass, position, direction, on_axis, _levels(position[:, 2], height / BANDS)) or found
     if not found:
         return np.zeros(1), np.zeros((1, 5, phi.shape[1]))
     return np.array(list(found)), np.array(list(found.values()))
 
 
-def _fitted(phi, mass, position, direction, on_axis, level) -> dict[float, np.ndarray]:
+def _rigid(phi, mass, position, direction, on_axis, level) -> dict[float, np.ndarray]:
     found = {}
     least = OFF_AXIS * float(np.ptp(position[:, :2], axis=0).max())
     for z in np.unique(level):
@@ -108,7 +108,7 @@ def _fitted(phi, mass, position, direction, on_axis, level) -> dict[float, np.nd
         across = np.flatnonzero(own & ((direction < 2) | ((direction == 5) & on_axis)))
         section[:3] = _least_squares(
             phi[across], mass[across],
-            np.stack([direction[across] == 0, direction[across] == 1, _turning(position[across], direction[across])],
+            np.stack([direction[across] == 0, direction[across] == 1, _rotation(position[across], direction[across])],
                      axis=1))
         up = np.flatnonzero(own & (direction == 2)) if apart else np.zeros(0, int)
         if len(up) > 1:
@@ -118,7 +118,7 @@ def _fitted(phi, mass, position, direction, on_axis, level) -> dict[float, np.nd
     return found
 
 
-def _turning(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _rotation(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """What a unit rotation about the axis moves: -y along x, x along y, 1 about z."""
     return np.select([direction == 0, direction == 1, direction == 5], [-position[:, 1], position[:, 0], 1.0], 0.0)
 
@@ -149,5 +149,5 @@ def _parts(phi, sections, position, direction) -> np.ndarray:
         parts[family, lift] = arm[:, None] * own[lift, pitch]
         rotates = direction == (4, 3)[family]
         parts[family, rotates] = phi[rotates]
-    parts[2] = _turning(position, direction)[:, None] * own[:, 2]
+    parts[2] = _rotation(position, direction)[:, None] * own[:, 2]
     return parts

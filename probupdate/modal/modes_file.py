@@ -38,7 +38,7 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
             [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
              for row in value], dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{where}, {key}", _not_a_table(value, shape),
+        raise InputError(f"{where}, {key}", _table_mistake(value, shape),
                          "use numbers, null where not measured") from None
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
@@ -54,7 +54,7 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     return array
 
 
-def _not_a_table(value: list, shape: tuple[int, ...]) -> str:
+def _table_mistake(value: list, shape: tuple[int, ...]) -> str:
     """Which row of it is none, or of another length."""
     for row, numbers in enumerate(value, start=1):
         if len(shape) == 2 and not (isinstance(numbers, list) and len(numbers) == shape[1]):

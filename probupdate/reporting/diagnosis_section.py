@@ -54,7 +54,7 @@ def diagnosis_section(run: Run) -> Section | None:
         items.append(Items(title="Notes", statements=tuple(map(typeset_with_stop, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
     if hidden:
-        items.insert(0, _hidden_beside_found(hidden, wording.found_words(content)))
+        items.insert(0, _table_of_hidden_and_found(hidden, wording.found_words(content)))
     if content["findings"]:
         items.append(_findings_table(content["findings"]))
         items.append(_picture(
@@ -64,7 +64,7 @@ def diagnosis_section(run: Run) -> Section | None:
     items += gain_items(content["findings"])
     items += extension_items(content.get("extension"), sampled=run.included and run.posterior is not None)
     if shown:
-        items += _remaining(run, content, shown)
+        items += _remaining_elements(run, content, shown)
     items += _prior_shifts(content, shown)
     items += _measurement(content, shown)
     items += _detectable_sizes(content)
@@ -132,7 +132,7 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
     return [Items(title="What to do", statements=tuple(statements))] if statements else []
 
 
-def _hidden_beside_found(hidden: Sequence[str], found: Sequence[str]) -> Table:
+def _table_of_hidden_and_found(hidden: Sequence[str], found: Sequence[str]) -> Table:
     rows = [(h, typeset(f)) for h, f in zip_longest(hidden, found, fillvalue="-")]
     return Table(caption="Hidden in this virtual campaign, and found by the diagnosis",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
@@ -175,7 +175,7 @@ def _changes(changes: object) -> list[Element]:
 # What remains -------------------------------------------------------------------------------------------------------
 
 
-def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[Element]:
+def _remaining_elements(run: Run, content: Mapping, shown: Mapping) -> list[Element]:
     states = shown["states"]
     both = len(states) > 1
     then = " before and after the findings are included" if both else ""

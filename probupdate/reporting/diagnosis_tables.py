@@ -43,7 +43,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     items: list[Element] = [Items(title="Predictive gain on held-out blocks", statements=tuple(
         typeset_with_stop(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
-                for k, _, g in gained for key in _pairs_of(g)]
+                for k, _, g in gained for key in _before_and_after(g)]
     if measured:
         items.append(Table(caption="Prediction of held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
@@ -57,7 +57,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     return items + _fatigue(gained)
 
 
-def _pairs_of(gain: Mapping) -> list[str]:
+def _before_and_after(gain: Mapping) -> list[str]:
     """Measures that a gain holds before and after."""
     return [key.removesuffix("_before") for key in gain if key.endswith("_before")
             and isinstance(gain.get(f"{key.removesuffix('_before')}_after"), int | float)]
@@ -114,14 +114,14 @@ def extension_items(table: object, *, sampled: bool = False) -> list[Element]:
     estimated = _estimators_table(updated, sampler)
     # what stands in these tables or in the statements need not be listed once more
     known = {"statements"} | ({"added"} if table.get("added") else set())
-    known |= {"before", "after", "joint", "mean_of_blocks"} if _parameters_of(updated) else set()
+    known |= {"before", "after", "joint", "mean_of_blocks"} if _parameters_by_name(updated) else set()
     rest = {k: v for k, v in table.items() if k not in known}
     if estimated and isinstance(sampler, Mapping):
         rest["sampler"] = {k: v for k, v in sampler.items() if k != "parameters"}
-    return [*first, *_taken_in(table.get("added")), *_parameters_beside(table), *estimated, *plain_table(title, rest)]
+    return [*first, *_added(table.get("added")), *_parameter_elements(table), *estimated, *plain_table(title, rest)]
 
 
-def _taken_in(added: object) -> list[Element]:
+def _added(added: object) -> list[Element]:
     """Each finding with its size, and what it is in the extended model."""
     if not isinstance(added, Sequence) or not added:
         return []
@@ -134,13 +134,13 @@ def _taken_in(added: object) -> list[Element]:
         Column(name="included as", number=False)))]
 
 
-def _parameters_of(side: object) -> dict[str, Mapping]:
+def _parameters_by_name(side: object) -> dict[str, Mapping]:
     return {p["name"]: p for p in side.get("parameters", ())} if isinstance(side, Mapping) else {}
 
 
-def _parameters_beside(table: Mapping) -> list[Element]:
+def _parameter_elements(table: Mapping) -> list[Element]:
     """Every parameter in the update of the mean: of the model as it is, and with the findings in it."""
-    before, after = (_parameters_of(table.get(side)) for side in ("before", "after"))
+    before, after = (_parameters_by_name(table.get(side)) for side in ("before", "after"))
     if not after:
         return []
     rows = []

@@ -158,11 +158,11 @@ def _block_values(source: PoleSource, block_id: str) -> dict:
     steady: list[str] = []
     for before, now in zip([None, *every[:-1]], every, strict=True):
         steady += steadiness(before, now)
-    words, label = _judged(source, block, keys, hz)
+    words, label = _judge_poles(source, block, keys, hz)
     listed = list(dict.fromkeys(words))
     std = source.std if block_id == source.first and source.std else stored_std(source.folder, block_id)
     modal = None if source.modes is None else next((s for s in source.modes.sets if s.id == block_id), None)
-    named = _identified(source, modal) if modal is not None else [
+    named = _identified_modes(source, modal) if modal is not None else [
         [name, _significant(hz[keys.index(key)])] for key, name in source.proposed.items()]
     kinds = list(STEADINESS)
     return {
@@ -172,7 +172,7 @@ def _block_values(source: PoleSource, block_id: str) -> dict:
         "mpc": [round(float(x), 4) for x in modal_phase_collinearity(shape)],
         "steady": [kinds.index(one) for one in steady], "word": [listed.index(one) for one in words], "words": listed,
         "mode": label, "chosen": _chosen(source, block_id, keys, hz),
-        "hz_std": [_known(std, key, 0) for key in keys], "damping_std": [_known(std, key, 1) for key in keys],
+        "hz_std": [_std_values(std, key, 0) for key in keys], "damping_std": [_std_values(std, key, 1) for key in keys],
         # a number a channel as two 16-bit integers: a thousandth of what a shape is known to
         "shape": base64.b64encode(np.rint(32767 * np.stack([shape.T.real, shape.T.imag], axis=-1)).clip(
             -32767, 32767).astype("<i2").tobytes()).decode(),
@@ -189,14 +189,14 @@ def _decibels(density: np.ndarray) -> list[list[float | None]]:
     return [[float(v) if np.isfinite(v) else None for v in row] for row in level]
 
 
-def _identified(source: PoleSource, modal: ModalSet) -> list[list]:
+def _identified_modes(source: PoleSource, modal: ModalSet) -> list[list]:
     """Labels and frequencies of the modes of a block's set."""
     labels = source.modes.labels if source.modes is not None and source.modes.labels else [
         str(k + 1) for k in range(len(modal.frequency_hz))]
     return [[name, _significant(f)] for name, f in zip(labels, modal.frequency_hz, strict=True) if np.isfinite(f)]
 
 
-def _judged(
+def _judge_poles(
     source: PoleSource, block: BlockPoles, keys: Sequence[tuple[int, int]], hz: np.ndarray
 ) -> tuple[list[str], list[str]]:
     """What identification says of each pole, and the label of the mode that it stands for; '' where nothing."""
@@ -234,7 +234,7 @@ def _chosen(
     return found
 
 
-def _known(std: Mapping[tuple[int, int], tuple[float, float]], key: tuple[int, int], which: int) -> float | None:
+def _std_values(std: Mapping[tuple[int, int], tuple[float, float]], key: tuple[int, int], which: int) -> float | None:
     value = std.get(key, (np.nan, np.nan))[which]
     return _significant(value, 3) if np.isfinite(value) else None
 

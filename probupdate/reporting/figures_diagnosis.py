@@ -54,7 +54,7 @@ STATE_LOOKS: Mapping[str, Look] = {
 }
 
 
-def _known(values: Sequence) -> np.ndarray:
+def _floats(values: Sequence) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], float)
 
 
@@ -74,14 +74,14 @@ def sizes_found(findings: Sequence[Mapping], hidden: Sequence[str] = ()) -> Figu
         axes.margins(x=0.25)
         label_axes(axes, f"size [{size_unit(f) or '-'}]", "finding")
         when = time_profile_words(f["time_profile"], f["since"])
-        axes.set_title(f"{name_of(f)}, {when}\nprobability {f['posterior_probability']:.2f}{_gain_of(f)}", fontsize=8,
+        axes.set_title(f"{name_of(f)}, {when}\nprobability {f['posterior_probability']:.2f}{_gain_text(f)}", fontsize=8,
                        loc="left")
     if hidden:
         figure.suptitle("\n".join(f"hidden: {words}" for words in hidden), fontsize=8, x=0.02, ha="left")
     return figure
 
 
-def _gain_of(finding: Mapping) -> str:
+def _gain_text(finding: Mapping) -> str:
     """The gain on held-out blocks, where it was measured."""
     gain = finding.get("gain") or {}
     elpd, error = gain.get("heldout_elpd"), gain.get("heldout_elpd_se")
@@ -119,8 +119,8 @@ def mode_residuals(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     axes.axvline(0, color=GREY, lw=0.8)
     for s, state in enumerate(states):
         y = np.arange(len(rows)) + 0.22 * (s - 0.5 * (len(states) - 1))
-        value = _known([r["percent"][s] for r in rows])
-        band = BAND * _known([r["expected_percent"][s] for r in rows])
+        value = _floats([r["percent"][s] for r in rows])
+        band = BAND * _floats([r["expected_percent"][s] for r in rows])
         axes.barh(y, 2 * band, left=-band, height=0.2, color=PALE if s == 0 else "#cfe3f1", zorder=1)
         axes.plot(value, y, ls="none", ms=5, zorder=3, label=_state_words(state, states), **STATE_LOOKS[state])
     axes.set_yticks(range(len(rows)), [r["mode"] for r in rows])
@@ -143,8 +143,8 @@ def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     leave; numbers are per cent of the shape's largest component."""
     channels = list(rows[0]["channels"])
     names = [f"{r['mode']}{'' if r['part'] == 'in phase' else ' i'}" for r in rows]
-    z = np.array([[_known(r["z"][s]) for r in rows] for s in range(len(states))])
-    percent = np.array([[_known(r["percent"][s]) for r in rows] for s in range(len(states))])
+    z = np.array([[_floats(r["z"][s]) for r in rows] for s in range(len(states))])
+    percent = np.array([[_floats(r["percent"][s]) for r in rows] for s in range(len(states))])
     shown = np.arange(len(channels))
     if len(channels) > MOST_CHANNELS:
         shown = np.sort(np.argsort(-np.nanmax(np.abs(z), axis=(0, 1)))[:MOST_CHANNELS])
@@ -181,7 +181,7 @@ def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states:
     """Where shapes differ from the model's: every level seen from above, an arrow a channel (a ring where it looks up),
     coloured by its residual in the mode in which it differs most; those far off are named."""
     channels = list(rows[0]["channels"])
-    z = np.array([[_known(r["z"][s]) for r in rows] for s in range(len(states))])
+    z = np.array([[_floats(r["z"][s]) for r in rows] for s in range(len(states))])
     worst = np.take_along_axis(z, np.argmax(np.abs(np.nan_to_num(z)), axis=1)[:, None], axis=1)[:, 0]
     levels = sorted({s["level"] for s in sensors}, key=lambda n: -max(
         s["position_m"][2] for s in sensors if s["level"] == n))[:MOST_LEVELS]
@@ -256,12 +256,12 @@ def _along(axes: Axes, start: str, hours: Sequence, since: Sequence[str]) -> np.
 
 
 def _state_points(axes: Axes, x, series: Mapping, states: Sequence[str]) -> None:
-    band = BAND * _known(series["expected_percent"])
+    band = BAND * _floats(series["expected_percent"])
     order = np.argsort(x)
     axes.fill_between(np.asarray(x)[order], -band[order], band[order], color=PALE, alpha=0.6, lw=0, zorder=1)
     for s, state in enumerate(states):
         look = STATE_LOOKS[state]
-        axes.plot(x, _known(series["percent"][s]), ls="none", ms=2.8 if state == "before" else 2.2, mew=0.7,
+        axes.plot(x, _floats(series["percent"][s]), ls="none", ms=2.8 if state == "before" else 2.2, mew=0.7,
                   zorder=3 + s, rasterized=len(x) > 300, **look)
 
 
@@ -282,10 +282,10 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
             axes.set_xlabel(f"{column_words(size['time_profile_name'])} [{size['against_unit']}]")
         else:
             x = _along(axes, time["start"], size["hours"], since)
-        axes.errorbar(x, _known(size["size"]), yerr=BAND * _known(size["size_std"]), fmt="o", ms=2.5, color=GREY,
+        axes.errorbar(x, _floats(size["size"]), yerr=BAND * _floats(size["size_std"]), fmt="o", ms=2.5, color=GREY,
                       lw=0.6, zorder=2)
         order = np.argsort(x)
-        axes.plot(np.asarray(x)[order], _known(size["time_profile"])[order], color=RED, lw=1.5, zorder=4,
+        axes.plot(np.asarray(x)[order], _floats(size["time_profile"])[order], color=RED, lw=1.5, zorder=4,
                   drawstyle="steps-post" if size["time_profile_name"] == "step" else "default")
         where = f", {size['location']}" if size["location"] else ""
         label_axes(axes, axes.get_xlabel(), f"size [{size['unit']}]", f"{size['cause']}{where}: each block alone, and "
@@ -340,9 +340,9 @@ def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     axes = figure.subplots()
     axes.axvline(0, color=GREY, lw=0.8)
     y = np.arange(len(rows))
-    band = BAND * _known([r["expected"][0] for r in rows])
+    band = BAND * _floats([r["expected"][0] for r in rows])
     axes.barh(y, 2 * band, left=-band, height=0.62, color=PALE, alpha=0.7, zorder=1)
-    listed = [_known([r["prior_shift"][s] for r in rows]) for s in range(len(states))]
+    listed = [_floats([r["prior_shift"][s] for r in rows]) for s in range(len(states))]
     if len(listed) == 2:
         axes.hlines(y, listed[0], listed[1], color=GREY, lw=0.8, zorder=2)
     for state, value in zip(states, listed, strict=True):

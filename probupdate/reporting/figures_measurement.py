@@ -114,7 +114,7 @@ def _arrows(axes: Axes, place: np.ndarray, way: np.ndarray, length: float) -> No
         )
 
 
-def _seen(place: np.ndarray, azimuth: float = -0.95, elevation: float = 0.2) -> np.ndarray:
+def _project(place: np.ndarray, azimuth: float = -0.95, elevation: float = 0.2) -> np.ndarray:
     """Orthographic projection of points (..., 3) to (..., 2): right and up, both in metres."""
     right = -np.sin(azimuth) * place[..., 0] + np.cos(azimuth) * place[..., 1]
     away = np.cos(azimuth) * place[..., 0] + np.sin(azimuth) * place[..., 1]
@@ -149,13 +149,13 @@ def mode_shapes(
     looks = {"initial": {"colors": "#8a6d3b", "linewidths": 0.7, "linestyles": (0, (4, 2))},
              "updated": {"colors": BLUE, "linewidths": 1.0}}
     for j, axes in enumerate(panels[:n_mode]):
-        _draw_wire(axes, _seen(wire.node_m), wire.line, colors=PALE, linewidths=0.6)
+        _draw_wire(axes, _project(wire.node_m), wire.line, colors=PALE, linewidths=0.6)
         for name, displacement in states.items():
             if np.all(np.isfinite(displacement[:, :, j])):
-                drawn = _seen(wire.node_m + displacement[:, :, j])
+                drawn = _project(wire.node_m + displacement[:, :, j])
                 _draw_wire(axes, drawn, wire.line, **looks[name])
         if measured is not None:
-            moved = _seen(points_m + measured[:, :, j])
+            moved = _project(points_m + measured[:, :, j])
             axes.plot(moved[:, 0], moved[:, 1], ls="none", marker="o", ms=3.6, mfc="white", mec=RED, mew=1.1)
         axes.autoscale_view()
         axes.set_aspect("equal", adjustable="box")

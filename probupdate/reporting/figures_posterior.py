@@ -266,7 +266,7 @@ def traces_and_ranks(
     panels = figure.subplots(rows, 2 * columns, squeeze=False, width_ratios=[1.5, 1] * columns)
     for k in range(n):
         trace, ranks = panels[k % rows, 2 * (k // rows)], panels[k % rows, 2 * (k // rows) + 1]
-        _draw_trace(trace, *_thinned(theta[:, :, k], thinned_by))
+        _draw_trace(trace, *_thin_chains(theta[:, :, k], thinned_by))
         _draw_ranks(ranks, theta[:, :, k], float(effective[k]))
         last = k % rows == rows - 1 or k == n - 1
         label_axes(trace, "step after burn-in [-]" if last else "", unit_label(names[k], units[k]))
@@ -313,7 +313,7 @@ def _draw_ranks(axes: Axes, chains: np.ndarray, effective: float) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
 
 
-def _thinned(chains: np.ndarray, thinned_by: int, most: int = 120) -> tuple[np.ndarray, np.ndarray]:
+def _thin_chains(chains: np.ndarray, thinned_by: int, most: int = 120) -> tuple[np.ndarray, np.ndarray]:
     """Steps and values (n, n_step) with `most` steps at most: neighbouring steps of all walkers taken together."""
     n_walker, n_step = chains.shape
     each = -(-n_step // most)

@@ -51,7 +51,8 @@ def findings(run: Run) -> tuple[Finding, ...]:
     """The worst first, otherwise in the order in which they matter."""
     found = [Finding(level="warning", short="parts of this run do not belong together", text=text,
                      action="Run the steps again in one directory.") for text in run.warnings]
-    found += _of_fit(run) + _of_sampler(run) + _of_diagnosis(run) + _of_shifts(run) + _of_update(run)
+    for part in (_fit_findings, _sampler_findings, _diagnosis_findings, _shift_findings, _update_findings):
+        found += part(run)
     return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
 
 
@@ -59,7 +60,7 @@ def worst(found: tuple[Finding, ...]) -> str:
     return found[0].level if found else "good"
 
 
-def _of_fit(run: Run) -> list[Finding]:
+def _fit_findings(run: Run) -> list[Finding]:
     update = run.update
     if update is None:
         return []
@@ -83,7 +84,7 @@ def _of_fit(run: Run) -> list[Finding]:
     return []
 
 
-def _of_sampler(run: Run) -> list[Finding]:
+def _sampler_findings(run: Run) -> list[Finding]:
     posterior = run.posterior
     if posterior is None:
         return []
@@ -106,19 +107,19 @@ def evaluations(posterior: Posterior) -> tuple[int, int]:
     return int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
 
 
-def _left_at_a_bound(extension: Mapping) -> list[str]:
+def _parameters_at_bounds(extension: Mapping) -> list[str]:
     """Parameters that findings became, of which the update of the mean says nothing but where its bound is."""
     added = {one.get("parameter") for one in extension.get("added", ()) if one.get("as") == "parameter"}
     after = extension.get("after", {}).get("parameters", ())
     return [p["name"] for p in after if p.get("at_bound") and p["name"] in added]
 
 
-def _of_diagnosis(run: Run) -> list[Finding]:
+def _diagnosis_findings(run: Run) -> list[Finding]:
     content = run.diagnosis
     if content is None or content["verdict"] == "none" or (run.included and content["verdict"] == "named"):
         return []
     named = "; ".join(found_words(content))
-    actions = [] if run.included else _to_extend(content)
+    actions = [] if run.included else _extension_advice(content)
     actions += [full_sentence(one) for one in own_response_actions(content)]
     if not actions:
         actions.append("Find what is missing in the model before the parameters are read as properties of the "
@@ -133,19 +134,19 @@ def checks(content: Mapping) -> list[str]:
     return [full_sentence(f"confirm {name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
 
 
-def _to_extend(content: Mapping) -> list[str]:
+def _extension_advice(content: Mapping) -> list[str]:
     if not content.get("extended_model"):
         return []
-    held = ", ".join(_left_at_a_bound(content.get("extension") or {}))
+    held = ", ".join(_parameters_at_bounds(content.get("extension") or {}))
     but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
     return [f"Update again with {content['extended_model']}, which has the findings in it{but}."]
 
 
-def _of_shifts(run: Run) -> list[Finding]:
+def _shift_findings(run: Run) -> list[Finding]:
     """Parameters far from their priors: said by the diagnosis against what these data make likely, else by the update
     against the prior alone."""
     if run.diagnosis is not None and run.diagnosis.get("parameters"):
-        return _of_diagnosed_shifts(run.diagnosis)
+        return _diagnosed_shift_findings(run.diagnosis)
     if run.update is None:
         return []
     far = [s for s in identifiabilities(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
@@ -158,7 +159,7 @@ def _of_shifts(run: Run) -> list[Finding]:
                     action=f"{CHECK_PRIORS} `probupdate diagnose` tests which.")]
 
 
-def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
+def _diagnosed_shift_findings(content: Mapping) -> list[Finding]:
     shifts_of = (content["details"].get("residuals") or {}).get("prior_shift") or {}
     # by state; the last is after the findings are included
     chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
@@ -173,13 +174,13 @@ def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
                     text=typeset(" ".join(shifts)) + together, action=CHECK_PRIORS)]
 
 
-def _of_update(run: Run) -> list[Finding]:
+def _update_findings(run: Run) -> list[Finding]:
     update = run.update
     if update is None:
         return []
     found = [Finding(level="warning", short=f"{label} may be another mode", text=text,
                      action=f"Compare the shapes of {label} in the section on the modes.")
-             for label, text in _far_off(update)]
+             for label, text in _weak_partners(update)]
     held = [(p.name, value, s.words) for p, value, s in
             zip(update.parameters, update.map_theta, identifiabilities(update, run.posterior), strict=True)
             if s.kind == BOUND]
@@ -203,7 +204,7 @@ def _of_update(run: Run) -> list[Finding]:
     return found
 
 
-def _far_off(update: UpdateRecord) -> list[tuple[str, str]]:
+def _weak_partners(update: UpdateRecord) -> list[tuple[str, str]]:
     """Modes whose computed partner is alike in shape but hardly the same mode by its frequency."""
     ratio = update.initial_hz / update.measured_hz
     far = np.flatnonzero(np.isfinite(ratio) & ((ratio > FAR_OFF) | (ratio < 1 / FAR_OFF)))

@@ -126,7 +126,7 @@ def identification_section(run: Run) -> Section:
         if run.modes.choice is not None:
             items.append(Items(title="Modes picked by hand", statements=tuple(
                 map(full_sentence, run.modes.choice.sentences))))
-        items += _frequency_tables(run, run.modes)
+        items += frequency_tables(run, run.modes)
         items += _judged_pictures(run, run.modes)
         said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)
         if said:
@@ -174,15 +174,15 @@ def block_states(modes: ModalData) -> np.ndarray:
     return np.array([str(s.environment.get("state", "")) for s in modes.sets], dtype=object)
 
 
-def _frequency_tables(run: Run, modes: ModalData) -> list[Element]:
+def frequency_tables(run: Run, modes: ModalData) -> list[Element]:
     labels = mode_labels(modes)
     picture = _frequencies_by_block(run, modes, labels)
-    return [_frequency_table(modes, labels, run.jacket), *([picture] if picture else [])]
+    return [frequency_table(modes, labels, run.jacket), *([picture] if picture else [])]
 
 
-def _frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) -> Table:
+def frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) -> Table:
     """A row for each mode, over all sets and over those of each turbine state."""
-    groups, several = _by_state(modes), len(modes.sets) > 1
+    groups, several = _sets_by_state(modes), len(modes.sets) > 1
     rows, marked = [], set()
     for j, label in enumerate(labels):
         for name, inside in groups:
@@ -208,7 +208,7 @@ def _frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) ->
                  columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked), width="half")
 
 
-def _by_state(modes: ModalData) -> list[tuple[str, np.ndarray]]:
+def _sets_by_state(modes: ModalData) -> list[tuple[str, np.ndarray]]:
     """"all", then every turbine state that is known, with which sets (n_set,) are of it; of one set "all" alone."""
     states = block_states(modes)
     if len(states) == 1:

@@ -93,7 +93,7 @@ def _matched_modes(
     shape = np.full((len(data.channels), data.n_mode), np.nan)
     moved = np.full((len(drawn), 3, data.n_mode), np.nan)
     measured = np.real(rotate_to_real(chosen.shape))
-    for j, own in _ordered(matching.groups).items():
+    for j, own in _columns_by_mode(matching.groups).items():
         # ... and then only what an update would accept is drawn
         if matching.criterion[j, own[0]] >= MIN_MAC:
             turn, known = np.ones(1), np.isfinite(measured[:, j])
@@ -106,6 +106,6 @@ def _matched_modes(
     return ShapedModes(frequency_hz=frequency, shape=shape, displacement=moved)
 
 
-def _ordered(groups: tuple[ModeGroup, ...]) -> Mapping[int, list[int]]:
+def _columns_by_mode(groups: tuple[ModeGroup, ...]) -> Mapping[int, list[int]]:
     """measured mode -> the computed ones whose combination it is compared with: one, or of one of a pair two."""
     return {j: [i, *group.mates] for group in groups for j, i in zip(group.measured, group.computed, strict=True)}

@@ -30,7 +30,7 @@ def modes_section(run: Run) -> Section:
     if model is None or model.wire is None:
         text = "a model with geometry, so the modes cannot be drawn."
         return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
-    data, measured = _viewed(run, model, model.wire)
+    data, measured = _viewer_values(run, model, model.wire)
     handling = "Drag turns, after a click the wheel zooms, shift-drag moves; arrow keys and space work too."
     caption = (
         f"{handling} Circles: the motion measured at the sensors. Each computed shape is scaled to the measured one; "
@@ -44,11 +44,11 @@ def modes_section(run: Run) -> Section:
                     + (", blue updated, dashed initial" if run.update is not None else ", dashed as computed")
                     + ("; circles: measured at the sensors." if measured else "."))
     return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
-                   lead=f"The global modes {_said(measured, run.update is not None)}"
+                   lead=f"The global modes {_caption(measured, run.update is not None)}"
                    + (" (the paper's Fig. 3)." if run.jacket else "."))
 
 
-def _viewed(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict, bool]:
+def _viewer_values(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict, bool]:
     """The viewer's values, and whether measured shapes are among them: where every sensor's place is known."""
     sensors = run.campaign.sensors if run.campaign else ()
     modes = compared_modes(run.compared, run.update)
@@ -69,7 +69,7 @@ def _viewed(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict, bool]:
     return data, measured_shape is not None
 
 
-def _said(measured: bool, updated: bool) -> str:
+def _caption(measured: bool, updated: bool) -> str:
     """What is drawn: measured shapes need to know where the channels are, updated ones an update."""
     computed = "as first computed and after the update" if updated else "as computed with the initial parameters"
     if measured:

@@ -57,8 +57,8 @@ NINETY = 1.645
 
 def verdict_section(run: Run) -> Section:
     found = findings(run)
-    cautions = [f.text for f in found] + _not_to_be_read(run)
-    items: list[Element] = [*_parameters_to_use(run, found), *_what_was_found(run)]
+    cautions = [f.text for f in found] + _caveats(run)
+    items: list[Element] = [*_parameters_to_use(run, found), *_findings_list(run)]
     actions = _actions(run, found)
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
@@ -101,7 +101,7 @@ def conclusion(run: Run) -> list[str]:
             said += [f"  {'  '.join(cell for cell in row if cell != MISSING)}" for row in _plain_rows(run, update)]
     if run.paper is not None:
         after = {p.name: value for p, value in zip(run.paper.parameters, run.paper.map_theta, strict=True)}
-        named = [p.name for p in _to_use(run, update) if p.name in after]
+        named = [p.name for p in _informed_parameters(run, update) if p.name in after]
         if named:
             said.append("for comparison, the model as built with the paper's weights: "
                         + ", ".join(f"{name} {number(after[name])}" for name in named))
@@ -110,7 +110,7 @@ def conclusion(run: Run) -> list[str]:
 
 def _plain_rows(run: Run, update: UpdateRecord) -> list[tuple[str, ...]]:
     after, known = estimate(update, run.posterior), (run.truth or {}).get("parameters") or {}
-    rows, used = [], [p.name for p in _to_use(run, update)]
+    rows, used = [], [p.name for p in _informed_parameters(run, update)]
     for k, p in enumerate(update.parameters):
         if p.name in used:
             interval = MISSING if after.low is None or after.high is None else (
@@ -121,7 +121,7 @@ def _plain_rows(run: Run, update: UpdateRecord) -> list[tuple[str, ...]]:
     return rows
 
 
-def _to_use(run: Run, update: UpdateRecord) -> list[Parameter]:
+def _informed_parameters(run: Run, update: UpdateRecord) -> list[Parameter]:
     """Parameters of which the data say something, and no bound decides."""
     found = identifiabilities(update, run.posterior)
     return [p for p, s in zip(update.parameters, found, strict=True) if s.kind in (KNOWN, PARTLY)
@@ -142,7 +142,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     if update is None:
         rows = (run.diagnosis or {}).get("parameters") or ()
         return [_diagnosed_parameters(rows)] if rows else []
-    used = [p.name for p in _to_use(run, update)]
+    used = [p.name for p in _informed_parameters(run, update)]
     if not used:
         return [Notice(level="plain", text="The data identify none of the parameters.")]
     after, known = estimate(update, run.posterior), (run.truth or {}).get("parameters") or {}
@@ -188,7 +188,7 @@ def _diagnosed_parameters(parameters: Sequence[Mapping]) -> Table:
              "describe.")
 
 
-def _what_was_found(run: Run) -> list[Items]:
+def _findings_list(run: Run) -> list[Items]:
     content = run.diagnosis
     if content is None:
         return []
@@ -212,7 +212,7 @@ def _actions(run: Run, found: tuple[Finding, ...]) -> tuple[str, ...]:
     return tuple(actions)
 
 
-def _not_to_be_read(run: Run) -> list[str]:
+def _caveats(run: Run) -> list[str]:
     if run.update is None:
         return []
     kept = names_of(identifiabilities(run.update, run.posterior), PRIOR)
@@ -292,7 +292,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
     return f"{sentence} {start}: {reasons}."
 
 
-def _listed(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
@@ -308,11 +308,11 @@ def _lead(run: Run) -> str:
     changed = [name for name in kept if name in _sizes_by_change(run)]
     kept = [name for name in kept if name not in changed]
     words = (
-        f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_listed(known)} and "
-        f"{len(partly)} weakly{_listed(partly)}; {len(kept)} {_keep(kept)} the prior{_listed(kept)}"
+        f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_join_names(known)} and "
+        f"{len(partly)} weakly{_join_names(partly)}; {len(kept)} {_keep(kept)} the prior{_join_names(kept)}"
     )
     words += f"; of {', '.join(changed)} the change within the record gives the size" if changed else ""
-    words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} pinned at a bound{_listed(bound)}." if bound else "."
+    words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} at a bound{_join_names(bound)}." if bound else "."
     converged = "" if run.posterior is None else " The sampler converged." if run.posterior.converged else (
         " The sampler did not converge.")
     truth = truth_sentence(run)
@@ -489,7 +489,7 @@ def remarkable(run: Run) -> list[str]:
                 said.append(f"Held at a bound by the update with {scheme_name(s)}: {', '.join(held)}.")
         said += [f"Left out: {t}." for t in update.left_out]
     if posterior is not None and update is not None:
-        said += _known_together(update, posterior)
+        said += _compensating_pairs(update, posterior)
         evaluated, fallback = evaluations(posterior)
         if 0 < fallback <= MANY_FALLBACKS * evaluated:
             share = number(100 * fallback / evaluated, 2)
@@ -506,7 +506,7 @@ def remarkable(run: Run) -> list[str]:
     return said
 
 
-def _known_together(update: UpdateRecord, posterior: Posterior) -> list[str]:
+def _compensating_pairs(update: UpdateRecord, posterior: Posterior) -> list[str]:
     names = update.parameters.names
     if len(names) < 2 or np.any(contraction(update, posterior) == 0):
         return []

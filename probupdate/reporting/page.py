@@ -32,8 +32,8 @@ def render(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined, trim_blocks=False,
         finalize=_plus_minus,
     )
-    environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _folded}
-    trusted = [replace(s, items=tuple(_trusted(i) for i in s.items)) for s in sections]
+    environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _fold_summary}
+    trusted = [replace(s, items=tuple(_accessible_drawing(i) for i in s.items)) for s in sections]
     script = "\n" + "\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in scripts)
     return environment.get_template("page.html").render(
         sections=trusted,
@@ -52,7 +52,7 @@ def _plus_minus(value: object) -> object:
     return value.replace("+-", "±") if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
-def _trusted(item: Element) -> Element:
+def _accessible_drawing(item: Element) -> Element:
     """A picture's drawing as it is, read out as one image with its alternative text."""
     if not isinstance(item, Picture):
         return item
@@ -60,7 +60,7 @@ def _trusted(item: Element) -> Element:
     return replace(item, svg=Markup(item.svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)))
 
 
-def _folded(section: Section) -> str:
+def _fold_summary(section: Section) -> str:
     """What lies in a section's fold: "Details: 2 figures, 4 tables"."""
     inside = [i.kind for i in section.items[section.shown :]]
     counts = [plural(inside.count(kind), word) for kind, word in

@@ -82,7 +82,7 @@ def _pair_pictures(
     update: UpdateRecord, draws: np.ndarray, points: list[figures.Mark], ratio: np.ndarray
 ) -> list[Picture]:
     parameters = update.parameters
-    chosen, words = _paired(parameters.names, ratio)
+    chosen, words = choose_pairs(parameters.names, ratio)
     near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
     pairs = figures.corner([parameters.items[k] for k in chosen], draws[:, chosen], near)
     correlation = figures.correlation_map(parameters.names, np.corrcoef(draws.T))
@@ -128,7 +128,7 @@ def _trace_picture(posterior: Posterior, update: UpdateRecord) -> Picture:
         "that the parts disagree.")
 
 
-def _paired(names: tuple[str, ...], ratio: np.ndarray) -> tuple[list[int], str]:
+def choose_pairs(names: tuple[str, ...], ratio: np.ndarray) -> tuple[list[int], str]:
     """The parameters whose pairs are drawn, and the sentence that says which: those the data inform, the best informed
     where there are too many."""
     order = [int(k) for k in np.argsort(ratio, kind="stable")]
@@ -218,7 +218,7 @@ def _truth_table(run: Run) -> Table | None:
         low, high = np.percentile(draws, [5, 95])
         rows.append((p.name, p.unit or "-", number(value), number(p.initial),
                      number(float(np.median(draws))), f"{number(low)} to {number(high)}", "yes" if inside else "no",
-                     _signed(float((value - np.median(draws)) / draws.std(ddof=1)))))
+                     _format_signed(float((value - np.median(draws)) / draws.std(ddof=1)))))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="truth"),
                Column(name="initial"), Column(name="posterior median"), Column(name="90 % interval"),
                Column(name="truth inside", number=False), Column(name="truth minus median", unit="posterior standard "
@@ -267,7 +267,7 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     cells = []
     for r in rows:
         words = " ".join([r.sentence, *(full_sentence(flag, names) for flag in r.flags)]).strip()
-        cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
+        cells.append((r.name, *map(_format_signed, (r.step_distance, r.anchored_distance, r.map_distance)),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}
     return Table(caption="Distance from the posterior mean, in posterior standard deviations", columns=columns,
@@ -275,6 +275,6 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
                  note="Emphasised: an update more than one posterior standard deviation from the posterior mean.")
 
 
-def _signed(value: float) -> str:
+def _format_signed(value: float) -> str:
     text = fixed(value, 2)
     return f"+{text}" if value > 0 and text != "0.00" else text

@@ -81,7 +81,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     for name, path in given.items():
         if not path.exists():
             raise InputError(f"--{name}", f"'{path}' does not exist", "mend the path")
-    parameters = given.get("parameters") or _named(folder, head, "parameters")
+    parameters = given.get("parameters") or _named_path(folder, head, "parameters")
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
         raise InputError(str(folder), "holds nothing of a run", f"expected some of {', '.join(PARTS)}")
@@ -151,7 +151,7 @@ def run_places(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
     head = _head(folder)
-    parameters = _named(folder, head, "parameters")
+    parameters = _named_path(folder, head, "parameters")
     return _places(folder, head) | ({} if parameters is None else {"parameters": parameters})
 
 
@@ -172,15 +172,15 @@ def _head(folder: Path) -> Mapping:
 def _places(folder: Path, head: Mapping) -> dict[str, Path]:
     """Part -> where it lies, for the parts that are there."""
     inside = {name: folder / name for name in PARTS if name not in ("campaign", "model")}
-    inside["campaign"] = _named(folder, head, "campaign") or folder / "campaign"
+    inside["campaign"] = _named_path(folder, head, "campaign") or folder / "campaign"
     found = next((folder / name for name in MODEL_FILES if (folder / name).exists()), None)
-    model = _named(folder, head, "model") or found
+    model = _named_path(folder, head, "model") or found
     if model is not None:
         inside["model"] = model
     return {name: inside[name] for name in PARTS if name in inside and inside[name].exists()}
 
 
-def _named(folder: Path, head: Mapping, key: str) -> Path | None:
+def _named_path(folder: Path, head: Mapping, key: str) -> Path | None:
     """A path of run.json, relative to the run and within it."""
     if not head.get(key):
         return None
@@ -322,20 +322,20 @@ def _provenance(
     if update is not None:
         yield "hash of the update's problem", update.fingerprint[:16]
         for key, value in update.settings.items():
-            yield from _said(f"update: {key}", value)
+            yield from setting_rows(f"update: {key}", value)
     if posterior is not None:
         yield "hash of the posterior's problem", posterior.fingerprint[:16]
         for key, value in posterior.record.items():
             if key not in ("map", "notes"):
-                yield from _said(f"posterior: {key}", value)
+                yield from setting_rows(f"posterior: {key}", value)
 
 
-def _said(key: str, value: object) -> Iterator[tuple[str, str]]:
+def setting_rows(key: str, value: object) -> Iterator[tuple[str, str]]:
     """A setting in a row; a table of settings in one row each, a list with commas."""
     if isinstance(value, Mapping):
         for name, part in value.items():
-            yield from _said(f"{key}, {name}", part)
+            yield from setting_rows(f"{key}, {name}", part)
     elif isinstance(value, list | tuple):
-        yield key, ", ".join(text for part in value for _, text in _said("", part))
+        yield key, ", ".join(text for part in value for _, text in setting_rows("", part))
     else:
         yield key, f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -182,7 +182,7 @@ def svg_text(figure: Figure, prefix: str) -> str:
     text = re.sub(r'<svg ([^>]*?)width="[^"]*"', r"<svg \1", text, count=1)
     text = re.sub(r'<svg ([^>]*?)height="[^"]*"', r"<svg \1", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, count=1, flags=re.DOTALL)
-    text = _numbered(text)
+    text = _number_ids(text)
     text = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', text)
     text = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", text)
     text = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}-\1"', text)
@@ -190,7 +190,7 @@ def svg_text(figure: Figure, prefix: str) -> str:
     return text.strip()
 
 
-def _numbered(svg: str) -> str:
+def _number_ids(svg: str) -> str:
     """Ids that matplotlib makes by hashing coordinates (of clips and markers) counted instead: a layout solved anew may
     differ in a coordinate's last bits, which are not written, and would be another id."""
     found = dict.fromkeys(re.findall(r'\bid="([a-z][0-9a-f]{10})"', svg))

@@ -133,7 +133,7 @@ def paper_section(run: Run) -> Section | None:
     if paper is None:
         return None
     alone = replace(run, update=paper, paper=None, posterior=None, comparison=None)
-    items: list[Element] = [] if update is None else [_beside_paper_table(run, paper, update)]
+    items: list[Element] = [] if update is None else [_paper_comparison_table(run, paper, update)]
     items.append(Notice(level="plain", text=full_sentence(fit_sentence(paper))))
     items += _tables(alone, paper)
     scatter = _scatter_table(alone, paper)
@@ -146,7 +146,7 @@ def paper_section(run: Run) -> Section | None:
         "use are those of the first section."))
 
 
-def _beside_paper_table(run: Run, paper: UpdateRecord, update: UpdateRecord) -> Table:
+def _paper_comparison_table(run: Run, paper: UpdateRecord, update: UpdateRecord) -> Table:
     after = estimate(update, run.posterior)
     std, known = np.sqrt(np.diag(paper.map_covariance)), (run.truth or {}).get("parameters") or {}
     rows = []

@@ -64,7 +64,7 @@ def viewer_data(
     model's own shapes scaled to one largest displacement), so that what differs between them is the shape.
     """
     real = None if measured_shape is None else np.real(rotate_to_real(measured_shape))
-    drawn = _turned(states, real, len(labels), pairs)
+    drawn = _rotate_shapes(states, real, len(labels), pairs)
     points, channels = sensor_points(sensors)
     modes = []
     for j, label in enumerate(labels):
@@ -90,7 +90,7 @@ def viewer_data(
     }
 
 
-def _turned(
+def _rotate_shapes(
     states: Mapping[str, ShapedModes], measured: np.ndarray | None, n_mode: int, pairs: Sequence[tuple[int, ...]]
 ) -> dict[str, np.ndarray]:
     """Displacements (n_node, 3, n_mode) of every state, turned onto the real measured shapes where there are any."""

@@ -116,7 +116,7 @@ class Executor(ABC):
         self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple, least: int
     ) -> Iterator[tuple[int, T]]:
         numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
-        return self.completed(_with_its_number, numbered, least=least)
+        return self.completed(_run_numbered, numbered, least=least)
 
     def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
@@ -157,7 +157,7 @@ def dask_cluster(address: str) -> Executor:
     return _DaskCluster(address)
 
 
-def _with_its_number(number: int, function: Callable[..., T], shared: tuple, task: tuple) -> tuple[int, T]:
+def _run_numbered(number: int, function: Callable[..., T], shared: tuple, task: tuple) -> tuple[int, T]:
     return number, function(*shared, *task)
 
 
@@ -188,7 +188,7 @@ class _Processes(Executor):
             # which of the tasks that were running ended the processes nobody knows: each is tried alone
             ended: set[int] = set()
             try:
-                for number, result in self._shared_out(function, left, max(size, 1)):
+                for number, result in self._share_tasks(function, left, max(size, 1)):
                     ended.add(number)
                     yield result
             except BrokenProcessPool:
@@ -206,7 +206,7 @@ class _Processes(Executor):
             for _ in range(min(count, self._size)):
                 pool.submit(_import_all, modules)
 
-    def _shared_out(
+    def _share_tasks(
         self, function: Callable, tasks: list[tuple[int, tuple]], size: int
     ) -> Iterator[tuple[int, object]]:
         """(number, result) as they come, tasks begun in their order."""
@@ -248,7 +248,7 @@ class _Processes(Executor):
 @final
 class _DaskCluster(Executor):
     def __init__(self, address: str):
-        distributed = _distributed()
+        distributed = _import_distributed()
         if not re.fullmatch(r"(?:[a-z]+://)?[\w.\-\[\]:]+:\d{1,5}/?", address):
             raise InputError("scheduler", f"'{address}' is no address", "write it as tcp://10.0.0.1:8786")
         self._address = address
@@ -259,7 +259,7 @@ class _DaskCluster(Executor):
                              "start one with `dask scheduler` and give its address") from None
 
     def completed(self, function, tasks, *, least=None, lost=None):
-        distributed = _distributed()
+        distributed = _import_distributed()
         waiting = iter(tasks)
         given: dict[str, tuple] = {}
         running = distributed.as_completed(loop=self._client.loop)
@@ -300,7 +300,7 @@ class _DaskCluster(Executor):
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
         # a cluster keeps once what every task's message would hold
         held = self._client.scatter([_Bundle(shared, tasks)], hash=False)[0]
-        return self.completed(_run_one_of, [(number, function, held) for number in range(len(tasks))])
+        return self.completed(_run_bundled, [(number, function, held) for number in range(len(tasks))])
 
     def _workers(self) -> int:
         try:
@@ -316,12 +316,12 @@ class _DaskCluster(Executor):
         self, running: Any, function: Callable, waiting: Iterator[tuple], count: int, given: dict[str, tuple]
     ) -> None:
         for task in islice(waiting, max(count, 0)):
-            future = self._client.submit(_at_worker, __version__, function, task, pure=False)
+            future = self._client.submit(_run_at_worker, __version__, function, task, pure=False)
             given[future.key] = task
             running.add(future)
 
     def _result(self, future: Any, task: tuple, lost: Callable[[tuple], object] | None) -> object:
-        distributed = _distributed()
+        distributed = _import_distributed()
         try:
             return future.result()
         except distributed.KilledWorker as error:
@@ -346,11 +346,11 @@ class _Bundle:
     tasks: Sequence[tuple]
 
 
-def _run_one_of(number: int, function: Callable[..., T], held: _Bundle) -> tuple[int, T]:
+def _run_bundled(number: int, function: Callable[..., T], held: _Bundle) -> tuple[int, T]:
     return number, function(*held.shared, *held.tasks[number])
 
 
-def _distributed() -> Any:
+def _import_distributed() -> Any:
     try:
         import distributed  # pyright: ignore[reportMissingImports]  (an extra of its own)
     except ImportError:
@@ -359,9 +359,9 @@ def _distributed() -> Any:
     return distributed
 
 
-def _at_worker(version: str, function: Callable, task: tuple) -> object:
+def _run_at_worker(version: str, function: Callable, task: tuple) -> object:
     """A task at a Dask worker, which may have joined late: refused where its numbers might differ by rounding."""
-    threads = _distributed().get_worker().state.nthreads
+    threads = _import_distributed().get_worker().state.nthreads
     if version != __version__:
         raise InputError("scheduler", f"a worker has version {__version__} of probupdate, this is {version}",
                          "install one version everywhere")

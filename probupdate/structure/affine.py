@@ -131,9 +131,9 @@ class AffineModel:
     def read(self, theta: np.ndarray, value: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """(n_channel, n_mode) what the channels read at theta of modes phi (n_dof, n_mode) of these eigenvalues."""
         theta = self._theta(theta)
-        return channel_readings(self.channel_rows(theta) @ phi, value, self._held(theta))
+        return channel_readings(self.channel_rows(theta) @ phi, value, self._last_solution(theta))
 
-    def _held(self, theta: np.ndarray) -> np.ndarray | None:
+    def _last_solution(self, theta: np.ndarray) -> np.ndarray | None:
         return None if self.gravity is None else self.gravity.at(theta)
 
     def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +143,7 @@ class AffineModel:
         cK, cM = self.coefficients(stepped)
         return np.imag(cK).T / STEP, np.imag(cM).T / STEP
 
-    def _where(self, theta) -> str:
+    def _describe_theta(self, theta) -> str:
         values = ", ".join(f"{n}={v:.4g}" for n, v in zip(self.parameters.names, theta, strict=True))
         return f"{self.name} at {values}"
 
@@ -153,13 +153,13 @@ class AffineModel:
 
         def solved():
             matrices = [total(c) for total, c in zip(self._sums, self.coefficients(theta), strict=True)]
-            value, phi = lowest_modes(*matrices, n_mode, self._where(theta))
+            value, phi = lowest_modes(*matrices, n_mode, self._describe_theta(theta))
             return frozen_array(value), frozen_array(phi)
 
-        return self._remembered["modes"]((theta.tobytes(), n_mode), solved)
+        return self._recent_solutions["modes"]((theta.tobytes(), n_mode), solved)
 
     @cached_property
-    def _remembered(self) -> dict[str, _Recent]:
+    def _recent_solutions(self) -> dict[str, _Recent]:
         return {"modes": _Recent(), "derivatives": _Recent()}
 
     def solve(
@@ -176,7 +176,7 @@ class AffineModel:
         result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
                   "shape": frozen_array(self.read(theta, value, phi))}
         if derivatives:
-            change = self._remembered["derivatives"](
+            change = self._recent_solutions["derivatives"](
                 (theta.tobytes(), n_mode, clusters), lambda: self._derivatives(theta, value, phi, clusters))
             result |= {"frequency_derivative": change[0], "shape_derivative": change[1]}
         return ModalSolution(**result)
@@ -199,7 +199,7 @@ class AffineModel:
         return frozen_array(d_value / (4 * np.pi * np.sqrt(value)[:, None])), frozen_array(at_channels)
 
     def _slopes_as_read(self, theta, value, seen, change, coupling):
-        result = reading_slopes(seen, change, value, coupling, self._held(theta))
+        result = reading_slopes(seen, change, value, coupling, self._last_solution(theta))
         for column, slope in () if self.gravity is None else self.gravity.slopes():
             result[:, :, column] += slope[:, None] * seen[len(slope) :] / value
         return result

@@ -98,7 +98,7 @@ def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensor
         onto = sparse.csr_array((np.ones(len(taken)), (taken, np.arange(len(taken)))), shape=(n_row, len(taken)))
         moved.append(MovedChannels(column=column, knots=way.along_m, onto=onto,
                                    powers=tuple((a - here, b - a) for a, b in pairwise(read))))
-    return replace(_with_parameters(model, [p for p, _ in added]), moved=(*model.moved, *moved))
+    return replace(_append_parameters(model, [p for p, _ in added]), moved=(*model.moved, *moved))
 
 
 def with_reversed_gravity(model: AffineModel, added: Sequence[tuple[Parameter, Sequence[str]]]) -> AffineModel:
@@ -109,10 +109,10 @@ def with_reversed_gravity(model: AffineModel, added: Sequence[tuple[Parameter, S
     own = [(len(model.parameters) + k, frozen_array([float(c in channels) for c in model.channels]))
            for k, (_, channels) in enumerate(added)]
     gravity: FeltGravity = replace(model.gravity, reversed_by=(*model.gravity.reversed_by, *own))
-    return replace(_with_parameters(model, [p for p, _ in added]), gravity=gravity)
+    return replace(_append_parameters(model, [p for p, _ in added]), gravity=gravity)
 
 
-def _with_parameters(model: AffineModel, added: Sequence[Parameter]) -> AffineModel:
+def _append_parameters(model: AffineModel, added: Sequence[Parameter]) -> AffineModel:
     """With parameters behind its own that its matrices know nothing of."""
     correlation = model.parameters.correlation
     if correlation is not None:

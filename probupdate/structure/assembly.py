@@ -104,7 +104,7 @@ class HingeSoftening:
         return tuple(sorted({*inside, *self.beam.tube.names, *self.beam.shear, *hinge.bending, *hinge.slip}))
 
     def __call__(self, values: Values):
-        return self._slip(values) if self.power is None else self._bending(values, self.power)
+        return self._slip(values) if self.power is None else self._bending_stiffness(values, self.power)
 
     def _slip(self, values: Values):
         beam = self.beam
@@ -113,7 +113,7 @@ class HingeSoftening:
         flexibility = 1e-9 * sum(values[name] for name in self.hinge.slip)
         return stiffness**2 * flexibility / self.length_m / (1 + flexibility * stiffness / self.length_m)
 
-    def _bending(self, values: Values, power: int):
+    def _bending_stiffness(self, values: Values, power: int):
         beam, phi = self.beam, 0.0 if self.shear is None else self.shear(values)
         modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.bending).value(values)
         bending = modulus * beam.tube.second_moment(values) / (1 + phi)
@@ -307,10 +307,10 @@ def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sp
     """T^T B_t T of every term t, symmetric to the last bit."""
     entries = list(collector.keys.values())
     return [matrix for first in range(0, len(entries), TERMS_AT_ONCE)
-            for matrix in _transformed(entries[first : first + TERMS_AT_ONCE], transform)]
+            for matrix in _transform_terms(entries[first : first + TERMS_AT_ONCE], transform)]
 
 
-def _transformed(terms: Sequence[Sequence[tuple]], transform: sparse.csr_array) -> Iterator[sparse.csc_array]:
+def _transform_terms(terms: Sequence[Sequence[tuple]], transform: sparse.csr_array) -> Iterator[sparse.csc_array]:
     """The same of some terms, which stand below one another in one matrix: hundreds of small sparse products cost more
     than two large ones."""
     (size, n_free), n_term = transform.shape, len(terms)
@@ -371,8 +371,8 @@ def assemble(
     """
     if theory not in THEORIES:
         raise InputError("mesh.theory", f"'{theory}' is unknown", f"choose from {', '.join(THEORIES)}")
-    parts = (_with_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
-    return _assembled(frame, parts, transformation(frame), tuple(updated), values)
+    parts = (_add_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
+    return _assemble(frame, parts, transformation(frame), tuple(updated), values)
 
 
 def supporting_frame(
@@ -387,8 +387,8 @@ def supporting_frame(
     transform = sparse.diags_array(inside.astype(float)) @ transform
     columns = np.flatnonzero(abs(transform).sum(axis=0) > 0)
     transform = sparse.csr_array(transform)[:, columns]
-    parts = (_with_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
-    return _assembled(frame, ((part for part in own if inside[part[0]].all()) for own in parts), transform, updated,
+    parts = (_add_prestress(frame, values, theory, gravity_mps2), _mass(frame, theory))
+    return _assemble(frame, ((part for part in own if inside[part[0]].all()) for own in parts), transform, updated,
                       values)
 
 
@@ -400,7 +400,7 @@ def supporting_matrices(
     return found.stiffness[0], found.mass[0], found.transform
 
 
-def _assembled(frame: Frame, contributions, transform, updated: tuple[str, ...], values) -> AssembledFrame:
+def _assemble(frame: Frame, contributions, transform, updated: tuple[str, ...], values) -> AssembledFrame:
     collected = tuple(_collect(own, updated, values) for own in contributions)
     fixed = {name: value for name, value in values.items() if name not in updated}
     stiffness, mass = (tuple(_sum_terms(own, transform)) for own in collected)
@@ -408,7 +408,7 @@ def _assembled(frame: Frame, contributions, transform, updated: tuple[str, ...],
                           coefficients=build_coefficients(*collected, tuple(updated), fixed))
 
 
-def _with_prestress(
+def _add_prestress(
     frame: Frame, values: Mapping[str, float], theory: str, gravity_mps2: float | None
 ) -> list[Contribution]:
     """All stiffnesses, with the geometric ones under the own weight, unless gravity is None, and the frame's loads."""

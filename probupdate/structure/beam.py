@@ -108,7 +108,7 @@ def _integrate(product: np.ndarray) -> np.ndarray:
     return product @ (1.0 / np.arange(1, product.shape[2] + 1))
 
 
-def _of_length(matrices: Callable[[float], _Matrices]) -> Callable[[float], _Matrices]:
+def _cache_by_length(matrices: Callable[[float], _Matrices]) -> Callable[[float], _Matrices]:
     """Kept by length, read-only: elements of one length are many, and a turbine is assembled at several headings."""
 
     @lru_cache(maxsize=1024)
@@ -122,7 +122,7 @@ def _of_length(matrices: Callable[[float], _Matrices]) -> Callable[[float], _Mat
     return kept
 
 
-@_of_length
+@_cache_by_length
 def stiffness_matrices(length_m: float) -> Mapping[str, np.ndarray]:
     """K = EA axial + GJ torsion + EI / (1 + phi) (bending + phi shear), phi = 0 for Bernoulli-Euler."""
     rod = np.array([[1.0, -1.0], [-1.0, 1.0]]) / length_m
@@ -137,37 +137,37 @@ def stiffness_matrices(length_m: float) -> Mapping[str, np.ndarray]:
     }
 
 
-@_of_length
+@_cache_by_length
 def axial_mass(length_m: float) -> np.ndarray:
     """Times mass per metre: what moves along the member."""
     return _pair(AXIAL, np.array([[2.0, 1.0], [1.0, 2.0]]) * length_m / 6)
 
 
-@_of_length
+@_cache_by_length
 def torsional_mass(length_m: float) -> np.ndarray:
     """Times rho J: what spins about the member's axis."""
     return _pair(TORSION, np.array([[2.0, 1.0], [1.0, 2.0]]) * length_m / 6)
 
 
-def _by_shear(plain: np.ndarray, shear: np.ndarray) -> np.ndarray:
+def _shear_integrals(plain: np.ndarray, shear: np.ndarray) -> np.ndarray:
     """(3, 4, 4): the integrals of (plain + phi shear)^2 by powers of phi, for an element of length 1."""
     cross = _product(plain, shear)
     parts = (_product(plain, plain), cross + cross.transpose(1, 0, 2), _product(shear, shear))
     return np.array([_integrate(part) for part in parts])
 
 
-_TRANSVERSE = _by_shear(_DEFLECTION, _DEFLECTION_SHEAR)
-_ROTARY = _by_shear(_ROTATION, _ROTATION_SHEAR)
+_TRANSVERSE = _shear_integrals(_DEFLECTION, _DEFLECTION_SHEAR)
+_ROTARY = _shear_integrals(_ROTATION, _ROTATION_SHEAR)
 _MOMENTS = np.moveaxis(_product(_DEFLECTION, _DEFLECTION), 2, 0)
 
 
-@_of_length
+@_cache_by_length
 def transverse_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times mass per metre and phi^0, phi^1, phi^2 over (1 + phi)^2."""
     return _both_planes(_TRANSVERSE * np.outer(_scale(length_m), _scale(length_m)) * length_m)
 
 
-@_of_length
+@_cache_by_length
 def rotary_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times rho I and phi^0, phi^1, phi^2 over (1 + phi)^2, rotation of the cross-sections."""
     return _both_planes(_ROTARY * np.outer(_scale(length_m), _scale(length_m)) / length_m)
@@ -178,13 +178,13 @@ def geometric_stiffness(length_m: float) -> np.ndarray:
     return rotary_mass(length_m)[0]
 
 
-@_of_length
+@_cache_by_length
 def transverse_moments(length_m: float) -> np.ndarray:
     """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi), mu_m = int q xi^m dx, 0 <= xi <= 1."""
     return _both_planes(_MOMENTS * np.outer(_scale(length_m), _scale(length_m)))
 
 
-@_of_length
+@_cache_by_length
 def axial_moments(length_m: float) -> np.ndarray:
     """(3, 12, 12): as `transverse_moments` for a density along the member."""
     rod = np.array([[1.0, -1.0], [0.0, 1.0]])
@@ -192,7 +192,7 @@ def axial_moments(length_m: float) -> np.ndarray:
     return np.array([_pair(AXIAL, product[:, :, m]) for m in range(product.shape[2])])
 
 
-@_of_length
+@_cache_by_length
 def torsional_moments(length_m: float) -> np.ndarray:
     """(3, 12, 12): as `axial_moments` for a density about the member's axis."""
     rod = np.array([[1.0, -1.0], [0.0, 1.0]])

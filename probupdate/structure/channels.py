@@ -132,7 +132,7 @@ def channel_rows(
         for channel in move.channels:
             if channel in numbers:
                 k = numbers[channel]
-                lines[k] = _line_for(frame, found[k], move, f"{where}: parameter {move.name}", channel)
+                lines[k] = _channel_line(frame, found[k], move, f"{where}: parameter {move.name}", channel)
         if not lines:
             raise InputError(f"{where}: parameter {move.name}", "none of its channels is among the sensors",
                              f"name some of {', '.join(numbers) or 'the sensors, of which there are none'}")
@@ -144,7 +144,7 @@ def channel_rows(
     return _rows(frame, sensors, dict(enumerate(found))), tuple(moved)
 
 
-def _line_for(frame: Frame, found: Attachment, move: Move, where: str, channel: str) -> Line:
+def _channel_line(frame: Frame, found: Attachment, move: Move, where: str, channel: str) -> Line:
     line = line_of(frame, found)
     if line is None:
         raise InputError(where, f"the member of {channel} lies level", "leave the channel out")

@@ -151,12 +151,12 @@ class Coefficients:
         return [np.array([place[name] for name in own if name in place], int) for own in self.reads]
 
     @cached_property
-    def _kept(self) -> list[dict[bytes, tuple[np.ndarray, np.ndarray | None]]]:
+    def _cache(self) -> list[dict[bytes, tuple[np.ndarray, np.ndarray | None]]]:
         return [{} for _ in self.tables]
 
     def __getstate__(self) -> dict[str, object]:
         # other processes begin afresh
-        return {name: value for name, value in vars(self).items() if name != "_kept"}
+        return {name: value for name, value in vars(self).items() if name != "_cache"}
 
     def _value(self, number: int, theta: np.ndarray, values: Values) -> np.ndarray:
         """What a table is at theta (..., n_param)."""
@@ -165,16 +165,16 @@ class Coefficients:
             return theta[..., columns[0]]
         if not (theta.ndim == 1 or (theta.ndim == 2 and len(theta) >= MANY_POINTS)):
             return np.asarray(table(values))
-        own, kept = theta[..., columns], self._kept[number]
+        own, kept = theta[..., columns], self._cache[number]
         key = own.tobytes()
         if key not in kept:
             if len(kept) >= N_KEPT:
                 kept.pop(next(iter(kept)))
-            kept[key] = self._evaluated(number, own, values)
+            kept[key] = self._evaluate_table(number, own, values)
         found, place = kept[key]
         return found if place is None else found[place]
 
-    def _evaluated(self, number: int, own: np.ndarray, values: Values) -> tuple[np.ndarray, np.ndarray | None]:
+    def _evaluate_table(self, number: int, own: np.ndarray, values: Values) -> tuple[np.ndarray, np.ndarray | None]:
         """A table at points `own` of what it reads, and where each point's value stands in it, unless as they come: in
         the steps of derivatives, one parameter at a time, most points have the same values of the others."""
         for usual in (0, -1) if own.ndim == 2 else ():

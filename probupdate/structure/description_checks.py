@@ -77,7 +77,7 @@ def _check_units(d: Description) -> Iterator[Mistake]:
                    "give Pa, not kPa")
 
 
-def _in_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mistake]:
+def _check_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mistake]:
     for low_key, low, high_key, high in rows:
         if not low < high:
             yield low_key, f"{low} is not below {high_key} = {high}", "put the levels in order, upwards"
@@ -92,7 +92,7 @@ def _upwards(key: str, stations) -> Iterator[Mistake]:
 def _check_levels(d: Description) -> Iterator[Mistake]:
     if isinstance(d, Offshore):
         tip = "pile.tip_m" if isinstance(d, OnJacket) else "monopile.station[1].z_m"
-        yield from _in_order((
+        yield from _check_order((
             (tip, d.pile_tip_m, "site.mudline_m", d.site.mudline_m),
             ("site.mudline_m", d.site.mudline_m, "site.water_level_m", d.site.water_level_m),
             ("corrosion.bottom_m", d.corrosion.bottom_m, "corrosion.top_m", d.corrosion.top_m),
@@ -106,7 +106,7 @@ def _check_levels(d: Description) -> Iterator[Mistake]:
 
 def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
     jacket, tp = d.jacket, d.transition_piece
-    yield from _in_order((
+    yield from _check_order((
         ("jacket.bottom.z_m", jacket.bottom.z_m, "jacket.top.z_m", jacket.top.z_m),
         ("transition_piece.column_bottom_m", tp.column_bottom_m, "transition_piece.strut_top_m", tp.strut_top_m),
         ("jacket.top.z_m", jacket.top.z_m, "transition_piece.strut_top_m", tp.strut_top_m),
@@ -122,13 +122,13 @@ def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
 def _monopile_levels(d: OnMonopile) -> Iterator[Mistake]:
     top, foot, sleeve = d.monopile.station[-1], d.tower.station[0].z_m, d.transition_piece
     yield from _upwards("monopile.station", d.monopile.station)
-    yield from _in_order((("site.water_level_m", d.site.water_level_m, "monopile's top", top.z_m),))
+    yield from _check_order((("site.water_level_m", d.site.water_level_m, "monopile's top", top.z_m),))
     if sleeve is None:
         if top.z_m != foot:
             yield ("tower.station[1].z_m", f"{foot} is not the monopile's top, {top.z_m}, and there is no transition "
                    "piece between", "let the tower begin there, or describe [transition_piece]")
         return
-    yield from _in_order((("transition_piece.bottom_m", sleeve.bottom_m, "tower.station[1].z_m", foot),
+    yield from _check_order((("transition_piece.bottom_m", sleeve.bottom_m, "tower.station[1].z_m", foot),
                           ("monopile's top", top.z_m, "tower.station[1].z_m", foot)))
     if not sleeve.bottom_m <= sleeve.lumped_mass_m <= foot:
         yield ("transition_piece.lumped_mass_m", f"{sleeve.lumped_mass_m} is not between {sleeve.bottom_m} and {foot}",

@@ -68,17 +68,18 @@ def _known_keys(location: tuple, kind: type[Table]) -> set[str]:
         if isinstance(step, int):
             continue
         field = model.model_fields.get(step)
-        candidates = [] if field is None else _tables(field.annotation)
+        candidates = [] if field is None else nested_tables(field.annotation)
         if not candidates:
             return set()
         model = candidates[0]
     return set(model.model_fields)
 
 
-def _tables(annotation) -> list[type[Table]]:
+def nested_tables(annotation) -> list[type[Table]]:
+    """The tables that a field's annotation names, itself or as an argument."""
     if isinstance(annotation, type):
         return [annotation] if issubclass(annotation, Table) else []
-    return [table for argument in get_args(annotation) for table in _tables(argument)]
+    return [table for argument in get_args(annotation) for table in nested_tables(argument)]
 
 
 def _translate(error: ErrorDetails, of: type[Table]) -> Mistake:

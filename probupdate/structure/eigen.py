@@ -66,7 +66,7 @@ def lowest_modes(
         factor = _definite_factor(K, where)
         value, phi = _lanczos(K, M, n_mode, factor, where)
         solve = factor.solve
-    value, phi = _normalised(value, phi, M)
+    value, phi = _normalise(value, phi, M)
     _refuse_rounding(K, value, phi, where)
     value, phi = _accurate(K, M, value, phi, solve, where, refused)
     largest = np.argmax(np.abs(phi), axis=0)
@@ -94,7 +94,7 @@ def modes_with_free_motions(K: sparse.csc_array, M: sparse.csc_array, n_mode: in
     # the first modes only say where the lowest eigenvalue above zero is
     for refused in (np.inf, REFUSED_ERROR):
         value, phi = lowest_modes(sparse.csc_array(K + shift * M), M, n_mode, where, refused=refused)
-        rounding = np.maximum(_rounding(size, phi), FREE * shift)
+        rounding = np.maximum(_rounding_error(size, phi), FREE * shift)
         value = value - shift
         if value[0] < -rounding[0]:
             raise InputError(where, "the stiffness matrix is not positive definite and no motion is free",
@@ -125,7 +125,7 @@ def _accurate(K, M, value, phi, solve, where: str, refused: float):
     extended = None
     for _ in range(REPEATS):
         force = value * (M @ phi)
-        y, extended = _solved(K, force, solve, extended)
+        y, extended = _solve_refined(K, force, solve, extended)
         error = _change(M, phi, y)
         if np.all(error < ACCURATE):
             return value, phi
@@ -135,7 +135,7 @@ def _accurate(K, M, value, phi, solve, where: str, refused: float):
             break
         if not mu[0] > 0:
             break
-        value, phi = _normalised(1 / mu, y @ turn, M)
+        value, phi = _normalise(1 / mu, y @ turn, M)
         if np.all(error < refused):
             return value, phi
     worst = int(np.argmax(error))
@@ -151,7 +151,7 @@ def _change(M, phi, y) -> np.ndarray:
     return np.sqrt(beyond**2 + np.sum(np.tril(shared - np.eye(phi.shape[1])) ** 2, axis=0))
 
 
-def _solved(K, force, solve, extended):
+def _solve_refined(K, force, solve, extended):
     """x (n, k) of K x = force, corrected until nothing is left to correct, and K in extended precision."""
     x = solve(force)
     extended = K.astype(np.longdouble) if extended is None else extended
@@ -168,7 +168,7 @@ def _solved(K, force, solve, extended):
     return x, extended
 
 
-def _normalised(value, phi, M):
+def _normalise(value, phi, M):
     order = np.argsort(value)
     phi = phi[:, order]
     return value[order], phi / _norm(M, phi)
@@ -183,7 +183,7 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
     return 0.5 * (matrix + matrix.T)
 
 
-def _rounding(size, phi) -> np.ndarray:
+def _rounding_error(size, phi) -> np.ndarray:
     """(n_mode,) what roundings of K, of entries `size`, may make of phi^T K phi = 0, of unit modal mass."""
     squares = phi**2
     total = np.einsum("ij,ij->j", squares, size.power(2) @ squares if sparse.issparse(size) else size**2 @ squares)
@@ -191,7 +191,7 @@ def _rounding(size, phi) -> np.ndarray:
 
 
 def _refuse_rounding(K, value, phi, where: str) -> None:
-    free = int(np.sum(value <= _rounding(abs(K), phi)))
+    free = int(np.sum(value <= _rounding_error(abs(K), phi)))
     if free:
         raise InputError(where, f"the stiffness matrix is singular but for rounding: {free} of the lowest motions "
                          f"{'is' if free == 1 else 'are'} held by nothing, a mechanism or a missing support",
@@ -307,9 +307,9 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
         d_value[j] = phi[:, j] @ change
         right = basis @ (basis.T @ change)
         right = M @ right - change
-        solution = None if full else _deflated(K, M, value[j], basis, right)
+        solution = None if full else _solve_deflated(K, M, value[j], basis, right)
         if solution is None:
-            solution = _bordered(K - value[j] * M, M, M @ basis, right)
+            solution = _solve_bordered(K - value[j] * M, M, M @ basis, right)
         d_phi[:, j] = solution - 0.5 * basis @ (basis.T @ dM_phi[:, j])
     return d_value, d_phi
 
@@ -327,7 +327,7 @@ def cluster_coupling(value, phi, dK_phi, dM_phi, d_value, clusters):
     return result
 
 
-def _deflated(K, M, value: float, basis, right):
+def _solve_deflated(K, M, value: float, basis, right):
     """v (n, n_param) of (K - value M) v = right, basis^T M v = 0, or None where it is not found to REFUSED.
 
     The matrix is factorised a hair beside the eigenvalue, which Newton corrections make good; what the cluster gets by
@@ -360,7 +360,7 @@ def _deflated(K, M, value: float, basis, right):
     return solution if error < REFUSED_RESIDUAL else None
 
 
-def _bordered(matrix, mass, border, right):
+def _solve_bordered(matrix, mass, border, right):
     """v of [matrix, border; border^T, 0] [v; mu] = [right; 0], with pivoting. Where an equal mode is left that nobody
     asked for, so that there are many v, it is bordered too."""
     below = np.zeros((border.shape[1], right.shape[1]))
@@ -376,5 +376,5 @@ def _bordered(matrix, mass, border, right):
     rcond, _ = linalg.lapack.dgecon(factors, np.abs(whole).sum(axis=0).max())
     if rcond < np.finfo(float).eps and border.shape[1] < len(right):
         mate = linalg.svd(whole)[2][-1, : len(right)]
-        return _bordered(matrix, mass, np.column_stack([border, mass @ mate]), right)
+        return _solve_bordered(matrix, mass, np.column_stack([border, mass @ mate]), right)
     return linalg.lapack.dgetrs(factors, pivots, np.vstack([right, below]))[0][: len(right)]

@@ -107,12 +107,12 @@ def extended_model(
     """
     description = extended_description(path, effects)
     if parameters is not None:
-        parameters = _with_effects(parameters, description, effects)
+        parameters = _append_effects(parameters, description, effects)
     return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
                          nacelle_angle_deg=nacelle_angle_deg)
 
 
-def _with_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:
+def _append_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:
     names = {effect.name for effect in effects}
     added = tuple(p for p in updated_parameters_of(description, description.name) if p.name in names)
     correlation = parameters.correlation

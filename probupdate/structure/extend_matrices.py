@@ -85,11 +85,11 @@ def write_grouped(
         content |= _csr_parts("channel_row", channel_rows[:n])
         if channel_rows.shape[0] > n:
             content |= _csr_parts("channel_tilt_row", channel_rows[n:])
-    content = _with_held_parameters(source, content, parameters.held)
+    content = _hold_parameters(source, content, parameters.held)
     tables = [_table(p) for p in parameters]
     for group in groups:
         called = group_parameter(group.name, [t["name"] for t in tables])
-        added = _summed(source, content, group, called)
+        added = _sum_group(source, content, group, called)
         if not added:
             raise InputError(f"group {group.name}", "its members' matrices add up to nothing", "correct its changes")
         content |= added
@@ -103,7 +103,7 @@ def write_grouped(
     return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
 
 
-def _with_held_parameters(source: Path, content: Mapping, held: Sequence[tuple[str, float]]) -> dict[str, np.ndarray]:
+def _hold_parameters(source: Path, content: Mapping, held: Sequence[tuple[str, float]]) -> dict[str, np.ndarray]:
     """The arrays with the matrices of parameters that are held at a value added to K0 and M0, in CSR parts."""
     result = dict(content)
     for kind in ("K", "M"):
@@ -119,7 +119,7 @@ def _with_held_parameters(source: Path, content: Mapping, held: Sequence[tuple[s
     return result
 
 
-def _summed(source: Path, content: Mapping, group: Group, called: str) -> dict[str, np.ndarray]:
+def _sum_group(source: Path, content: Mapping, group: Group, called: str) -> dict[str, np.ndarray]:
     """K_<called> and M_<called>, dense or in CSR parts as K0 and M0 are; none that is zero."""
     result = {}
     for kind in ("K", "M"):

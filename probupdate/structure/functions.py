@@ -89,7 +89,7 @@ class FunctionModel:
                 for value in (up, down):
                     moved = theta.copy()
                     moved[k] = value
-                    sides.append(_aligned(*self._evaluate(moved, n_mode), shape, clusters))
+                    sides.append(_align_modes(*self._evaluate(moved, n_mode), shape, clusters))
                 d_frequency[:, k] = (sides[0][0] - sides[1][0]) / (up - down)
                 d_shape[:, :, k] = (sides[0][1] - sides[1][1]) / (up - down)
             result |= {"frequency_derivative": frozen_array(d_frequency), "shape_derivative": frozen_array(d_shape)}
@@ -112,7 +112,7 @@ class FunctionModel:
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
-def _aligned(frequency, shape, reference, clusters):
+def _align_modes(frequency, shape, reference, clusters):
     """Modes reordered, signed and (in clusters) turned onto the reference shapes."""
     order = np.arange(shape.shape[1])
     for i, j in pair_by_mac(modal_assurance(reference, shape)):

@@ -74,7 +74,7 @@ def load_model(
     if path.suffix == ".npz":
         _refuse_sensors(input_file(path, "check the path"), sensors)
         if parameters is None:
-            table = str(_parameters_beside(path))
+            table = str(_parameter_table(path))
             parameters = read_parameters(table)
         return load_matrices(path, parameters, table=table)
     if path.suffix.lower() == ".dat":
@@ -83,7 +83,7 @@ def load_model(
                              "with [subdyn] file (docs/formats/model.md)")
         return subdyn_model(path, sensors=sensors)
     if path.suffix != ".toml":
-        raise _no_form(path)
+        raise _unknown_form(path)
     raw = read_toml(path)
     if "subdyn" in raw:
         return described_model(raw, path, parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
@@ -94,7 +94,7 @@ def load_model(
                          nacelle_angle_deg=nacelle_angle_deg)
 
 
-def _no_form(path: Path) -> InputError:
+def _unknown_form(path: Path) -> InputError:
     """Why a path of another ending is no model, and what was probably meant."""
     forms = "a model is a model.toml, a model.npz or a SubDyn .dat"
     meant = difflib.get_close_matches(str(path).lower(), REFERENCE_STATES, n=1, cutoff=0.6)
@@ -147,16 +147,16 @@ def _refuse_sensors(path: Path, sensors) -> None:
         raise InputError(str(path), "a model of matrices has its own channels only", "leave the sensors to the model")
 
 
-def _tables_beside(path: Path) -> list[Path]:
+def _candidate_tables(path: Path) -> list[Path]:
     """Where the parameters of a model.npz stand; a TOML of its name may be another form of model."""
     own = path.with_suffix(".toml")
     there = [own] if own.is_file() and not OTHER_FORMS & set(read_toml(own)) else []
     return [p for p in (*there, path.with_name("parameters.toml")) if p.is_file()]
 
 
-def _parameters_beside(path: Path) -> Path:
+def _parameter_table(path: Path) -> Path:
     """The table of parameters of a model.npz."""
-    for found in _tables_beside(path):
+    for found in _candidate_tables(path):
         return found
     other = path.with_suffix(".toml")
     raise InputError(
@@ -196,7 +196,7 @@ def model_files(path: str | Path, parameters: str | Path | None = None) -> tuple
     if parameters is not None:
         named.append(Path(parameters))
     elif path.suffix == ".npz":
-        named += _tables_beside(path)[:1]
+        named += _candidate_tables(path)[:1]
     return tuple(p for p in (path, *named) if p.is_file())
 
 

@@ -264,7 +264,7 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     names = tuple(str(c) for c in content["channel"])
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise InputError(f"{path}, channel", f"'{twice[0]}' is listed twice", "give each channel a name of its own")
-    rows = _by_channel(path, content, names, n, "channel")
+    rows = _channel_rows(path, content, names, n, "channel")
     if rows is None:
         raise InputError(f"{path}, channel_dof", "is missing",
                          "give each channel's row, or combinations in channel_row")
@@ -275,7 +275,7 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     return names, rows
 
 
-def _by_channel(
+def _channel_rows(
     path: Path, content: Mapping, names: Sequence[str], n: int, key: str
 ) -> sparse.csr_array | None:
     """(n_channel, n) by <key>_row, dense or in CSR parts, or by <key>_dof, a row of the matrices each, with <key>_sign;
@@ -331,7 +331,7 @@ def _tilts(path: Path, content: Mapping, reads: sparse.csr_array) -> tuple[spars
     which channels (n_channel,) it is known: those without a horizontal part need none."""
     n = reads.shape[1]
     names = tuple(str(c) for c in content["channel"])
-    stated = _by_channel(path, content, names, n, "channel_tilt")
+    stated = _channel_rows(path, content, names, n, "channel_tilt")
     tilts, known = _tilts_by_nodes(content, reads)
     if stated is None:
         return tilts, known

@@ -148,11 +148,11 @@ def write_matrices(
             raise InputError(str(path), "is there already", "name another folder, or remove it")
     asked = Groups() if groups is None else _groups(Path(groups))
     notes: list[str] = []
-    kept, base = _mended(given, str(files[0]), notes)
+    kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
     names, rows, signs = _channels(asked, base, str(groups or files[0]), notes)
     printed = given.frequency_hz if asked.check is None else np.array(asked.check.frequencies_hz)
-    found = _solved(base, str(files[0]), printed)
+    found = _solve_and_check(base, str(files[0]), printed)
     out.parent.mkdir(parents=True, exist_ok=True)
     arrays = {"channel": np.array(names), "channel_dof": rows, "channel_sign": signs, **_geometry(base, notes)}
     stiffness, mass = base.stiffness, base.mass
@@ -182,15 +182,15 @@ def _groups(path: Path) -> Groups:
 # mending -------------------------------------------------------------------------------------------------------------
 
 
-def _mended(given: ProgramMatrices, where: str, notes: list[str]) -> tuple[np.ndarray, ProgramMatrices]:
+def _clean_matrices(given: ProgramMatrices, where: str, notes: list[str]) -> tuple[np.ndarray, ProgramMatrices]:
     """Numbers of the rows that are free (n,), and the matrices of these: both triangles, without held rows."""
-    K, M = (_mirrored(x, f"{where}, {name}", name, notes)
+    K, M = (_mirror_triangle(x, f"{where}, {name}", name, notes)
             for x, name in ((given.stiffness, "stiffness"), (given.mass, "mass")))
     if K.shape != M.shape:
         raise InputError(where, f"the stiffness has {K.shape[0]} rows, the mass {M.shape[0]}",
                          "export both of one run")
     empty = (_largest(K) == 0) & (_largest(M) == 0)
-    held = _penalised(K) & ~empty
+    held = _penalty_rows(K) & ~empty
     for rows, words in ((empty, "held rows, kept as zeros by the program, are left out"),
                         (held, "rows held by a penalty are left out")):
         if rows.any():
@@ -214,7 +214,7 @@ def _largest(matrix: sparse.csc_array) -> np.ndarray:
     return np.asarray(abs(matrix).max(axis=1).todense()).ravel()
 
 
-def _mirrored(matrix: sparse.csc_array, where: str, name: str, notes: list[str]) -> sparse.csc_array:
+def _mirror_triangle(matrix: sparse.csc_array, where: str, name: str, notes: list[str]) -> sparse.csc_array:
     """Both triangles."""
     matrix = sparse.csc_array(matrix.astype(float)) if not np.iscomplexobj(matrix) else _real(matrix, where)
     if matrix.shape[0] != matrix.shape[1]:
@@ -245,7 +245,7 @@ def _real(matrix, where: str) -> sparse.csc_array:
     return sparse.csc_array(matrix.real)
 
 
-def _penalised(K: sparse.csc_array) -> np.ndarray:
+def _penalty_rows(K: sparse.csc_array) -> np.ndarray:
     """(n,) whether a row is but a diagonal far above all others."""
     diagonal = np.abs(K.diagonal())
     alone = _largest(K - sparse.diags_array(K.diagonal())) == 0
@@ -304,16 +304,16 @@ def _slope(row: GroupRow, run: RunRow, where: Path, base: ProgramMatrices, kept,
             raise InputError(f"{where}: parameter {row.name}", f"'{run.file}' leaves the folder", "put it beside it")
     other = read_program_matrices(paths)
     quiet: list[str] = []
-    K, M = (_mirrored(x, str(paths[0]), "matrix", quiet) for x in (other.stiffness, other.mass))
+    K, M = (_mirror_triangle(x, str(paths[0]), "matrix", quiet) for x in (other.stiffness, other.mass))
     if max(kept) >= K.shape[0] or (other.node is not None and base.node is not None
                                    and not np.array_equal(other.node[kept], base.node)):
         raise InputError(str(paths[0]), "has other rows than the first run", "change nothing but the group's property")
     step = run.value - row.initial
     own = [sparse.csc_array(x[kept][:, kept] - y) / step for x, y in ((K, base.stiffness), (M, base.mass))]
-    return tuple(_cleared(x, y) for x, y in zip(own, (base.stiffness, base.mass), strict=True))
+    return tuple(_drop_roundoff(x, y) for x, y in zip(own, (base.stiffness, base.mass), strict=True))
 
 
-def _cleared(change: sparse.csc_array, base: sparse.csc_array) -> sparse.csc_array:
+def _drop_roundoff(change: sparse.csc_array, base: sparse.csc_array) -> sparse.csc_array:
     """Without what the printed digits of equal entries leave."""
     change = sparse.csc_array(change)
     change.data[np.abs(change.data) < 1e-12 * abs(base).max()] = 0.0
@@ -374,7 +374,7 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
     return {"node_position_m": place, "dof_node": index, "dof_direction": base.direction - 1}
 
 
-def _solved(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:
+def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:
     """(n,) Hz of the mended matrices, held against what the program printed."""
     n = min(max(COUNT, 0 if printed is None else len(printed)), base.stiffness.shape[0] - 2)
     if n < 1:
@@ -406,11 +406,11 @@ def _parameters_text(asked: Groups) -> str:
     for row in asked.parameter:
         table = {k: v for k, v in row.model_dump(exclude={"runs"}).items() if v not in (None, "")}
         tables.append(table)
-        lines = [f"{k} = {_quoted(v)}" for k, v in table.items()]
+        lines = [f"{k} = {_quote(v)}" for k, v in table.items()]
         text.append("[[parameter]]\n" + "\n".join(lines) + "\n")
     updated_parameters(tables, "groups.toml")
     return "\n".join(text)
 
 
-def _quoted(value: object) -> str:
+def _quote(value: object) -> str:
     return json.dumps(value) if isinstance(value, str) else repr(value)

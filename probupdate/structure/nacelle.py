@@ -40,7 +40,7 @@ def nacelle_bodies(d: Description, effects: Effects, top_m: np.ndarray, turn: np
             turning = ((parameter(p.name), _tensor(turn, per_kg)),)
             nacelle.bodies.append(Body(node=number, mass=parameter(p.name), spin=turning, shift=shift))
         for p in effects.on_body("oscillator", entry.name):
-            _swing(nacelle, number, mass * parameter(p.name), shift, turn[:, "xyz".index(p.axis)], p.frequency_hz)
+            _add_swing(nacelle, number, mass * parameter(p.name), shift, turn[:, "xyz".index(p.axis)], p.frequency_hz)
     return nacelle
 
 
@@ -48,7 +48,9 @@ def _tensor(turn: np.ndarray, diagonal) -> np.ndarray:
     return turn @ np.diag(diagonal) @ turn.T
 
 
-def _swing(nacelle: Nacelle, body: int, mass: Coefficient, shift, direction: np.ndarray, frequency_hz: float) -> None:
+def _add_swing(
+    nacelle: Nacelle, body: int, mass: Coefficient, shift, direction: np.ndarray, frequency_hz: float
+) -> None:
     """Move `mass` from a body to a node that follows it but for one direction, where a spring holds it."""
     nacelle.positions.append(nacelle.positions[body])
     nacelle.released.append((np.array([[*direction, 0.0, 0.0, 0.0]]), (mass * (2 * np.pi * frequency_hz) ** 2,)))

@@ -99,7 +99,7 @@ def own_modes(
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
     else:
         stated = read_parameters(parameters) if isinstance(parameters, str | Path) else parameters
-        opened = cast("Model", model) if hasattr(model, "solve") else _wrapped(model, stated)
+        opened = cast("Model", model) if hasattr(model, "solve") else _wrap_function(model, stated)
     most = opened.n_available
     if count is None:
         count = min(MOST_MODES, most)
@@ -112,10 +112,10 @@ def own_modes(
     except InputError:
         if not isinstance(opened, AffineModel):
             raise
-        solution, phi, free = _with_free_motions(opened, count)
+        solution, phi, free = _solve_with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     labels = mode_labels(opened, solution, sensors or (), families=NEUTRAL if of_matrices else TURBINE, phi=phi)
-    notes = (*notes, *_implausible(opened, solution.frequency_hz), *_distinguished(labels, solution))
+    notes = (*notes, *_implausible(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
     shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
@@ -143,7 +143,7 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
     return (f"implausible: the lowest frequency is {lowest:.3g} Hz; {usual}: {UNITS_ADVICE}",)
 
 
-def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:
+def _solve_with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:
     """Modes of a structure that may float, as SubDyn's summary has them, their whole shapes, and how many are at 0
     Hz."""
     theta = model.parameters.initial
@@ -152,7 +152,7 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, n
                          shape=frozen_array(model.read(theta, value, phi))), phi, free
 
 
-def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
+def _wrap_function(given: object, parameters: Parameters | None) -> FunctionModel:
     if not callable(given):
         raise InputError("model", f"a {type(given).__name__} is no model", "give a file, a model or a function")
     function: Any = given
@@ -173,7 +173,7 @@ def unused_of(path: Path) -> tuple[str, ...]:
     return read_subdyn(path).notes
 
 
-def _distinguished(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:
+def _distinguish_labels(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:
     """What the model's channels do not see of its first global modes, or do not distinguish."""
     first = [j for j, label in enumerate(labels) if label in MODES_SAID]
     return indistinguishable(tuple(labels[j] for j in first), solution.frequency_hz[first], solution.shape[:, first])

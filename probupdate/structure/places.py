@@ -35,7 +35,7 @@ def place_of(d: Description, point: np.ndarray) -> str:
     extent = max(station.z_m for station in d.tower.station) - _lowest_m(d)
     level, wide = f"z = {z:.{decimals(SAME_PLACE * extent)}f} m", d.tower.station[0].diameter_m
     if isinstance(d, OnJacket):
-        if found := _of_jacket(d, x, y, z, level):
+        if found := _jacket_place(d, x, y, z, level):
             return found
         wide = NEAR_AXIS * d.jacket.top.leg_spacing_m
     if np.hypot(x, y) >= wide:
@@ -53,7 +53,7 @@ def _lowest_m(d: Description) -> float:
     return d.site.mudline_m if isinstance(d, OnMonopile) else d.tower.station[0].z_m
 
 
-def _of_jacket(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
+def _jacket_place(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
     if not d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
         return ""
     legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])

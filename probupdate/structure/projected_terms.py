@@ -50,13 +50,13 @@ class ProjectedTerms:
 
     def total(self, weight: np.ndarray) -> np.ndarray:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
-        return self._seen(weight, lambda rows: rows)
+        return self._sum_observed(weight, lambda rows: rows)
 
     def between(self, weight: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """sum_t weight_t X^T B^T K_t B X (k, k) for weight (n_term,) and X (r, k): for few vectors, or few entries."""
-        return self._seen(weight, lambda rows: rows @ vectors)
+        return self._sum_observed(weight, lambda rows: rows @ vectors)
 
-    def _seen(self, weight: np.ndarray, motion: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def _sum_observed(self, weight: np.ndarray, motion: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """The sum of all terms with what rows (n_row, r) on the basis become by `motion` (n_row, k): (k, k)."""
         rows, whole = self._whole(weight)
         moved = motion(self.basis[rows])

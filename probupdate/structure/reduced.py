@@ -75,14 +75,14 @@ def reduce_basis(
     at = _snapshot_points(draw(n_snapshot)[0], extremes, lower, upper)
     snapshots = _solve_full(model, at, n_mode, "snapshots", progress)
     checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
-    largest = project(model, *_proper_orthogonal(_unmixed(snapshots, K), K, max_size), (lower, upper), n_mode,
+    largest = project(model, *_proper_orthogonal(_unmix_modes(snapshots, K), K, max_size), (lower, upper), n_mode,
                       frequency_tolerance)
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
     typical = _smallest(largest, checks, TYPICAL)
     if typical is not None:
         snapshots += checks.worst(largest.leading(typical))
     for _ in range(MAX_ROUNDS):
-        basis, family = _proper_orthogonal(_unmixed(snapshots, K), K, max_size)
+        basis, family = _proper_orthogonal(_unmix_modes(snapshots, K), K, max_size)
         largest = project(model, basis, family, (lower, upper), n_mode, frequency_tolerance)
         size = _smallest(largest, checks, 1.0)
         if size is None:
@@ -243,7 +243,7 @@ def _smallest(largest: ReducedModel, checks: _Checks, share: float) -> int | Non
     return high
 
 
-def _unmixed(snapshots, K) -> np.ndarray:
+def _unmix_modes(snapshots, K) -> np.ndarray:
     """Modes of all snapshots (n_dof, n) of unit K-energy, close ones turned so that families of symmetry stay apart.
 
     With C_k the energies that modes of family k share with a group V of close modes, sum_k w_k C_k^T C_k is diagonal

@@ -245,7 +245,7 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         moved=moved,
     )
     blocks = []
-    for rows in _uncoupled(np.concatenate([stiffness, mass]), family):
+    for rows in _uncoupled_families(np.concatenate([stiffness, mass]), family):
         blocks.append(Block(
             rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
             mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
@@ -257,7 +257,7 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
     )
 
 
-def _uncoupled(terms: np.ndarray, family: np.ndarray) -> list[np.ndarray]:
+def _uncoupled_families(terms: np.ndarray, family: np.ndarray) -> list[np.ndarray]:
     """The families' rows, those joined that any term couples."""
     number = family.max() + 1
     member = np.eye(number)[family]

@@ -252,7 +252,7 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
         (np.array([c[2] for c in columns]), ([c[0] for c in columns], [c[1] for c in columns])),
         shape=(n_full, n_column)))
     links = _rigid_links(file, node_m, elements, translation, joints)
-    acted = _acted(file, node_of, translation, elements, dofs, n_full)
+    acted = _active_dofs(file, node_of, translation, elements, dofs, n_full)
     keep = _free(file, node_of, translation, joints, links, acted)
     reduction = sparse.csr_array(joints @ links)[:, keep]
     at_joints = sparse.csr_array(links)[:, keep]
@@ -400,7 +400,7 @@ def _rigid_links(file: SubDynFile, node_m, elements, translation, joints) -> spa
         ([e[2] for e in entries], ([e[0] for e in entries], [e[1] for e in entries])), shape=(n_column, len(left))))
 
 
-def _acted(file: SubDynFile, node_of, translation, elements, dofs, n_full: int) -> np.ndarray:
+def _active_dofs(file: SubDynFile, node_of, translation, elements, dofs, n_full: int) -> np.ndarray:
     """(n_full,) which degrees of freedom anything stiff or heavy is at: all but rotations where cables alone end."""
     acted = np.zeros(n_full, bool)
     for own, element in zip(dofs, elements, strict=True):

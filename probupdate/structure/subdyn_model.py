@@ -562,7 +562,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
         if joint is None:
             dofs, motion = _on_beam(frame, sensor, path)
         else:
-            dofs, motion, known[number] = _at_joint(frame, sensor, joint, path)
+            dofs, motion, known[number] = _sensor_at_joint(frame, sensor, joint, path)
         across = across_gravity(sensor.direction)
         known[number] |= not across.any()
         for dof, along, tilt in zip(dofs, sensor.direction @ motion[:3], across @ motion[3:], strict=True):
@@ -571,7 +571,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
     return sparse.csr_array(sparse.csr_array(rows) @ frame.reduction), known
 
 
-def _at_joint(frame: SubDynFrame, sensor: Sensor, joint: int, path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
+def _sensor_at_joint(frame: SubDynFrame, sensor: Sensor, joint: int, path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
     """Degrees of freedom (n,), (6, n) motion and rotation at the sensor, and whether the joint has one rotation."""
     node = frame.node_of[joint]
     arm = sensor.position_m - frame.node_m[node]
@@ -580,10 +580,10 @@ def _at_joint(frame: SubDynFrame, sensor: Sensor, joint: int, path: Path) -> tup
     if turns and np.linalg.norm(arm) > SAME_PLACE * _extent(frame):
         raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
                          "put it at the joint, or on another")
-    return dofs[dofs >= 0], _carried(arm)[:, dofs >= 0], not turns
+    return dofs[dofs >= 0], _lever_matrix(arm)[:, dofs >= 0], not turns
 
 
-def _carried(arm: np.ndarray) -> np.ndarray:
+def _lever_matrix(arm: np.ndarray) -> np.ndarray:
     """(6, 6) motion and rotation of a point at `arm` from those of what carries it."""
     return np.block([[np.eye(3), -cross_matrix(arm)], [np.zeros((3, 3)), np.eye(3)]])
 
@@ -614,7 +614,7 @@ def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray
     _, dofs, element, xi, arm = best
     turn = np.kron(np.eye(4), element.axes[:, [2, 0, 1]].T)
     at_axis = turn[:6, :6].T @ beams.interpolation(xi, element.length_m) @ turn
-    return dofs, _carried(arm) @ at_axis
+    return dofs, _lever_matrix(arm) @ at_axis
 
 
 def _places(frame: SubDynFrame) -> DofPlaces:

@@ -132,7 +132,7 @@ def as_subdyn(frame: Frame, values: Values, above: np.ndarray, foot: int, *, the
         _add_tie(frame, values, t, tie, f"tie {number}", stiffest)
     for body in frame.bodies:
         if body.node in kept:
-            t.add_mass(body.node, _summed(body_mass(body), values))
+            t.add_mass(body.node, _sum_contributions(body_mass(body), values))
     for spring in frame.springs:
         if spring.node in kept:
             stiffness = float(spring.stiffness.value(values)) * np.outer(spring.direction, spring.direction)
@@ -141,7 +141,7 @@ def as_subdyn(frame: Frame, values: Values, above: np.ndarray, foot: int, *, the
     return _file(t, foot, 3 if theory == "timoshenko" else 1, title)
 
 
-def _summed(contributions: Iterable[Contribution], values: Values) -> np.ndarray:
+def _sum_contributions(contributions: Iterable[Contribution], values: Values) -> np.ndarray:
     """(6, 6) of contributions at one node."""
     return np.sum([float(c.value(values)) * matrix for _, matrix, c in contributions], axis=0)
 

@@ -43,7 +43,7 @@ def write_tangent(model: Model, path: str | Path) -> Tangent:
     path = Path(path)
     n_mode = min(MOST_MODES, model.n_available)
     arrays = _matrices(model, n_mode)
-    parameters, share = _where_positive(model.parameters, arrays)
+    parameters, share = _positive_bounds(model.parameters, arrays)
     write_arrays(path, arrays | {"channel": np.array(model.channels)})
     write_text(path.with_suffix(".toml"), parameters_text(parameters))
     note = (f"{model.name} is a function: diagnosed is its tangent at the initial parameters by differences, {n_mode} "
@@ -125,12 +125,12 @@ def _outside_basis(outside: np.ndarray) -> np.ndarray:
         np.zeros((len(outside), 0)))
 
 
-def _matrix_at(arrays: dict[str, np.ndarray], kind: str, names: tuple[str, ...], theta: np.ndarray) -> np.ndarray:
+def _matrix(arrays: dict[str, np.ndarray], kind: str, names: tuple[str, ...], theta: np.ndarray) -> np.ndarray:
     return arrays[f"{kind}0"] + sum(t * arrays[f"{kind}_{name}"] for t, name in zip(theta, names, strict=True)
                                     if f"{kind}_{name}" in arrays)
 
 
-def _where_positive(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tuple[Parameters, float]:
+def _positive_bounds(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tuple[Parameters, float]:
     """The parameters with bounds at whose corners the tangent's matrices are positive definite, which they are within
     then, and the share of their distance from the initial values that is left."""
     initial, names, n = np.array(parameters.initial), parameters.names, len(parameters)
@@ -144,7 +144,7 @@ def _where_positive(parameters: Parameters, arrays: dict[str, np.ndarray]) -> tu
 
     def positive(share: float) -> bool:
         each = initial + share * ends
-        return all(np.linalg.eigvalsh(np.array([_matrix_at(arrays, kind, names, theta) for theta in each])).min() > 0
+        return all(np.linalg.eigvalsh(np.array([_matrix(arrays, kind, names, theta) for theta in each])).min() > 0
                    for kind in "KM")
 
     share = 1.0
@@ -164,7 +164,7 @@ def _error(model: Model, arrays: dict[str, np.ndarray], n_mode: int) -> float:
         for sign in (-1.0, 1.0):
             theta = np.array(model.parameters.initial)
             theta[k] = np.clip(theta[k] + sign * std, model.parameters.lower[k], model.parameters.upper[k])
-            K, M = (_matrix_at(arrays, kind, names, theta) for kind in "KM")
+            K, M = (_matrix(arrays, kind, names, theta) for kind in "KM")
             if linalg.eigvalsh(M)[0] <= 0:
                 return float("nan")
             square = linalg.eigvalsh(K, M)[:n_mode]

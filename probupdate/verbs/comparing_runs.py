@@ -59,7 +59,7 @@ class RunComparison:
         both = sum(r.standardised is not None for r in self.rows)
         lines = [f"{self.runs[0]} (first) and {self.runs[1]} (second): {len(apart)} of {both} numbers differ by more "
                  f"than {NAMED:g} standard deviations"]
-        lines += [f"  {r.kind} {r.name}: {_with(r.first, r.first_std)} and {_with(r.second, r.second_std)} {r.unit} "
+        lines += [f"  {r.kind} {r.name}: {_value(r.first, r.first_std)} and {_value(r.second, r.second_std)} {r.unit} "
                   f"({r.standardised:+.1f})" for r in sorted(apart, key=lambda r: -abs(r.standardised or 0.0))]
         lines += [f"{what}: {a} | {b}" for what, a, b in self.statements]
         return "\n".join([*lines, *(f"note: {text}" for text in self.notes)])
@@ -74,7 +74,7 @@ class RunComparison:
             "statements": [list(s) for s in self.statements], "notes": list(self.notes)})
 
 
-def _with(value: float | None, std: float | None) -> str:
+def _value(value: float | None, std: float | None) -> str:
     return "none" if value is None else f"{value:.4g}" if std is None else f"{value:.4g} ± {std:.2g}"
 
 
@@ -95,7 +95,7 @@ def compare_runs(first: str | Path, second: str | Path) -> RunComparison:
         ("sampler", *("none" if p is None else p.verdict for p in posteriors)),
         ("weights", *("none" if p is None else str(p.record.get("weights", "not stated")) for p in posteriors)),
         ("ln evidence", *(_evidence(p) for p in posteriors)),
-        ("diagnosis", *(_found(d) for d in verdicts)),
+        ("diagnosis", *(_verdict_text(d) for d in verdicts)),
         ("modal sets", *("none" if m is None else str(len(m.sets)) for m in modes)),
     ]
     return RunComparison(runs=(str(folders[0]), str(folders[1])), rows=tuple(rows),
@@ -151,7 +151,7 @@ def _evidence(p: Posterior | None) -> str:
     return "not known" if value is None else f"{value:.2f}" + ("" if std is None else f" ± {std:.2g}")
 
 
-def _found(diagnosis: dict | None) -> str:
+def _verdict_text(diagnosis: dict | None) -> str:
     if diagnosis is None:
         return "not made"
     causes = "; ".join(f"{f['cause']} {f['location']} {f['size']:.3g} ± {f['size_std']:.2g}".strip()

@@ -79,7 +79,7 @@ def explore(
     if (source / "campaign.toml").exists() or (not source.exists() and campaign is None):
         with tempfile.TemporaryDirectory() as folder:
             opened = read_campaign(source)
-            found = _with_model(_of_campaign(opened, Path(folder), block, settings), opened, model, parameters)
+            found = _add_model(_identify_block(opened, Path(folder), block, settings), opened, model, parameters)
             path, shown = write_explorer(found, out, progress)
         return Exploration(path=path, block=found.first, shown=shown, blocks=len(block_starts(opened)),
                            notes=found.notes)
@@ -89,7 +89,7 @@ def explore(
     places = _run_places(source)
     at = campaign or places.get("campaign")
     opened = None if at is None else read_campaign(at)
-    found = _with_model(_of_run(places["modes.json"], opened, block), opened, model or places.get("model"),
+    found = _add_model(_stored_poles(places["modes.json"], opened, block), opened, model or places.get("model"),
                         parameters or places.get("parameters"))
     path, shown = write_explorer(found, out, progress)
     return Exploration(path=path, block=found.first, shown=shown, blocks=len(found.ids), notes=found.notes)
@@ -107,7 +107,7 @@ def _run_places(source: Path) -> Mapping[str, Path]:
     return places
 
 
-def _of_campaign(campaign: Campaign, folder: Path, block: str | None, stated: IdentificationSettings) -> PoleSource:
+def _identify_block(campaign: Campaign, folder: Path, block: str | None, stated: IdentificationSettings) -> PoleSource:
     """The poles of one block, identified into the folder."""
     from probupdate.reporting.explore import PoleSource
 
@@ -130,7 +130,7 @@ def _of_campaign(campaign: Campaign, folder: Path, block: str | None, stated: Id
                       proposed=proposed_poles(one, chosen), std=store.std_of(one), notes=(note, *skipped, *said))
 
 
-def _of_run(modes: Path, campaign: Campaign | None, block: str | None) -> PoleSource:
+def _stored_poles(modes: Path, campaign: Campaign | None, block: str | None) -> PoleSource:
     """The poles that are stored beside modes.json."""
     from probupdate.reporting.explore import PoleSource
     from probupdate.reporting.run_files import POLE_COLUMNS, read_table
@@ -176,7 +176,7 @@ def _std_of_first(
     return store.std_of(one), []
 
 
-def _with_model(
+def _add_model(
     found: PoleSource, campaign: Campaign | None, model: GivenModel | None, parameters: str | Path | None
 ) -> PoleSource:
     """With the lines of a model and its lowest modes there and at the sensors, where it has geometry and the sensors

@@ -80,7 +80,7 @@ def diagnose(
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
     if path is not None and not isinstance(path, Path | Prepared):
-        with _tangent_of(path, options.get("out")) as tangent:
+        with _write_tangent(path, options.get("out")) as tangent:
             found = diagnose(tangent.path, data, campaign=campaign, seed=seed, progress=progress, **options)
         return replace(found, notes=(tangent.note, *found.notes), inputs=_inputs(None, None, modes))
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
@@ -92,7 +92,7 @@ def diagnose(
 
 
 @contextmanager
-def _tangent_of(model: Model, out: str | Path | None) -> Iterator[Tangent]:
+def _write_tangent(model: Model, out: str | Path | None) -> Iterator[Tangent]:
     """A function's matrices beside diagnosis.json, which extended models name, or for the time of the run."""
     if out is not None:
         yield write_tangent(model, Path(out).with_name(f"{Path(out).stem}.tangent.npz"))

@@ -79,7 +79,7 @@ def identify(
     if choice is None:
         chosen, said = ssi_settings([opened], model, settings, sought.modes)
     else:
-        chosen, said = _settings_of(choice, settings), []
+        chosen, said = _choice_settings(choice, settings), []
     found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
                               jobs=jobs, progress=progress)
     said = [*sought.notes, *said]
@@ -172,7 +172,7 @@ def ssi_settings(
     return settings, said
 
 
-def _settings_of(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:
+def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:
     """The settings that a choice was made with. Raises InputError where others are stated."""
     opened, where = opened_choice(choice)
     made, low = opened.settings, min(pole.order for pole in (*opened.picked, *opened.rejected))

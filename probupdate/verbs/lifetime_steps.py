@@ -84,12 +84,12 @@ def stresses(
     modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(
-        records, places["model"], Path(fatigue), posterior.draws, _damping(modes), names=posterior.names,
+        records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
         without=tuple(without or ()), settings=settings, progress=progress)
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 
-def _damping(modes: ModalData | None) -> StateDamping:
+def _measured_damping(modes: ModalData | None) -> StateDamping:
     """Measured ratios, mean of all sets and of those of each state; none where no modes lie in the run."""
     from probupdate.lifetime.damping import STATES_OF, StateDamping, geometric_means
 

@@ -94,10 +94,10 @@ class ModelAt:
 
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)
-        if angle not in self._opened:
+        if angle not in self._open_models:
             opened = open_model(self.model, self.parameters, self.sensors, nacelle_angle_deg=angle, fix=self.fix)
-            self._opened[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
-        return self._opened[angle]
+            self._open_models[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
+        return self._open_models[angle]
 
     def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
         """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to
@@ -115,7 +115,7 @@ class ModelAt:
         return replace(opened, uncertainty=known)
 
     @cached_property
-    def _opened(self) -> dict[float, Model]:
+    def _open_models(self) -> dict[float, Model]:
         return {}
 
     def setting(self, modal_set: ModalSet, channels: Sequence[str]) -> dict[str, str]:

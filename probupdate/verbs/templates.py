@@ -67,17 +67,17 @@ def template(kind: str, out: str | Path) -> Template:
             raise InputError(str(path), "is there already and would be written over", "name another place")
     if kind == "matrices":
         write_arrays(model, example_matrices())
-        write_text(table[0], _packaged("parameters.toml"))
+        write_text(table[0], _packaged_text("parameters.toml"))
         sensors = channel_places(load_model(model))
     else:
-        write_text(model, _packaged(f"{kind}.toml"))
+        write_text(model, _packaged_text(f"{kind}.toml"))
         sensors = model_sensors(model) or ()
     for path in campaign:
         write_text(path, campaign_text(kind, sensors))
     return Template(kind=kind, files=(model, *table, *campaign))
 
 
-def _packaged(name: str) -> str:
+def _packaged_text(name: str) -> str:
     return read_text(Path(__file__).resolve().parents[1] / "templates" / name)
 
 

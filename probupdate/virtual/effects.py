@@ -62,7 +62,7 @@ def _factor(*place: str, high: float = 3.0, **more) -> EffectKind:
     return _structural(place, "factor", "-", 1.0, low=0.0, high=high, **more)
 
 
-def _measured(place: tuple[str, ...], size: str, unit: str, neutral: float = 0.0, **more) -> EffectKind:
+def _sensor_effect(place: tuple[str, ...], size: str, unit: str, neutral: float = 0.0, **more) -> EffectKind:
     return EffectKind(acts="measurement", place=place, size=size, neutral=neutral, unit=unit, **more)
 
 
@@ -101,16 +101,16 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "icing": _environmental("mass_kg", "kg", low=0.0),
     "p_delta": _environmental("scale", "-"),  # weight above on the tower's deflection, 1: all of it
     # measurement
-    "sensor_gain": _measured(("channel",), "factor", "-", 1.0),
-    "sensor_swap": _measured(("channel", "other"), "swapped", "-", low=0.0, high=1.0),
-    "sensor_rotation": _measured(("channel",), "angle_deg", "deg"),  # its whole housing, about the vertical
-    "sensor_height": _measured(("level",), "height_m", "m"),  # a level's sensors sit farther up their members by
-    "sensor_gravity": _measured((), "share", "-", low=0.0, high=1.0),  # all hold gravity the other way than is stated
-    "frame_rotation": _measured((), "angle_deg", "deg"),
-    "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
-    "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by
-    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample stated
-    "low_pass": _measured(("level",), "time_constant_s", "s", low=0.0),
+    "sensor_gain": _sensor_effect(("channel",), "factor", "-", 1.0),
+    "sensor_swap": _sensor_effect(("channel", "other"), "swapped", "-", low=0.0, high=1.0),
+    "sensor_rotation": _sensor_effect(("channel",), "angle_deg", "deg"),  # its whole housing, about the vertical
+    "sensor_height": _sensor_effect(("level",), "height_m", "m"),  # a level's sensors sit farther up their members by
+    "sensor_gravity": _sensor_effect((), "share", "-", low=0.0, high=1.0),  # all the other way than stated
+    "frame_rotation": _sensor_effect((), "angle_deg", "deg"),
+    "heading_offset": _sensor_effect((), "angle_deg", "deg"),  # of SCADA's nacelle heading
+    "clock_offset": _sensor_effect(("level",), "offset_s", "s"),  # the logger of a level is late by
+    "sampling_rate": _sensor_effect((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample stated
+    "low_pass": _sensor_effect(("level",), "time_constant_s", "s", low=0.0),
     # what no list of causes holds
     "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
     "cable": _structural(("leg", "z_m", "tower_z_m"), "stiffness_npm", "N/m", low=0.0, inside=False),
@@ -118,8 +118,8 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     # a mass beside the leg, held by springs in both horizontal directions and carried by it
     "second_structure": _structural(("leg", "z_m", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
     "odd_mass": _structural(("bay", "face"), "mass_kg", "kg", low=0.0, inside=False),  # hung on the crossing
-    "crosstalk": _measured(("channel", "other"), "share", "-", inside=False),
-    "mount_resonance": _measured(("channel",), "period_s", "s", low=0.0, inside=False),
+    "crosstalk": _sensor_effect(("channel", "other"), "share", "-", inside=False),
+    "mount_resonance": _sensor_effect(("channel",), "period_s", "s", low=0.0, inside=False),
 })
 OPTIONAL_PLACE = ("bottom_m", "top_m")  # without them a band is as long as the structure
 NOT_ALL = {"sensor_gain", "sensor_swap", "sensor_rotation", "crosstalk", "mount_resonance"}
@@ -146,7 +146,7 @@ def _choices(file: TurbineFile, key: str) -> tuple:
     }[key]
 
 
-def _number_of(file: TurbineFile, key: str) -> int:
+def _count_parts(file: TurbineFile, key: str) -> int:
     return {"bay": len(file.value("jacket", "bay")), "station": len(file.value("tower", "station")), "brace": 2}[key]
 
 
@@ -189,7 +189,7 @@ def _check_place(where: str, kind: str, key: str, value, file: TurbineFile) -> N
     if key in ("bay", "station", "brace"):
         if value == ALL and key != "station":
             return
-        if isinstance(value, bool) or value not in range(1, _number_of(file, key) + 1):
+        if isinstance(value, bool) or value not in range(1, _count_parts(file, key) + 1):
             raise InputError(where, f"{value!r} does not exist", "count from 1, the lowest")
     elif key.endswith(("_m", "_deg", "_hz")):
         if not is_number(value) or (key == "frequency_hz" and value <= 0):

@@ -87,7 +87,7 @@ def _sensor_levels(file: TurbineFile, hidden: HiddenEffects, part: str, rise: fl
     return levels
 
 
-def _bending(length_m: float, tube: beam.Tube) -> np.ndarray | None:
+def _flexibility(length_m: float, tube: beam.Tube) -> np.ndarray | None:
     """Flexibility (6,) about both bending axes of a length of tube; None for none."""
     turn = length_m / (tube.youngs_modulus_pa * tube.second_moment_m4)
     return np.array([0.0, 0.0, 0.0, 0.0, turn, turn]) if length_m else None
@@ -110,7 +110,7 @@ def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
             left = hidden.factor("leg_stiffness", leg=name, bay=bays[0]) if bays else 1.0
             return steel.section("leg", jacket["leg"], leg=name, flooded=filled, stiffness=left)(x, half_m)
 
-        ends = tuple(_bending(hidden.total(kind, leg=name), section(point))
+        ends = tuple(_flexibility(hidden.total(kind, leg=name), section(point))
                      for kind, point in (("grout_flexibility", foot), ("tp_flexibility", head)))
         mesh.member(foot, head, "leg", section, at=at, ends=ends, part=f"leg {name}")
 
@@ -230,7 +230,7 @@ def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int
                           stiffness=left)
 
     at = [(level - z[0]) / (z[-1] - z[0]) for level in {*z, *own}]
-    soft = {round(float(level), 6): _bending(hidden.total("flange_flexibility", station=k), section([0, 0, level]))
+    soft = {round(float(level), 6): _flexibility(hidden.total("flange_flexibility", station=k), section([0, 0, level]))
             for k, level in enumerate(z, start=1) if hidden.of("flange_flexibility", station=k)}
     mesh.member([0, 0, z[0]], [0, 0, z[-1]], "tower", section, at=at, inner=soft, part="tower")
     for station in stations:

@@ -42,7 +42,7 @@ def identified_modes(
     own = scale * np.array([CHANNEL_SCATTER[label] for label in labels])
     shape = shape / np.abs(shape).max(axis=0)
     value, mixed = np.linalg.eig(np.diag(pole) + size * _gaussian(rng, n_mode, n_mode))
-    order = _assigned(mixed)
+    order = _order_vectors(mixed)
     value, mixed = value[order], mixed[:, order]
     found = shape @ mixed
     found = found / np.abs(found).max(axis=0) + own * _gaussian(rng, *shape.shape)
@@ -52,7 +52,7 @@ def identified_modes(
     return np.abs(value) / (2 * np.pi), -np.real(value) / np.abs(value), found, covariance_factors
 
 
-def _assigned(mixed: np.ndarray) -> np.ndarray:
+def _order_vectors(mixed: np.ndarray) -> np.ndarray:
     """Eigenvectors (n, n) put in the order of the modes they are made of; their sets are disjoint."""
     share, order = np.abs(mixed) ** 2, np.full(len(mixed), -1)
     for _ in range(len(mixed)):

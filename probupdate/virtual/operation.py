@@ -74,7 +74,7 @@ class Plan:
         return idle
 
 
-def _relaxing(rng: np.random.Generator, n: int, step_s: float, time_constant_s: float) -> np.ndarray:
+def _ou_process(rng: np.random.Generator, n: int, step_s: float, time_constant_s: float) -> np.ndarray:
     """A unit Ornstein-Uhlenbeck process sampled every step_s, started in its stationary state."""
     from scipy.signal import lfilter
 
@@ -113,21 +113,21 @@ def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str,
 
     mean = given.get("wind_speed_mean_mps", 9.0)
     # Weibull marginal of shape 2.1 through the Gaussian copula of an Ornstein-Uhlenbeck process (10 h)
-    quantile = np.clip(ndtr(_relaxing(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
+    quantile = np.clip(ndtr(_ou_process(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
     wind = np.minimum(mean / gamma(1 + 1 / 2.1) * (-np.log1p(-quantile)) ** (1 / 2.1), 24.0)
     # prevailing wind along the drawing's x axis
-    direction = 35.0 * _relaxing(rng, n_slot, SLOT_S, 9 * 3600.0) + 3.0 * _relaxing(rng, n_slot, SLOT_S, 1800.0)
+    direction = 35.0 * _ou_process(rng, n_slot, SLOT_S, 9 * 3600.0) + 3.0 * _ou_process(rng, n_slot, SLOT_S, 1800.0)
     # the sea follows the wind with a lag of some hours
     lag = np.exp(-SLOT_S / (5 * 3600.0))
     driven = 0.016 * wind**2
     driven = lfilter([1 - lag], [1, -lag], driven, zi=[lag * driven[0]])[0]
-    height = 0.25 + driven + 0.05 * np.abs(_relaxing(rng, n_slot, SLOT_S, 3 * 3600.0))
-    period = 4.3 * np.sqrt(height) * (1 + 0.04 * _relaxing(rng, n_slot, SLOT_S, 3 * 3600.0))
+    height = 0.25 + driven + 0.05 * np.abs(_ou_process(rng, n_slot, SLOT_S, 3 * 3600.0))
+    period = 4.3 * np.sqrt(height) * (1 + 0.04 * _ou_process(rng, n_slot, SLOT_S, 3 * 3600.0))
     hours = np.arange(n_slot) / 6
     phase = rng.uniform(0, 2 * np.pi, 3)
     level = 0.25 * np.cos(2 * np.pi * hours / 12.42 + phase[0]) + 0.08 * np.cos(2 * np.pi * hours / 12.0 + phase[1])
-    level = level + 0.15 * _relaxing(rng, n_slot, SLOT_S, 24 * 3600.0)
-    air = 15 - 2.5 * np.cos(2 * np.pi * (hours - 3) / 24) + 2.0 * _relaxing(rng, n_slot, SLOT_S, 36 * 3600.0)
+    level = level + 0.15 * _ou_process(rng, n_slot, SLOT_S, 24 * 3600.0)
+    air = 15 - 2.5 * np.cos(2 * np.pi * (hours - 3) / 24) + 2.0 * _ou_process(rng, n_slot, SLOT_S, 36 * 3600.0)
     return {
         "wind_mps": wind, "wind_direction_deg": direction, "wave_height_m": height,
         "wave_period_s": np.maximum(period, 2.5), "water_level_m": level, "air_temperature_c": air,
@@ -145,7 +145,9 @@ def _states(wind: np.ndarray, maintenance: np.ndarray) -> np.ndarray:
     return state
 
 
-def _yawing(direction: np.ndarray, state: np.ndarray, maintenance: np.ndarray, rng) -> tuple[np.ndarray, list[Event]]:
+def _simulate_yaw(
+    direction: np.ndarray, state: np.ndarray, maintenance: np.ndarray, rng
+) -> tuple[np.ndarray, list[Event]]:
     """Heading on the grid, stepping at the middle of each yaw move, and the moves.
 
     The controller follows the wind once it is off by YAW_TOLERANCE_DEG, less eagerly while idling; in maintenance
@@ -188,27 +190,27 @@ def make_plan(n_slot: int, given: Mapping, rng: np.random.Generator) -> Plan:
     weather = _weather(n_slot, given, rng)
     wind = weather["wind_mps"]
     state = _states(wind, maintenance)
-    heading, events = _yawing(weather["wind_direction_deg"], state, maintenance, rng)
+    heading, events = _simulate_yaw(weather["wind_direction_deg"], state, maintenance, rng)
     events += _pitch_tests(state, rng)
     n_grid = n_slot * PER_SLOT
     time = GRID_S * np.arange(n_grid)
     slot_time = SLOT_S * (np.arange(n_slot) + 0.5)
     mean = np.interp(time, slot_time, wind)
     sigma = turbulence_std(mean)
-    fast = np.maximum(mean + 0.8 * sigma * _relaxing(rng, n_grid, GRID_S, 25.0), 0.1)
+    fast = np.maximum(mean + 0.8 * sigma * _ou_process(rng, n_grid, GRID_S, 25.0), 0.1)
     # starting and stopping takes a minute
     target = np.repeat((state > 0).astype(float), PER_SLOT)
     running = np.minimum(np.convolve(np.pad(target, (6, 0), mode="edge"), np.full(7, 1 / 7), mode="valid"), 1.0)
     rpm_of_wind = np.clip(RATED_RPM * fast / 11.0, LOWEST_RPM, RATED_RPM)
     lag = np.exp(-GRID_S / 30.0)
     smooth = lfilter([1 - lag], [1, -lag], rpm_of_wind, zi=[lag * rpm_of_wind[0]])[0]
-    wobble = 1 + 0.01 * _relaxing(rng, n_grid, GRID_S, 40.0)
-    idle_rpm = np.clip(0.35 + 0.03 * fast * (0.3 + np.abs(_relaxing(rng, n_grid, GRID_S, 900.0))), 0.0, 1.0)
+    wobble = 1 + 0.01 * _ou_process(rng, n_grid, GRID_S, 40.0)
+    idle_rpm = np.clip(0.35 + 0.03 * fast * (0.3 + np.abs(_ou_process(rng, n_grid, GRID_S, 900.0))), 0.0, 1.0)
     idle_rpm = np.where(np.repeat(maintenance, PER_SLOT), 0.05 * idle_rpm, idle_rpm)
     rpm = running * smooth * wobble + (1 - running) * idle_rpm
     turns = np.concatenate([[0.0], np.cumsum(0.5 * (rpm[1:] + rpm[:-1]) * GRID_S / 60)])
     pitch_on = np.where(fast > RATED_MPS, 4.0 * np.sqrt(np.maximum(fast - RATED_MPS, 0)) + 0.6 * (fast - RATED_MPS), 0)
-    feathered = FEATHERED_DEG + 0.05 * _relaxing(rng, n_grid, GRID_S, 60.0)
+    feathered = FEATHERED_DEG + 0.05 * _ou_process(rng, n_grid, GRID_S, 60.0)
     pitch = running * pitch_on + (1 - running) * feathered
     yaw_rate = np.zeros(n_grid)
     for event in events:

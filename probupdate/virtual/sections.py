@@ -66,7 +66,7 @@ class Materials:
         if group in ("leg", "brace"):
             if site["low"] < z_m < site["high"]:
                 diameter_m, thickness_m = diameter_m - 2 * p["corr"], thickness_m - p["corr"]
-            lost = self._of_leg("corrosion", z_m, leg)
+            lost = self._leg_thickness("corrosion", z_m, leg)
             if lost:
                 diameter_m, thickness_m = diameter_m - 2 * lost, thickness_m - lost
         if not 0 < thickness_m < diameter_m / 2:
@@ -74,7 +74,7 @@ class Materials:
                              "correct its section, or the parameters and effects that act on it")
         # per metre under water: what moves with the tube, growth, water inside
         grown = p["mg"] if z_m < site["growth_top"] else 0.0
-        grown += self._of_leg("marine_growth", z_m, leg)
+        grown += self._leg_thickness("marine_growth", z_m, leg)
         outer = diameter_m + 2 * grown
         water_kgpm = p["a_m"] * site["added"] * site["water"] * np.pi / 4 * outer**2
         growth = site["growth"] * np.pi / 4 * (outer**2 - diameter_m**2)
@@ -106,7 +106,7 @@ class Materials:
             return float(z_m < level)
         return float(np.clip((level - z_m + half_m) / (2 * half_m), 0.0, 1.0))
 
-    def _of_leg(self, kind: str, z_m: float, leg: str) -> float:
+    def _leg_thickness(self, kind: str, z_m: float, leg: str) -> float:
         """Thickness at a level: an effect of one leg leaves braces alone, one of all legs takes them along."""
         if not self.hidden.effects:
             return 0.0

@@ -104,7 +104,7 @@ def simulate(
     hours = [hour for hour in range(-(-recipe.n_slot // 6)) if hour not in missing]
     _write_missing(folder, recipe, drawn, hours, jobs, progress)
     count = Counter(plan.state.tolist())
-    prevailing = turbine.modes(_prevailing(plan))
+    prevailing = turbine.modes(_prevailing_direction(plan))
     return VirtualCampaign(
         path=folder, truth_path=folder / "truth.toml", n_file=len(hours), hours=recipe.n_slot / 6,
         quiet_blocks=int(quiet.sum()), blocks=len(quiet),
@@ -222,7 +222,7 @@ def _write_part(recipe: _Recipe, folder: Path, hours: tuple[int, ...]) -> int:
     return _write_hours(_drawn_once(recipe), folder, hours)
 
 
-def _prevailing(plan: operation.Plan, *, idling_only: bool = False) -> float:
+def _prevailing_direction(plan: operation.Plan, *, idling_only: bool = False) -> float:
     chosen = plan.heading_deg[plan.running <= 0.5] if idling_only else plan.heading_deg
     return Counter((chosen if len(chosen) else plan.heading_deg).tolist()).most_common(1)[0][0]
 
@@ -246,7 +246,7 @@ def _claim(folder: Path, truth_text: str) -> None:
     (folder / "acceleration").mkdir(exist_ok=True)
 
 
-def _rounded(array, digits: int = 8) -> list:
+def _round_values(array, digits: int = 8) -> list:
     return np.round(np.asarray(array, float), digits).tolist()
 
 
@@ -263,10 +263,10 @@ def _mode_set(file: TurbineFile, modes: HeadingModes) -> dict:
     return {
         "heading_deg": modes.heading_deg,
         "labels": list(nacelle_labels(modes, file.sensors)),
-        "frequency_hz": _rounded(modes.frequency_hz),
-        "damping_ratio_idling": _rounded(modes.damping_ratio["idling"], 6),
-        "damping_ratio_operating": _rounded(modes.damping_ratio["operating"], 6),
-        "shape": _rounded(modes.nominal_shape.T),
+        "frequency_hz": _round_values(modes.frequency_hz),
+        "damping_ratio_idling": _round_values(modes.damping_ratio["idling"], 6),
+        "damping_ratio_operating": _round_values(modes.damping_ratio["operating"], 6),
+        "shape": _round_values(modes.nominal_shape.T),
     }
 
 
@@ -282,7 +282,7 @@ def _record(turbine: Turbine, given, gaps, quiet) -> dict:
     times = START + (operation.GRID_S * np.arange(len(plan.heading_deg))).astype("timedelta64[s]")
     key = np.where(plan.running > 0.5, 1, 0)
     cuts = [0, *(np.flatnonzero((np.diff(plan.heading_deg) != 0) | (np.diff(key) != 0)) + 1), len(key)]
-    idle = turbine.modes(_prevailing(plan, idling_only=True))
+    idle = turbine.modes(_prevailing_direction(plan, idling_only=True))
     record = {
         "format": 1,
         "name": str(file.value("name")),
@@ -292,9 +292,9 @@ def _record(turbine: Turbine, given, gaps, quiet) -> dict:
         "parameters": {k: float(v) for k, v in truth.parameters.items()},
         "tolerances": {"scale": given.tolerance_scale},
         "operation": dict(given.operation),
-        "drawn": {k: _rounded(v) for k, v in t.items()} | {
-            "damping_ratio_without_air": _rounded(truth.damping_ratio),
-            "noise_std_mps2": _rounded(truth.noise_std_mps2), "offset_mps2": _rounded(truth.offset_mps2),
+        "drawn": {k: _round_values(v) for k, v in t.items()} | {
+            "damping_ratio_without_air": _round_values(truth.damping_ratio),
+            "noise_std_mps2": _round_values(truth.noise_std_mps2), "offset_mps2": _round_values(truth.offset_mps2),
         },
         "summary": {
             "start": f"{START}Z", "hours": plan.n_slot / 6, "sampling_rate_hz": RATE_HZ,
@@ -312,7 +312,7 @@ def _record(turbine: Turbine, given, gaps, quiet) -> dict:
         "mode_set_end": [_mode_set(file, turbine.modes(h, ends)) for h in headings] if varies else [],
         "condition": [
             {"start": f"{START + np.timedelta64(int(600 * k), 's')}Z",
-             "amount": _rounded(turbine.amount[turbine.condition[k]])}
+             "amount": _round_values(turbine.amount[turbine.condition[k]])}
             for k in starts
         ] if varies else [],
         "state": [

@@ -161,7 +161,7 @@ def _truth_modes(entry: Mapping) -> TruthModes:
     )
 
 
-def _clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.0):
+def _draw_clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.0):
     """Normal of standard deviation std cut at `limit` standard deviations by clipping: a manufacturer's tolerance has
     an end."""
     return std * np.clip(rng.standard_normal(shape), -limit, limit)
@@ -177,21 +177,21 @@ def draw_truth(given: GivenTruth, file: TurbineFile, rng: np.random.Generator, n
     values |= given.parameters
     s = given.tolerance_scale
     n_leg, n_channel = len(file.value("jacket", "leg_names")), len(file.sensors)
-    wall = s * _clipped(rng, 0.01, 4)
+    wall = s * _draw_clipped(rng, 0.01, 4)
     positions = [tuple(sensor.position_m) for sensor in file.sensors]
-    turn = {position: s * _clipped(rng, 1.0, 3) for position in dict.fromkeys(positions)}
+    turn = {position: s * _draw_clipped(rng, 1.0, 3) for position in dict.fromkeys(positions)}
     tolerances = Tolerances(
         tower_wall=1 + wall[0],
         leg_wall=1 + wall[1],
         brace_wall=1 + wall[2],
         pile_wall=1 + wall[3],
-        nacelle_mass=1 + s * _clipped(rng, 0.01),
-        secondary_steel=1 + s * _clipped(rng, 0.03),
-        joint_flexibility=float(np.exp(s * _clipped(rng, 0.1))),
+        nacelle_mass=1 + s * _draw_clipped(rng, 0.01),
+        secondary_steel=1 + s * _draw_clipped(rng, 0.03),
+        joint_flexibility=float(np.exp(s * _draw_clipped(rng, 0.1))),
         leg_soil=frozen_array(1 + s * rng.uniform(-0.1, 0.1, n_leg)),
-        rna_offset_m=frozen_array(s * _clipped(rng, 0.1, 3)),
-        frame_rotation_deg=float(s * _clipped(rng, 1.0)),
-        sensor_gain=frozen_array(1 + s * _clipped(rng, 0.01, n_channel)),
+        rna_offset_m=frozen_array(s * _draw_clipped(rng, 0.1, 3)),
+        frame_rotation_deg=float(s * _draw_clipped(rng, 1.0)),
+        sensor_gain=frozen_array(1 + s * _draw_clipped(rng, 0.01, n_channel)),
         sensor_rotation_deg=frozen_array([turn[position] for position in positions]),
     )
     return Truth(
@@ -199,6 +199,6 @@ def draw_truth(given: GivenTruth, file: TurbineFile, rng: np.random.Generator, n
         tolerances=tolerances,
         damping_ratio=frozen_array(rng.uniform(0.010, 0.016, n_mode)),
         noise_std_mps2=frozen_array(1e-4 * rng.uniform(0.8, 1.2, n_channel)),
-        offset_mps2=frozen_array(s * _clipped(rng, 2e-3, n_channel)),
+        offset_mps2=frozen_array(s * _draw_clipped(rng, 2e-3, n_channel)),
         effects=given.effects,
     )

@@ -19,7 +19,7 @@ from probupdate.reporting.identification_pictures import (
     stabilisation_drawing,
     write_figures,
 )
-from probupdate.reporting.measurement_sections import POLE_WORDS, _frequency_table
+from probupdate.reporting.measurement_sections import POLE_WORDS, frequency_table
 
 LABELS = ("FA1", "SS1", "T1")
 TRUE = np.array([0.32, 0.33, 1.3])
@@ -146,6 +146,6 @@ def test_every_criterion_of_a_pole_is_put_in_words():
 
 def test_of_one_set_each_mode_stands_once_and_of_several_once_for_each_state(modes):
     one = ModalData(channels=modes.channels, sets=modes.sets[:1])
-    assert [row[0] for row in _frequency_table(one, LABELS, False).rows] == list(LABELS)
-    assert [row[:2] for row in _frequency_table(modes, LABELS, False).rows] == [
+    assert [row[0] for row in frequency_table(one, LABELS, False).rows] == list(LABELS)
+    assert [row[:2] for row in frequency_table(modes, LABELS, False).rows] == [
         (label, state) for label in LABELS for state in ("all", "idling")]

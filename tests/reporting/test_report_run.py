@@ -16,7 +16,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import sha256
 from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.reporting import report
-from probupdate.reporting.run_files import PARTS, _said, read_run
+from probupdate.reporting.run_files import PARTS, read_run, setting_rows
 from probupdate.runtime.progress import silent
 from probupdate.structure.load import load_model, reference_model
 from probupdate.updating.comparison import write_comparison
@@ -178,7 +178,7 @@ def test_a_check_of_this_campaign_is_taken(own):
 
 
 def test_settings_within_settings_are_rows_of_their_own():
-    settings = dict(_said("moves", {"jump": 0.25, "names": ["a", "b"], "deep": {"n": 3}}))
+    settings = dict(setting_rows("moves", {"jump": 0.25, "names": ["a", "b"], "deep": {"n": 3}}))
     assert settings == {"moves, jump": "0.25", "moves, names": "a, b", "moves, deep, n": "3"}
 
 
@@ -216,7 +216,7 @@ def test_a_diagnosis_of_these_files_is_taken(own, full_run):
 @pytest.mark.parametrize(("name", "words"), [
     ("parameters.toml", "another model or of other parameters"), ("modes.json", "other modal sets (modes.json "),
 ])
-def test_a_diagnosis_of_other_files_is_said(own, full_run, name, words):
+def test_a_diagnosis_of_other_files_issetting_rows(own, full_run, name, words):
     with_inputs(own, full_run.diagnosis)
     put(own, name, (own / name).read_text() + "\n")
     (said,) = read_run(own, silent).warnings

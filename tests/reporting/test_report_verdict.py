@@ -23,7 +23,7 @@ from probupdate.reporting.identifiability import (
     names_of,
 )
 from probupdate.reporting.overview_sections import conclusion, remarkable, verdict_section
-from probupdate.reporting.posterior_sections import _paired, comparison_section
+from probupdate.reporting.posterior_sections import choose_pairs, comparison_section
 from probupdate.reporting.updating_sections import update_section
 
 
@@ -326,11 +326,11 @@ def test_pairs_are_drawn_of_the_best_informed_and_the_others_named():
     names = tuple(f"p{k}" for k in range(17))
     ratio = np.full(17, 0.95)
     ratio[[2, 9, 5, 16, 0, 11, 7]] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]
-    chosen, words = _paired(names, ratio)
+    chosen, words = choose_pairs(names, ratio)
     assert chosen == [0, 2, 5, 9, 11, 16] and "p7" in words and "p9" not in words
-    chosen, words = _paired(names, np.linspace(0.95, 1, 17))
+    chosen, words = choose_pairs(names, np.linspace(0.95, 1, 17))
     assert len(chosen) == 6
-    assert _paired(("a", "b"), np.array([0.5, 0.5])) == ([0, 1], "All parameters in pairs.")
+    assert choose_pairs(("a", "b"), np.array([0.5, 0.5])) == ([0, 1], "All parameters in pairs.")
 
 
 def test_a_parameter_that_every_set_leaves_at_its_bound_has_no_cov(run):
