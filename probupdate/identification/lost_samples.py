@@ -10,8 +10,10 @@ one of which every second sample was measured, is no reference: its past is left
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
@@ -32,6 +34,8 @@ LARGEST_PRODUCTS = 2**25
 SPECTRUM_SAMPLES = 512
 # singular values that are kept of its matrix: of more than a few modes at one frequency nothing is seen
 SINGULAR_VALUES = 4
+# lags at which the parts' pairs are counted
+SHARE_LAGS = 6
 # distances of samples at which it is asked whether a channel has pairs at all
 NEAR_LAGS = 64
 
@@ -113,6 +117,10 @@ class LossyRecord:
 def without_pairs(known: np.ndarray, repeated: np.ndarray, rate_hz: float) -> str:
     """Why covariances of a record cannot be estimated, where no channel has pairs with all others at every small
     distance in time; empty where one has. known (n_sample, n_channel) bool, repeated (n_channel,) share."""
+    # what two channels lack both is at most the sum of what each lacks
+    least = known.mean(axis=0)
+    if np.max(least) + np.min(least) - 1 >= LEAST_PAIRS + NEAR_LAGS / len(known):
+        return ""
     mask = np.where(known, 1.0, np.nan)
     if len(_Pairs(mask, 0, min(NEAR_LAGS, len(mask))).references()):
         return ""
@@ -138,48 +146,73 @@ def _control(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n_channel) with the same samples missing, and B (n_channel, n_channel), so that the channels are B times these."""
     known = np.isfinite(data)
     centred = data - np.nanmean(data, axis=0)
-    measured = known.sum(axis=0)
+    single = known.astype("f4")
+    together = np.round(single.T @ single)
+    measured = together.diagonal()
     slope = np.zeros((data.shape[1],) * 2)
     for c in np.flatnonzero(measured < len(data)):
-        mine = known[:, c]
-        wider = [j for j in np.flatnonzero(measured > measured[c]) if known[mine, j].all()]
-        if wider:
+        wider = np.flatnonzero((measured > measured[c]) & (together[c] == measured[c]))
+        if len(wider):
+            mine = known[:, c]
             others = centred[:, wider][mine]
             slope[c, wider] = np.linalg.lstsq(others.T @ others, others.T @ centred[mine, c], rcond=None)[0]
-    rest = centred - np.nan_to_num(centred) @ slope.T
+    rest = centred - np.nan_to_num(centred) @ slope.T if slope.any() else centred
     return rest, np.linalg.inv(np.eye(len(slope)) - slope)
 
 
 class _Pairs:
     """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel) about its mean,
-    NaN where lost. Channels that lack the same samples share a mask."""
+    NaN where lost. Channels that lack the same samples share a mask. Pairs are counted, and products of parts summed, in
+    single precision, beside which their own scatter is large. segment: as of `product_sums`."""
 
-    def __init__(self, data: np.ndarray, first_lag: int, n_lag: int):
+    def __init__(self, data: np.ndarray, first_lag: int, n_lag: int, segment: int = 0):
         known = np.isfinite(data)
         self.n_sample, self.n_lag, self.ahead = len(data), n_lag, -first_lag
         columns = [column.tobytes() for column in np.packbits(known, axis=0).T]
         kinds = list(dict.fromkeys(columns))
         self.kind, one = np.array([kinds.index(x) for x in columns]), [columns.index(x) for x in kinds]
-        self.value, self.mask = self._led(np.where(known, data, 0.0)), self._led(known[:, one].astype(float))
-        self.number = self.counts(0, self.n_sample)
+        self.value = self._led(np.where(known, data, 0.0))
+        self.mask = self._led(known[:, one].astype("f4"))
+        every = np.arange(len(kinds))
+        # (n_lag, n_kind, n_kind)
+        self.number = np.round(self._sums(self.mask, every, every, 0, self.n_sample, segment))
 
     def _led(self, columns: np.ndarray) -> np.ndarray:
         """Zeros before the first sample, so that lags may be negative."""
-        return np.concatenate([np.zeros((self.ahead, columns.shape[1])), columns])
+        return np.concatenate([np.zeros((self.ahead, columns.shape[1]), columns.dtype), columns])
 
-    def _sums(self, of: np.ndarray, rows: np.ndarray, references: np.ndarray, first: int, after: int) -> np.ndarray:
+    def _sums(self, of: np.ndarray, rows: np.ndarray, references: np.ndarray, first: int, after: int, segment: int = 0
+              ) -> np.ndarray:
         return product_sums(of[first: after + self.n_lag][:, rows],
                             of[self.ahead + first: self.ahead + after][:, references],
-                            self.n_lag - 1, np.array([0, after - first]))[0]
+                            self.n_lag - 1, np.array([0, after - first]), segment)[0]
 
-    def counts(self, first: int, after: int) -> np.ndarray:
-        """(n_lag, n_kind, n_kind) pairs with the earlier sample in [first, after)."""
-        every = np.arange(self.mask.shape[1])
-        return np.round(self._sums(self.mask, every, every, first, after))
+    def shares(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n_part, n_node, n_kind, n_kind) of all pairs those with the earlier sample in a part, counted at a few lags
+        (shares change slowly with the lag, but for none), and what weighs them at each lag (n_node, n_lag)."""
+        last = self.n_lag - 1 - self.ahead
+        node = np.unique(np.r_[-self.ahead, -1, 0, 1, np.linspace(0, last, SHARE_LAGS).astype(int)].clip(
+            -self.ahead, last))
+        counted = np.empty((len(edges) - 1, len(node), *self.number.shape[1:]))
+        for j, (first, after) in enumerate(pairwise(edges)):
+            earlier = self.mask[self.ahead + first: self.ahead + after]
+            for k, lag in enumerate(node):
+                later = self.mask[self.ahead + first + lag: self.ahead + after + lag]
+                counted[j, k] = later.T @ earlier[: len(later)]
+        lag = np.arange(self.n_lag) - self.ahead
+        return (counted / np.maximum(self.number[node + self.ahead], 1.0),
+                np.array([np.interp(lag, node, row) for row in np.eye(len(node))]))
 
-    def products(self, rows: np.ndarray, references: np.ndarray, first: int, after: int) -> np.ndarray:
-        """(n_lag, n_row, n_reference) their sums of products."""
-        return self._sums(self.value, rows, references, first, after)
+    def products(self, rows: np.ndarray, references: np.ndarray, segment: int = 0) -> np.ndarray:
+        """(n_lag, n_row, n_reference) sums of products."""
+        return self._sums(self.value, rows, references, 0, self.n_sample, segment)
+
+    def parts(self, rows: np.ndarray, references: np.ndarray, edges: np.ndarray) -> Iterator[np.ndarray]:
+        """The same of each part."""
+        size = float(np.abs(self.value).max())
+        single = (self.value / (size or 1.0)).astype("f4")
+        for first, after in pairwise(edges):
+            yield size**2 * self._sums(single, rows, references, first, after, self.n_lag)
 
     def of(self, number: np.ndarray, rows: np.ndarray, references: np.ndarray) -> np.ndarray:
         """Numbers by kinds as numbers by channels and references."""
@@ -244,14 +277,17 @@ def _of_pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances (n_lag, n_row, n_reference) of some channels with some references, and their changes (n_sub, ...)."""
     number = pairs.of(pairs.number, rows, references)
-    mean = pairs.products(rows, references, 0, pairs.n_sample) / number
-    edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
+    mean = pairs.products(rows, references) / number
     changes = np.empty((sub_records, len(weights), len(rows), len(references)))
-    for j in range(sub_records):
-        sums = pairs.products(rows, references, edges[j], edges[j + 1])
-        sums -= mean * pairs.of(pairs.counts(edges[j], edges[j + 1]), rows, references)
-        changes[j] = _at_lags(weights, sums / number)
-    return _at_lags(weights, mean), changes * np.sqrt(sub_records / max(sub_records - 1, 1))
+    if sub_records:
+        edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
+        for j, part in enumerate(pairs.parts(rows, references, edges)):
+            changes[j] = _at_lags(weights, part / number)
+        share, at = pairs.shares(edges)
+        for k, row in enumerate(at):
+            changes -= pairs.of(share[:, k], rows, references)[:, None] * _at_lags(weights * row, mean)
+        changes *= np.sqrt(sub_records / (sub_records - 1))
+    return _at_lags(weights, mean), changes
 
 
 def _at_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -267,13 +303,18 @@ def pair_spectra(data: np.ndarray, rate_hz: float, length: int) -> tuple[np.ndar
 
     window = np.hanning(length + 1)[:-1]
     taper = signal.correlate(window, window)[length - 1:]
-    pairs = _Pairs(data - np.nanmean(data, axis=0), 0, length)
+    # in single precision: a spectrum's own scatter is far larger
+    pairs = _Pairs((data - np.nanmean(data, axis=0)).astype("f4"), 0, length, length)
     some = pairs.references()
-    covariance = pairs.products(some, some, 0, pairs.n_sample) / pairs.of(pairs.number, some, some)
+    covariance = pairs.products(some, some, length) / pairs.of(pairs.number, some, some)
     scale = np.sqrt(covariance[0].diagonal())
-    covariance *= (taper / taper[0])[:, None, None] / np.outer(scale, scale)
-    half = fft.fft(covariance, 2 * length, axis=0)[: length + 1: 2]
-    density = half + half.conj().transpose(0, 2, 1) - covariance[0]
+    covariance *= ((taper / taper[0])[:, None, None] / np.outer(scale, scale)).astype("f4")
+    density = np.empty((length // 2 + 1, *covariance.shape[1:]), "c8")
+    for a in range(len(some)):
+        # of a pair the lags to both sides, each once
+        both = np.concatenate([covariance[:, a:, a], np.zeros_like(covariance[:1, a, a:]), covariance[:0:-1, a, a:]])
+        density[:, a:, a] = fft.rfft(both, axis=0)[::2]
+        density[:, a, a:] = density[:, a:, a].conj()
     lost = 1 - np.isfinite(data[:, some]).mean(axis=0)
     density[:, np.arange(len(some)), np.arange(len(some))] += lost / (1 - lost)
     return fft.rfftfreq(length, 1 / rate_hz), density

@@ -98,8 +98,9 @@ def product_sums(
 
     t + k may lie in the next part, so that the parts' sums add up to those of the whole record. By Fourier transforms
     of short segments: each is correlated with itself and the n_lag samples after it, and the spectra of a part's
-    segments are added before one transform back.
+    segments are added before one transform back. Of records in single precision in that.
     """
+    kind = np.result_type(data.dtype, np.float32)
     # segments of a few times the lag cost least
     longest = int(np.max(np.diff(edges)))
     best = segment or max(3 * n_lag, 64)
@@ -107,15 +108,15 @@ def product_sums(
     step = -(-longest // n_segment)
     size = fft.next_fast_len(step + n_lag, real=True)
     span = (n_segment - 1) * step + size
-    whole = np.zeros((data.shape[1], edges[-1] + span))
+    whole = np.zeros((data.shape[1], edges[-1] + span), kind)
     whole[:, : len(data)] = data.T
-    start = np.zeros((reference.shape[1], edges[-1] + span))
+    start = np.zeros((reference.shape[1], edges[-1] + span), kind)
     start[:, : len(reference)] = reference.T
     window = np.lib.stride_tricks.sliding_window_view
-    sums = np.empty((len(edges) - 1, n_lag + 1, data.shape[1], reference.shape[1]))
+    sums = np.empty((len(edges) - 1, n_lag + 1, data.shape[1], reference.shape[1]), kind)
     for j, (first, after) in enumerate(pairwise(edges)):
         long = window(whole[:, first: first + span], size, axis=1)[:, ::step]  # (n_channel, n_segment, size)
-        part = np.zeros((reference.shape[1], n_segment * step))
+        part = np.zeros((reference.shape[1], n_segment * step), kind)
         part[:, : after - first] = start[:, first:after]
         short = part.reshape(reference.shape[1], n_segment, step)
         above = fft.rfft(long, axis=2).transpose(2, 0, 1)
