@@ -162,8 +162,8 @@ def _control(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 class _Pairs:
     """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel) about its mean,
-    NaN where lost. Channels that lack the same samples share a mask. Pairs are counted, and products of parts summed, in
-    single precision, beside which their own scatter is large. segment: as of `product_sums`."""
+    NaN where lost. Channels that lack the same samples share a mask. Pairs are counted, and products of parts summed,
+    in single precision, beside which their own scatter is large. segment: as of `product_sums`."""
 
     def __init__(self, data: np.ndarray, first_lag: int, n_lag: int, segment: int = 0):
         known = np.isfinite(data)

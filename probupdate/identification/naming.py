@@ -13,7 +13,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.counterparts import Matched, match_modes, records_of
 from probupdate.identification.environment import fore_aft_deg
-from probupdate.identification.physical import PhysicalModes
+from probupdate.identification.physical import PhysicalModes, stays
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice
 from probupdate.io.result_table import plural
@@ -52,7 +52,8 @@ def name_modes(
     two = [] if turns or every else modes_with_two_numbers(sets)
     mode_in_column = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
     sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column.tolist(), strict=True)]
-    seen, notes = _seen(sets, physical, every, {b for _, b, _ in two})
+    seconds = None if campaign is None else 60 * campaign.block_minutes
+    seen, notes = _seen(sets, physical, every, {b for _, b, _ in two}, seconds)
     wanted: tuple[str, ...] = ()
     matched = None
     if reference is not None and campaign is not None:
@@ -78,23 +79,30 @@ def name_modes(
 
 
 def _seen(
-    sets: list[ModalSet], physical: PhysicalModes, every: bool, joined: Collection[int]
+    sets: list[ModalSet], physical: PhysicalModes, every: bool, joined: Collection[int],
+    block_seconds: float | None,
 ) -> tuple[np.ndarray, list[str]]:
-    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the
-    others. `joined`: those that stand in the column of another."""
+    """(n_mode,) bool: modes that stand in two blocks, or in the only one, and do not jump from block to block, with
+    `every` all; what to say of the others. `joined`: those that stand in the column of another."""
     n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
-    seen = np.ones(n_mode, bool) if every else seen
+    jumps = np.zeros(n_mode, bool)
+    in_pair = {i for pair in physical.modes.pairs for i in pair}
+    for j in set(range(n_mode)) - in_pair if block_seconds else ():
+        steps = np.diff([np.log(s.frequency_hz[j]) for s in sets if s.measured[j]])
+        jumps[j] = not stays(steps, physical.modes.frequency_hz[j], physical.damping_ratio[j], block_seconds)
+    seen = np.ones(n_mode, bool) if every else seen & ~jumps
     seen[list(joined)] = False
     # the other direction of a single mode that turns with the nacelle is no mode that was lost
     mated = np.zeros(n_mode, bool)
     mated[list(joined)] = True
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
-    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out"
-                  for f, n, kept in zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True)
-                  if not kept]
+    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}"
+                  + (", at other frequencies from block to block" if jump else "") + ": left out"
+                  for f, n, jump, kept in zip(physical.modes.frequency_hz, measured.sum(axis=0), jumps, seen | mated,
+                                              strict=True) if not kept]
 
 
 def _matched(

@@ -407,10 +407,15 @@ def _steady(inside: Candidates, block_seconds: float) -> bool:
         if alike.max() >= NEAR_MAC:
             mate = np.flatnonzero(inside.block == inside.block[b])[np.argmax(alike)]
             steps.append(inside.ln_frequency[mate] - inside.ln_frequency[a])
+    return stays(np.array(steps), np.exp(np.median(inside.ln_frequency)), np.median(inside.damping), block_seconds)
+
+
+def stays(steps: np.ndarray, frequency_hz: float, damping: float, block_seconds: float) -> bool:
+    """Whether steps of ln f from one block to the next are those of a mode; so few that nothing is known are."""
     if len(steps) < 4:
         return True
     scatter = 1.4826 * np.median(np.abs(steps)) / np.sqrt(2)
-    bound = np.sqrt(np.median(inside.damping) / (4 * np.pi * np.exp(np.median(inside.ln_frequency)) * block_seconds))
+    bound = np.sqrt(damping / (4 * np.pi * frequency_hz * block_seconds))
     return bool(scatter <= max(LARGEST_JUMP, STEADY * bound))
 
 

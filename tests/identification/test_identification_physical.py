@@ -13,6 +13,7 @@ from probupdate.identification.physical import (
     evenly,
     gathered,
     physical_modes,
+    stays,
 )
 from probupdate.identification.summary import harmonics_removed
 from probupdate.modal.modes import mac, plane_mac
@@ -233,3 +234,12 @@ def test_a_line_is_said_of_the_mode_that_it_is(damping):
     assert np.min(np.abs(found.modes.frequency_hz / 0.4 - 1)) < 2e-3
     said = [note for note in found.notes if "a machine's line" in note]
     assert bool(said) == (damping < 1e-3) and all(note.startswith("0.400 Hz has a damping of") for note in said)
+
+
+@pytest.mark.parametrize(("scatter", "kept"), [(0.0006, True), (0.005, True), (0.03, False)])
+def test_what_stands_at_other_frequencies_in_each_block_is_no_mode(scatter, kept):
+    """ln f of eight blocks of half an hour: a mode of 8.3 Hz scatters by 0.0006, one that temperature moves by more;
+    poles of noise that happen to come back scatter over their cluster."""
+    steps = np.diff(scatter * np.random.default_rng(0).standard_normal(9))
+    assert stays(steps, 8.3, 0.012, 1800.0) == kept
+    assert stays(steps[:3], 8.3, 0.012, 1800.0)
