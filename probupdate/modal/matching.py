@@ -527,17 +527,25 @@ def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
 
 
 def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouped:
+    """The most probable pairing; unless it is for a picture, without what is uncertain or improbable in it."""
+    found, others = _paired(x, partner, n_used, prior_cov)
+    if not refuse:
+        return found
+    return _within_prior(x, _certain(x, found, others, n_used) if others else found, n_used, prior_cov)
+
+
+def _paired(
+    x: _Compared, partner: dict[int, int], n_used: int, prior_cov
+) -> tuple[_Grouped, list[tuple[ModeGroup, np.ndarray]]]:
     """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable, group by group;
-    where neither is, or what is chosen is improbable itself, what differs is left out. The prior, which takes
+    and others (`_alternatives`) where neither is, or what is chosen is improbable itself. The prior, which takes
     derivatives, is asked where shapes leave two."""
     cov = None
     # each step changes a group for the better
     for _ in range(2 * len(x.name)):
         found = _grouped(x, partner)
         others = _alternatives(x, found) if len(found.rows) >= 0.5 * n_used else []
-        if not others:
-            return found
-        if prior_cov is None:
+        if not others or prior_cov is None:
             break
         cov = prior_cov() if cov is None else cov
         (own, probable), *density = [_log_density(x, found, column, cov) for column in
@@ -549,7 +557,7 @@ def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, re
         others = [other for other, (value, _) in zip(others, density, strict=True)
                   if not (probable and own > value + np.log(ODDS))]
         break
-    return _certain(x, found, others, n_used) if others and refuse else found
+    return found, others
 
 
 def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np.ndarray]], n_used: int) -> _Grouped:
@@ -565,6 +573,27 @@ def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np
     return replace(found, groups=rest, uncertain=error,
                    left_out=(*found.left_out, f"{names} of set {x.set_id}: {error.problem}; "
                                f"{error.remedy.removesuffix(OR_NULL)}"))
+
+
+def _within_prior(x: _Compared, found: _Grouped, n_used: int,
+                  prior_cov: Callable[[], np.ndarray] | None) -> _Grouped:
+    """Without groups that the prior cannot bring where they were measured: a mode that the model shows to the sensors
+    only once it is unsymmetric, as a platform's heave, has another mode's shape there. Where these are most, it is the
+    prior that is no good, and all stay."""
+    order = [i for group in found.groups for i in group.computed]
+    off = np.log(x.measured_hz[found.rows] / x.computed_hz[order])
+    away = np.abs(off - np.median(off)) if len(off) else off
+    if prior_cov is None or not np.any(away > APART):
+        return found
+    share = np.abs(off) / np.sqrt(np.diag(prior_cov())[order] + MODEL_ERROR**2)
+    beyond = (away > APART) & (share > IMPROBABLE)
+    rest = tuple(g for g, here in zip(found.groups, found.places, strict=True) if not np.any(beyond[here]))
+    if not np.any(beyond) or sum(len(group.measured) for group in rest) < max(2.0, 0.5 * n_used):
+        return found
+    said = [f"{x.name[j]} of set {x.set_id}: the computed mode of like shape is at {x.computed_hz[i]:.4g} Hz, "
+            f"{z:.0f} prior standard deviations from the measured {x.measured_hz[j]:.4g} Hz"
+            for j, i, z, out in zip(found.rows, order, share, beyond, strict=True) if out]
+    return replace(found, groups=rest, left_out=(*found.left_out, *said))
 
 
 def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 
 
@@ -25,6 +26,7 @@ def text(tables: Mapping, header: str = "") -> str:
     plain = {k: v for k, v in tables.items() if not isinstance(v, Mapping) and not _rows(v)}
     lines = [f"{k} = {value(v)}" for k, v in plain.items()]
     for key, entry in tables.items():
+        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key)
         name = f"{header}.{key}" if header else key
         if isinstance(entry, Mapping):
             lines += ["", f"[{name}]", text(entry, name)]

@@ -460,3 +460,19 @@ def test_two_modes_that_look_alike_span_no_plane_of_a_pair():
     assert match(measured, far, ROWS, prior_cov=cov).computed == (0, 1, 2)
     with pytest.raises(InputError, match="mode 2 at 1.58 Hz.*and mode 3 at 1.74 Hz.*or mode 2 .*and mode 4 at 1.66 Hz"):
         match(measured, solution, ROWS, prior_cov=cov)
+
+
+def test_a_mode_that_the_prior_cannot_bring_where_it_was_measured_is_left_out():
+    """Heave of a tripod, which horizontal sensors see only where its feet differ: the model as designed shows them none
+    of it, and a mode of 2.6 times its frequency has its shape."""
+    axes = np.eye(len(CHANNELS))
+    shape = np.column_stack([axes[0], axes[1], 0.001 * axes[5], axes[2]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.41, 2.7, 4.9, 12.5]), shape=shape)
+    measured = modal_set([0.4, 2.69, 4.76], axes[:, :3])
+    found = match(measured, solution, ROWS, prior_cov=lambda: 0.05**2 * np.eye(4))
+    assert found.computed == (0, 1)
+    assert "mode 3 of set one: the computed mode of like shape is at 12.5 Hz, 18 prior standard" in found.left_out[0]
+    # a prior that allows it, and a model that is wrong by one factor
+    assert match(measured, solution, ROWS, prior_cov=lambda: 0.5**2 * np.eye(4)).computed == (0, 1, 3)
+    softer = modal_set([0.2, 1.35, 6.2], axes[:, :3])
+    assert match(softer, solution, ROWS, prior_cov=lambda: 0.05**2 * np.eye(4)).computed == (0, 1, 3)
