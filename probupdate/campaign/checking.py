@@ -35,7 +35,7 @@ from probupdate.campaign.scada_time import record_rows, time_findings
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
-from probupdate.io.files import write_json, write_table
+from probupdate.io.files import sha256, write_json, write_table
 from probupdate.io.result_table import plural, with_units
 from probupdate.modal.conditions import COLUMNS, SIMILAR, misnamed
 from probupdate.runtime.progress import Progress, silent
@@ -64,7 +64,7 @@ class CampaignCheck:
     """table: a row per block and channel (see samples.channel_table) with delay_ms (how late it is, where compared)
     and suspicion; blocks: a row per block with id, state, excluded, notes; findings: what is wrong, in sentences, those
     that begin with 'suspect' inferred from other channels; measured: those of them that have a size, as values; uses:
-    what can be done, in sentences."""
+    what can be done, in sentences; sha256: of the campaign.toml, so that what was found before a change is known."""
 
     campaign: str
     table: pd.DataFrame
@@ -73,6 +73,7 @@ class CampaignCheck:
     uses: tuple[str, ...]
     summary: str
     measured: tuple[SensorFinding, ...] = ()
+    sha256: str = ""
 
     def with_more(self, finding: str, use: str) -> CampaignCheck:
         """With a finding before the others ('' for none) and something that can be done."""
@@ -88,8 +89,8 @@ class CampaignCheck:
         `<stem>.channels.csv`, the table."""
         path = Path(path)
         content = {
-            "campaign": self.campaign, "findings": list(self.findings), "measured": [asdict(f) for f in self.measured],
-            "uses": list(self.uses),
+            "campaign": self.campaign, "campaign_toml_sha256": self.sha256, "findings": list(self.findings),
+            "measured": [asdict(f) for f in self.measured], "uses": list(self.uses),
             "blocks": self.blocks.to_dict("records"), "channels": _records(_per_channel(self.table)),
         }
         write_json(path, content)
@@ -149,7 +150,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         findings, uses)
     return CampaignCheck(
         campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary,
-        measured=measured,
+        measured=measured, sha256=sha256(campaign.path / "campaign.toml"),
     )
 
 

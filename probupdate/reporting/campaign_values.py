@@ -12,7 +12,7 @@ from probupdate.campaign.blocks import block_starts
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
-from probupdate.io.files import read_json_table
+from probupdate.io.files import read_json_table, sha256
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
 from probupdate.reporting.values import CampaignValues
@@ -59,6 +59,8 @@ def _findings(path: Path, campaign: Campaign) -> tuple[str, ...]:
     starts = {f"{start:%Y-%m-%dT%H:%M:%SZ}"[:16] for start in block_starts(campaign)}
     if blocks and not starts & {b[:16] for b in blocks}:
         raise InputError(str(path), f"is of other records: {blocks[0]} is no block of this campaign", again)
+    if content.get("campaign_toml_sha256", held := sha256(campaign.path / "campaign.toml")) != held:
+        return ("campaign.toml was changed after this check: run `probupdate check` again", *findings)
     return findings
 
 

@@ -182,7 +182,7 @@ def _diagnosed_parameters(parameters: Sequence[Mapping]) -> Table:
         rows.append((figures.unit_label(p["name"], p["unit"]), f"{number(p['prior'])} ± {number(p['prior_std'])}",
                      number(value), interval, percent(change, 0, sign=True)))
     return Table(caption="Parameters at the best fit", rows=tuple(rows), columns=(
-        Column(name="parameter", unit="[unit]", number=False), Column(name="prior with standard deviation"),
+        Column(name="parameter", unit="[unit]", number=False), Column(name="prior ± standard deviation"),
         Column(name="fitted"), Column(name="90 % interval"), Column(name="change", unit="%")),
         note="A change that the model's own parameters describe is here, and among the findings only what these do not "
              "describe.")
@@ -456,10 +456,10 @@ def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Pictur
     caption = "How far each computed frequency is from the measured one, before and after the update."
     printed = [_worst(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
     if printed and printed[0] < _worst(update.measured_hz, after.frequency_hz):
-        caption += (f" Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the recommended "
-                    f"{after.name}: "
-                    "it penalises only the step, so that with every iteration it forgets more of the prior and follows "
-                    "errors of measurement and model too. A closer fit is no better estimate; it is not recommended.")
+        caption += (f" The update by Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the "
+                    f"recommended {after.name}: it penalises only the step, so that with every iteration it forgets "
+                    "more of the prior and follows errors of measurement and model too. A closer fit is no better "
+                    "estimate; it is not recommended.")
     return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
                    f"initial within {percent(_worst(update.measured_hz, update.initial_hz))} %, {after.name} within "

@@ -175,6 +175,9 @@ def test_a_check_of_this_campaign_is_taken(own):
     found = check(read_campaign((own / "campaign").resolve()))
     found.write(own / "check.json")
     assert read_run(own, silent).campaign.findings == found.findings
+    put(own / "campaign", "campaign.toml", (own / "campaign" / "campaign.toml").read_text() + "# changed\n")
+    first, *rest = read_run(own, silent).campaign.findings
+    assert "campaign.toml was changed after this check" in first and tuple(rest) == found.findings
 
 
 def test_settings_within_settings_are_rows_of_their_own():
