@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +16,20 @@ from scipy import fft
 from probupdate.campaign.blocks import block_files, read_block
 from probupdate.campaign.mounting import LOWEST_HZ
 from probupdate.campaign.reading import Campaign
-from probupdate.campaign.rigid_bodies import Group, WrongGain, natural_groups, rigid_candidates, words_of, wrong_gains
-from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding, std_left_out
+from probupdate.campaign.rigid_bodies import (
+    WrongGain,
+    natural_groups,
+    rigid_candidates,
+    rigid_motions,
+    smaller_parts,
+    words_of,
+    wrong_gains,
+)
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding, std_left_out
 from probupdate.campaign.spectra import SEGMENT_S, mean_products, segment_lines, to_acceleration
 from probupdate.errors import InputError
+from probupdate.evidence.directions import chosen
+from probupdate.evidence.gains import Explanation, explanations, outside_share
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.progress import Progress, silent
@@ -35,12 +44,14 @@ FEWEST_SEGMENTS = 10
 MOST_BLOCKS = 24
 # a peak stands this far (natural logarithm of power, mean over channels and setups) above what surrounds it
 PEAK, NEIGHBOURS, MOST_PEAKS = 1.0, 12, 12
-# a reference's part of a peak counts if it is this large beside the largest and known so well
-SEEN, KNOWN = 0.1, 0.2
+# a channel counts in a peak, and a peak in a rigid part, if its part is this large beside the largest
+SEEN = 0.1
 # a peak of one mode: the references' principal motion explains this share of all channels' power in it
 ONE_MODE = 0.8
 # bytes kept of all setups' spectra
 MOST_BYTES = 128 * 2**20
+# a peak is an average over segments: its direction counts as two of one drawn once
+COUNT = 2.0
 # natural logarithm of a likelihood by which one of two explanations is taken
 DECIDED = 5.0
 
@@ -223,49 +234,28 @@ def _explained_share(density: np.ndarray, rows: Sequence[int]) -> float:
 # Judged -------------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Differs:
-    """In setup number `setup` reference `first` reads `gain` times what it does elsewhere beside `second`."""
-
-    setup: int
-    first: str
-    second: str
-    gain: float
-    std: float
-
-
 def _judged(
     shapes: list[SetupShapes], references: Sequence[str]
 ) -> tuple[list[SensorFinding], list[str]]:
-    found: list[SensorFinding] = []
-    notes: list[str] = []
-    differs, split = _differing(shapes, references)
-    notes += split
-    if len(references) == 1:
-        notes.append("one reference alone: gains that differ between setups are found by rigid parts only")
     gains: list[dict[str, float]] = [{} for _ in shapes]
-    single: dict[tuple[str, tuple[str, ...]], list[tuple[int, float, float]]] = {}
-    # a setup's references with the fewest changes that explain its pairs
-    for k in dict.fromkeys(d.setup for d in differs):
-        chosen = _explained(shapes, references, gains, [d for d in differs if d.setup == k])
-        for channel, gain, std, alternatives in chosen:
-            single.setdefault((channel, alternatives), []).append((k, gain, std))
-            if not alternatives:
-                gains[k][channel] = gain
-        if any(r for *_, r in chosen):
-            gains[k] |= {channel: gain for channel, gain, _, _ in chosen}
-    for (channel, alternatives), cases in single.items():
-        for group in _alike(cases):
-            where = ", ".join(shapes[k].name for k, _, _ in group)
-            size = float(np.mean([g for _, g, _ in group]))
-            std = float(np.sqrt(np.mean([s**2 for _, _, s in group]) / len(group) + (ALIKE * size) ** 2))
-            other = f"; it may be {', '.join(alternatives)} by {1 / size:.3g} times instead" if alternatives else ""
-            found.append(SensorFinding(
-                name="reference", channel=channel, size=size, std=std, since=where, alternatives=alternatives,
-                message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in "
-                f"the other setups{other}: {_advice(size)} of these setups"))
-    shapes = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
-    constant, more_notes = _constant(shapes, references)
+    found: list[SensorFinding] = []
+    for group in _alike(_differing(shapes, references)):
+        for c in group:
+            gains[c.setup][c.channel] = c.gain
+        channel, where = group[0].channel, ", ".join(shapes[c.setup].name for c in group)
+        # what is none in one of these setups is none in the others
+        alternatives = tuple(a for a in group[0].alternatives if all(a in c.alternatives for c in group))
+        size, std = float(np.mean([c.gain for c in group])), float(np.sqrt(np.mean([c.std**2 for c in group])))
+        other = f"; it may be {', '.join(alternatives)} by {1 / size:.3g} times instead" if alternatives else ""
+        found.append(SensorFinding(
+            name="reference", channel=channel, size=size, std=std, since=where, alternatives=alternatives,
+            message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in "
+            f"the other setups{other}: {_advice(size)} of these setups"))
+    notes = ["one reference alone: gains that differ between setups are found by rigid parts only"] * (
+        len(references) == 1)
+    if 2 * sum(map(bool, gains)) >= len(shapes):
+        notes.append("references go in different proportions in half of the setups or more")
+    constant, more_notes = _constant([s.divided(g) for s, g in zip(shapes, gains, strict=True)], references)
     return [*found, *constant], [*notes, *more_notes]
 
 
@@ -273,89 +263,84 @@ def _advice(size: float) -> str:
     return ("mend its direction and unit in campaign.toml" if size < 0 else "mend its unit in campaign.toml")
 
 
-def _alike(cases: list[tuple[int, float, float]]) -> list[list[tuple[int, float, float]]]:
-    """Setups with one gain together."""
+@dataclass(frozen=True, kw_only=True)
+class _Differs:
+    """In setup number `setup` a reference reads `gain` times what it does elsewhere; or the alternatives the inverse.
+    """
+
+    setup: int
+    channel: str
+    gain: float
+    std: float
+    alternatives: tuple[str, ...]
+
+    def of(self, channel: str) -> _Differs:
+        if channel == self.channel:
+            return self
+        return replace(self, channel=channel, gain=1 / self.gain, std=self.std / self.gain**2, alternatives=(
+            self.channel, *(c for c in self.alternatives if c != channel)))
+
+
+def _alike(cases: list[_Differs]) -> list[list[_Differs]]:
+    """Setups in which one reference has one gain, the reference that may explain most of them first."""
     left, groups = list(cases), []
     while left:
-        near = [c for c in left if abs(c[1] - left[0][1]) <= SIGMA * np.hypot(c[2], left[0][2])]
-        left = [c for c in left if c not in near]
+        names = [n for c in left for n in (c.channel, *c.alternatives)]
+        channel = max(dict.fromkeys(names), key=names.count)
+        own = [c.of(channel) for c in left if channel in (c.channel, *c.alternatives)]
+        near = [c for c in own if abs(c.gain - own[0].gain) <= SIGMA * np.hypot(c.std, own[0].std)]
+        left = [c for c in left if c.setup not in [n.setup for n in near]]
         groups.append(near)
     return groups
 
 
-def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tuple[list[_Differs], list[str]]:
-    """Pairs of references whose proportion in a setup is not that of most setups."""
-    found, notes = [], []
+def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list[_Differs]:
+    """References whose gain in a setup is not that of most setups: one after the other, in the setup where it is most
+    probable. Of two that explain as much the one whose correction makes rigid parts rigid, if they show it."""
+    found: list[_Differs] = []
+    gains: list[dict[str, float]] = [{} for _ in shapes]
+    while len(shapes) > 2:
+        now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
+        # of all references but one, as a shape has no size
+        open_to = [[i for i, c in enumerate(references) if c not in g and len(g) < len(references) - 1] for g in gains]
+        tried = [_against_others(now, k, references, free) for k, free in enumerate(open_to)]
+        named = [chosen([t.log for t in own], [t.kind == "gain" for t in own]) if own else [] for own in tried]
+        if not any(named):
+            break
+        setup = max((k for k, choice in enumerate(named) if choice),
+                    key=lambda k: tried[k][named[k][0]].log - tried[k][0].log)
+        options = [tried[setup][k] for k in named[setup]]
+        scores = [_misfit(shapes, references, setup, {references[t.members[0]]: t.gain}, gains) for t in options]
+        order = np.argsort([score for score, _ in scores], kind="stable")
+        decided = len(options) == 1 or scores[order[1]][0] - scores[order[0]][0] > DECIDED
+        first, *others = (options[k] for k in order)
+        channel, gain = references[first.members[0]], float(first.gain)
+        gains[setup][channel] = gain
+        found.append(_Differs(setup=setup, channel=channel, gain=gain, std=float(first.std), alternatives=() if decided
+                              else tuple(references[t.members[0]] for t in others)))
+    return sorted(found, key=lambda c: c.setup)
+
+
+def _against_others(
+    shapes: Sequence[SetupShapes], setup: int, references: Sequence[str], free: Sequence[int]
+) -> list[Explanation]:
+    """What explains a setup's references beside the others' median shape of every peak, by those that are `free`."""
     rows = [s.of(references) for s in shapes]
     value = np.array([s.shape[:, r] for s, r in zip(shapes, rows, strict=True)])
     error = np.array([s.std[:, r] for s, r in zip(shapes, rows, strict=True)])
-    with np.errstate(invalid="ignore"):
-        seen = (np.abs(value) > SEEN * np.abs(value).max(axis=2, keepdims=True)) & (error < KNOWN * np.abs(value))
-    for i, j in combinations(range(len(references)), 2):
-        both = seen[:, :, i] & seen[:, :, j]
-        usable = both.sum(axis=0) > len(shapes) / 2
-        if len(shapes) < 3 or not usable.any():
-            continue
-        ratio = np.where(both, value[:, :, i] / np.where(both, value[:, :, j], 1.0), np.nan)[:, usable]
-        std = np.where(both, np.hypot(error[:, :, i] / np.abs(value[:, :, i]), error[:, :, j] / np.abs(value[:, :, j])),
-                       np.nan)[:, usable]
-        sign = np.sign(np.nanmedian(np.sign(ratio), axis=0))
-        size = np.exp(np.nanmedian(np.log(np.abs(ratio)), axis=0))
-        relative = ratio / np.where(sign == 0, 1.0, sign) / size
-        log = np.log(np.abs(relative))
-        # what the shape itself changes between setups, peak by peak
-        own = 1.4826 * np.nanmedian(np.abs(log), axis=0)
-        weight = np.where(np.isfinite(log), 1 / (std**2 + own**2 + ALIKE**2), 0.0)
-        off = []
-        for k in range(len(shapes)):
-            if not weight[k].any():
-                continue
-            mean = float(np.nansum(weight[k] * log[k]) / weight[k].sum())
-            positive = float(weight[k][relative[k] > 0].sum() / weight[k].sum())
-            n = int((weight[k] > 0).sum())
-            rest = np.sqrt(float(np.nansum(weight[k] * (log[k] - mean) ** 2)) / max(n - 1, 1))
-            spread = float(np.hypot(max(rest, 1.0) / np.sqrt(weight[k].sum()), ALIKE))
-            gain = np.exp(mean) * (1 if positive > 0.5 else -1)
-            # peaks that disagree about the sign give none
-            if (gain > 0 and abs(mean) > SIGMA * spread) or positive < 0.1:
-                off.append(_Differs(setup=k, first=references[i], second=references[j], gain=float(gain),
-                                    std=float(abs(gain) * spread)))
-        if len(off) * 2 >= len(shapes):
-            notes.append(f"{references[i]} and {references[j]} go in different proportions in half of the setups or "
-                         "more")
-        found += off
-    return found, notes
-
-
-def _explained(
-    shapes: Sequence[SetupShapes], references: Sequence[str], gains: Sequence[Mapping], differs: Sequence[_Differs]
-) -> list[tuple[str, float, float, tuple[str, ...]]]:
-    """(channel, gain, std, alternatives) of one setup: the reference that is in most of the pairs that differ, and so
-    on; of a pair alone the one whose correction makes rigid parts rigid, if they show it."""
-    left, chosen = list(differs), []
-    while left:
-        count = {c: [d for d in left if c in (d.first, d.second)] for c in references}
-        most = max(len(v) for v in count.values())
-        best = [c for c in references if len(count[c]) == most]
-        if most == 1 and len(references) > 2:
-            # the others' pairs agree: a difference that one pair alone has is none of a gain
-            return chosen
-        options = []
-        for channel in best:
-            sizes = [(d.gain, d.std) if d.first == channel else (1 / d.gain, d.std / d.gain**2) for d in count[channel]]
-            gain = float(np.median([g for g, _ in sizes]))
-            options.append((channel, gain, float(np.median([s for _, s in sizes]))))
-        if len(options) > 1:
-            scores = [_misfit(shapes, references, left[0].setup, {c: g}, gains) for c, g, _ in options]
-            order = np.argsort([s[0] for s in scores])
-            options = [options[k] for k in order]
-            decided = scores[order[1]][0] - scores[order[0]][0] > DECIDED
-        else:
-            decided = True
-        channel, gain, std = options[0]
-        chosen.append((channel, gain, std, () if decided else tuple(c for c, _, _ in options[1:])))
-        left = [d for d in left if channel not in (d.first, d.second)]
-    return chosen
+    size = np.linalg.norm(value, axis=2)
+    value, noise = value / size[:, :, None], np.sqrt(np.mean(error**2, axis=2)) / size
+    others = np.arange(len(shapes)) != setup
+    usable = np.isfinite(size[setup]) & (np.isfinite(size[others]).sum(axis=0) > len(shapes) / 2)
+    if not usable.any() or not free:
+        return []
+    value, noise = value[:, usable], noise[:, usable]
+    mean = value[np.argmax(np.isfinite(size[:, usable]) & others[:, None], axis=0), np.arange(usable.sum())]
+    for _ in range(3):
+        factor = np.einsum("kpr,pr->kp", value[others], mean)
+        mean = np.nanmedian(value[others] * factor[:, :, None], axis=0)
+    spread = np.sqrt(noise[setup] ** 2 + np.nanmedian(noise[others], axis=0) ** 2)
+    return explanations(value[setup], mean[:, :, None], [(i,) for i in free], count=COUNT, noise=spread)
 
 
 def _misfit(
@@ -372,8 +357,9 @@ def _misfit(
         rovers = [i for i, o in enumerate(owner) if o >= 0]
         if setup not in owner or len({owner[i] for i in rovers}) < 2:
             continue
-        _, share = wrong_gains(samples[:, rovers], [sensors[i] for i in rovers], ())
-        if share < 1:
+        motion = rigid_motions([sensors[i] for i in rovers])
+        if np.linalg.matrix_rank(motion) < len(rovers):
+            share = outside_share(samples[:, rovers], motion)
             count = len(samples) * max(len(sensors) - 6, 1) / 2
             total += 0.5 * count * np.log(max(share, 1e-6))
             number += 1
@@ -422,9 +408,8 @@ def _constant(
     for samples, sensors, owner in _parts(shapes, references):
         groups = natural_groups(sensors, range(len(sensors)))
         setups = dict.fromkeys(owner)
-        groups += [Group(members=tuple(i for i, o in enumerate(owner) if o == k),
-                         words="references" if k < 0 else f"rovers of {shapes[k].name}") for k in setups]
-        groups = list({g.members: g for g in groups if 0 < len(g.members) < len(sensors)}.values())
+        groups += [tuple(i for i, o in enumerate(owner) if o == k) for k in setups]
+        groups = smaller_parts(groups, len(sensors))
         wrong, share = wrong_gains(samples, sensors, groups)
         if share < 0.5 or wrong:
             judged |= {s.channel for s, o in zip(sensors, owner, strict=True) if o < 0 and len(setups) > 1}

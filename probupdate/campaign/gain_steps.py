@@ -15,7 +15,7 @@ from scipy import fft
 
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
 from probupdate.campaign.rigid_bodies import same_place
-from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import (
     MOST_FREQUENCIES,
     SEGMENT_S,
@@ -25,6 +25,7 @@ from probupdate.campaign.spectra import (
     segment_lines,
     to_acceleration,
 )
+from probupdate.evidence.gains import ALIKE
 from probupdate.modal.modes import Sensor
 
 # fewest pieces in all, and on each side of a change; a piece is a block, or part of one where there are few

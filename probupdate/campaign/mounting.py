@@ -8,15 +8,15 @@ neither (a bridge's deck, a plane frame) lines of sensors are judged by themselv
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
-from probupdate.campaign.rigid_bodies import DISTINCT, RIGID_SHARE, beyond_motions, levelled, rigid_motions
+from probupdate.campaign.rigid_bodies import RIGID_SHARE, broken, levelled, motions, rigid_motions
 from probupdate.campaign.sensor_lines import reversed_in_line, whole_line
 from probupdate.campaign.spectra import CrossSpectra
+from probupdate.evidence.gains import outside_share
 from probupdate.modal.modes import Sensor
 
 FLIPPED, SWAPPED, TURNED, SCALED, DEAD, LEVEL_SCALED = "flipped", "swapped", "turned", "scaled", "dead", "level scaled"
@@ -30,9 +30,8 @@ RIGID_UP_TO = 8.0
 # share of a level's motion (channels scaled alike) that a rigid body does not explain: a change of one channel or a
 # swap is believed if it leaves less than this, and less than half of what was before
 MENDED_SHARE, MENDED_RATIO = 0.05, 0.5
-# gain of one channel against its level, or one direction against the other; sensors are calibrated to some per cent,
-# and legs and braces move a little by themselves
-GAIN_LIMIT, PROFILE_LIMIT, VERTICAL_LIMIT = 1.2, 1.5, 2.0
+# gain of one direction against the other, of a vertical channel against its level; legs and braces move by themselves
+PROFILE_LIMIT, VERTICAL_LIMIT = 1.5, 2.0
 # direction in which a channel's motion goes, against its own: one that is fixed askew, one that is another's
 TURNED_DEG, ACROSS_DEG, FLIPPED_DEG = 20.0, 55.0, 145.0
 # a channel's direction is judged where noise leaves it to so many degrees (one standard deviation) and it follows at
@@ -171,75 +170,31 @@ def _copied(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]
 
 
 def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) -> list[Suspicion]:
-    motion = rigid_motions([sensors[i] for i in members])
-    # two at least must be redundant
-    if len(members) <= np.linalg.matrix_rank(motion, tol=1e-6) + 1:
-        return []
+    own = [sensors[i] for i in members]
     kept = (spectra.frequency_hz > LOWEST_HZ) & (spectra.frequency_hz < RIGID_UP_TO * lowest)
-    density = np.real(spectra.density[kept][:, members][:, :, members])
-    # the root evens out peaks and valleys: torsion and bending both have their say
-    covariance = np.einsum("fij,f->ij", density, 1 / np.sqrt(np.einsum("fii->f", density)))
-    scale = _common_scale(covariance, [sensors[i] for i in members])
-    covariance = covariance / np.outer(scale, scale)
-    beyond = beyond_motions(motion / scale[:, None])
-    names, found = [sensors[i].channel for i in members], []
-    share = _unexplained(beyond, covariance)
-    first = share
-    for _ in range(3):
-        if share < RIGID_SHARE:
-            break
-        best, others = _best_change(beyond, covariance, names)
-        if best[0] > MENDED_RATIO * share:
-            break
-        share, suspicion, covariance = best
-        alternatives = tuple(c for s, other in others if s < max(DISTINCT * share, RIGID_SHARE / 2)
-                             for c in other.channels if c not in suspicion.channels)
-        found.append(Suspicion(kind=suspicion.kind, channels=suspicion.channels, size=suspicion.size,
-                               ambiguous_with=tuple(dict.fromkeys(alternatives))))
-    return found if found and share < MENDED_SHARE and share < MENDED_RATIO * first else []
-
-
-def _common_scale(covariance: np.ndarray, sensors: list[Sensor]) -> np.ndarray:
-    """(n_channel,) the median deviation of the channels along one line, so that vertical ones count as well."""
-    std = np.sqrt(np.diag(covariance))
-    along = np.abs([[a.direction @ b.direction for b in sensors] for a in sensors]) > ALONG
-    return np.array([np.median(std[row]) for row in along])
-
-
-def _unexplained(beyond: np.ndarray, covariance: np.ndarray) -> float:
-    return float(np.sum(beyond * covariance) / np.trace(covariance))
-
-
-def _changes(beyond: np.ndarray, covariance: np.ndarray, names: list[str]) -> Iterator[tuple[np.ndarray, Suspicion]]:
-    """Every single change with the matrix that undoes it: a channel's gain (its sign too), two channels exchanged."""
-    n = len(names)
-    for k in range(n):
-        # the factor that leaves least unexplained: a quadratic's minimum
-        cross = beyond[k] @ covariance[:, k] - beyond[k, k] * covariance[k, k]
-        if beyond[k, k] < 1e-9:
-            continue
-        factor = -cross / (beyond[k, k] * covariance[k, k])
-        change = np.eye(n)
-        if abs(factor) < 0.05:
-            continue
-        change[k, k] = factor
-        kind = FLIPPED if factor < 0 else SCALED
-        if kind == FLIPPED or not 1 / GAIN_LIMIT < factor < GAIN_LIMIT:
-            yield change, Suspicion(kind=kind, channels=(names[k],), size=float(1 / factor))
-    for i, j in combinations(range(n), 2):
-        change = np.eye(n)
-        change[[i, j]] = change[[j, i]]
-        yield change, Suspicion(kind=SWAPPED, channels=(names[i], names[j]))
-
-
-def _best_change(beyond, covariance, names):
-    """The change that leaves least unexplained, and the others with what they leave."""
-    tried = []
-    for change, suspicion in _changes(beyond, covariance, names):
-        changed = change @ covariance @ change.T
-        tried.append((_unexplained(beyond, changed), suspicion, changed))
-    tried.sort(key=lambda t: t[0])
-    return tried[0], [(t[0], t[1]) for t in tried[1:]]
+    samples = motions(spectra.density[kept][None, :, members][:, :, :, members])
+    # two at least must be redundant
+    if not len(samples) or len(own) <= np.linalg.matrix_rank(rigid_motions(own), tol=1e-6) + 1:
+        return []
+    # along one line alike, so that vertical channels count as well
+    along = np.abs([[a.direction @ b.direction for b in own] for a in own]) > ALONG
+    std = np.sqrt(np.mean(samples**2, axis=0))
+    scale = np.array([np.median(std[row]) for row in along])
+    samples, motion = samples / scale, rigid_motions(own) / scale[:, None]
+    if outside_share(samples, motion) < RIGID_SHARE:
+        return []
+    found, share, before = broken(samples, motion, [(i,) for i in range(len(own))],
+                                  list(combinations(range(len(own)), 2)))
+    if share > MENDED_SHARE or share > MENDED_RATIO * before:
+        return []
+    result = []
+    for one, others in found:
+        kind = SWAPPED if one.kind == "exchange" else FLIPPED if one.gain < 0 else SCALED
+        names = tuple(own[i].channel for i in one.members)
+        result.append(Suspicion(kind=kind, channels=names, size=np.nan if kind == SWAPPED else one.gain,
+                                ambiguous_with=tuple(dict.fromkeys(own[i].channel for t in others for i in t.members
+                                                                   if i not in one.members))))
+    return result
 
 
 # The whole height as a cantilever -----------------------------------------------------------------------------------

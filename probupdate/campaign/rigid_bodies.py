@@ -12,27 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.campaign.sensor_findings import ALIKE, SIGMA, SensorFinding, std_left_out
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.evidence.directions import chosen
+from probupdate.evidence.gains import ALIKE, Explanation, explanations, outside_share
 from probupdate.modal.modes import Sensor
 
 # gap between parts: this share of the extent along the axis, or of the distances across it
 GAP_SHARE, GAP_ACROSS = 0.02, 0.1
 # a part is rigid if six motions leave less than this share of what its sensors see
 RIGID_SHARE = 0.006
-# another change explains the records as well if it leaves less than this many times as much
-DISTINCT = 1.5
-# a change is taken if it leaves less than this share of what was unexplained; in the end the part must be rigid
-LEAST_MENDED = 0.8
-# directions in which sensors see less than this of a motion give no information on it
-LEAST_SEEN = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Group:
-    """Channels (indices) that may be wrong together, with what they have in common in `words`."""
-
-    members: tuple[int, ...]
-    words: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,7 +29,6 @@ class WrongGain:
     alternatives: groups that explain it as well, with their gains; share: unexplained before and after."""
 
     members: tuple[int, ...]
-    words: str
     gain: float
     std: float
     alternatives: tuple[tuple[tuple[int, ...], float], ...]
@@ -99,150 +86,81 @@ def rigid_motions(sensors: Sequence[Sensor]) -> np.ndarray:
     return np.hstack([direction, np.cross(arm / size, direction)])
 
 
-def natural_groups(sensors: Sequence[Sensor], members: Sequence[int]) -> list[Group]:
+def natural_groups(sensors: Sequence[Sensor], members: Sequence[int]) -> list[tuple[int, ...]]:
     """Channels that may share a logger or a unit: every one alone, those at one place, those of one quantity or
     unit."""
-    groups = [Group(members=(i,), words="") for i in members]
-    groups += [Group(members=g, words="at one place") for g in same_place(sensors, members)]
+    groups = [*((i,) for i in members), *same_place(sensors, members)]
     for key in ("quantity", "unit"):
         values = dict.fromkeys(getattr(sensors[i], key, "") for i in members)
-        if len(values) > 1:
-            groups += [Group(members=tuple(i for i in members if getattr(sensors[i], key, "") == v), words=f"{key} {v}")
-                       for v in values]
-    unique = {g.members: g for g in reversed(groups) if len(g.members) < len(members)}
-    return [g for g in groups if unique.get(g.members) is g]
+        groups += [tuple(i for i in members if getattr(sensors[i], key, "") == v) for v in values]
+    return smaller_parts(groups, len(members))
+
+
+def smaller_parts(groups: Sequence[tuple[int, ...]], n: int) -> list[tuple[int, ...]]:
+    """Each once, and of two that are all of n channels together the smaller, which nothing distinguishes from the other
+    by the inverse."""
+    return [g for g in dict.fromkeys(groups) if 0 < len(g) < n and not any(
+        len(h) < len(g) and len(h) + len(g) == n and not set(h) & set(g) for h in groups)]
 
 
 def wrong_gains(
-    samples: np.ndarray, sensors: Sequence[Sensor], groups: Sequence[Group], *, most: int = 3
+    samples: np.ndarray, sensors: Sequence[Sensor], groups: Sequence[tuple[int, ...]], *, most: int = 3
 ) -> tuple[list[WrongGain], float]:
     """What breaks one rigid part, and the share that stays unexplained (1 where nothing is redundant).
 
-    samples (n_sample, n_channel) real or complex: shapes, or square roots of covariances, in one quantity; each sample
-    has one vote. A group's gain is that which leaves least beyond the six motions, its standard deviation that over
-    samples left out in turn, the gains of sound sensors (1 %) and the part's own flexibility (the root of what stays
-    unexplained) added in squares. It is reported beyond four standard deviations, if the part is rigid with it. Of a
-    group and all others by the inverse, which nothing distinguishes, the smaller is taken; alternatives are groups that
-    leave about as little.
+    samples (n_sample, n_channel): shapes, or square roots of covariances, in one quantity; each sample has one vote.
+    Gains are named one after the other by their evidence beside sound ones and motions of their own
+    (`evidence.gains`), if the part is rigid with them. Of a group and all others by the inverse, which nothing
+    distinguishes, the smaller is taken.
     """
-    samples = np.asarray(samples)
-    size = np.linalg.norm(samples, axis=1)
-    samples = samples[size > 0] / size[size > 0, None]
-    motion = rigid_motions(sensors)
-    scale = np.sqrt(np.mean(np.abs(samples) ** 2, axis=0)) if len(samples) else np.zeros(len(sensors))
-    if not len(samples) or np.any(scale == 0):
-        return [], 1.0
-    beyond = beyond_motions(motion)
-    if np.trace(beyond) < 0.5:
-        return [], 1.0
-    first = _share(beyond, samples)
-    taken, share = _taken(beyond, samples, groups, most)
+    taken, share, first = broken(samples, rigid_motions(sensors), groups, most=most)
     if not taken or share > RIGID_SHARE:
         return [], first
-    found = []
-    for (group, close), gain, spread in zip(taken, *_gains_and_errors(beyond, samples, taken), strict=True):
-        std = float(np.sqrt(spread**2 + gain**2 * (ALIKE**2 + share)))
-        if abs(gain - 1) < SIGMA * std:
-            continue
-        complement = set(range(len(sensors))) - set(group.members)
-        # what the changes taken make together is no alternative to one of them
-        alternatives = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
-                             and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
-        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std,
-                               alternatives=alternatives, share=(first, share)))
-    return found, share
+    n = len(sensors)
+    return [WrongGain(members=one.members, gain=one.gain, std=one.std, share=(first, share), alternatives=tuple(
+        (t.members, t.gain) for t in others if _independent([*(t.members for t, _ in taken), t.members], n)))
+        for one, others in taken], share
 
 
-# a group that is taken to have a wrong gain, and those that explain it about as well: share left, group, gain
-_Taken = tuple[Group, list[tuple[float, Group, float]]]
-
-
-def _taken(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group], most: int) -> tuple[list[_Taken], float]:
-    """Up to `most` groups, one after the other, each the one that leaves least; and the share left with all of them."""
-    n_channel = samples.shape[1]
-    share, factor = _share(beyond, samples), np.ones(n_channel)
-    taken: list[_Taken] = []
-    while len(taken) < most and share > RIGID_SHARE / 100:
-        now = samples / factor
-        tried = []
-        for group in groups:
-            if not _independent([*(g for g, _ in taken), group], n_channel):
-                continue
-            gain = _best_gain(beyond, now, group.members)
-            if gain is None or abs(gain) < 1e-3:
-                continue
-            changed = np.array(factor)
-            changed[list(group.members)] *= gain
-            tried.append((_share(beyond, samples / changed), group, gain))
-        if not tried:
+def broken(
+    samples: np.ndarray, motion: np.ndarray, groups: Sequence[tuple[int, ...]],
+    pairs: Sequence[tuple[int, int]] = (), *, most: int = 3,
+) -> tuple[list[tuple[Explanation, list[Explanation]]], float, float]:
+    """Gains of groups and exchanges of pairs one after the other, each with what explains it as well; and the share of
+    samples (n_sample, n_channel) outside motion (n_channel, r) with them and before, 1 where nothing is redundant."""
+    samples, n = samples[np.linalg.norm(samples, axis=1) > 0], len(motion)
+    if not len(samples) or np.any(np.all(samples == 0, axis=0)) or np.linalg.matrix_rank(motion, tol=1e-6) >= n:
+        return [], 1.0, 1.0
+    taken: list[tuple[Explanation, list[Explanation]]] = []
+    while len(taken) < most:
+        before = [t.members for t, _ in taken]
+        left = [g for g in groups if _independent([*before, g], n)]
+        tried = explanations(_mended(samples, [t for t, _ in taken]), motion, left, pairs)
+        choice = [tried[k] for k in chosen([t.log for t in tried], [t.kind in ("gain", "exchange") for t in tried])]
+        if not choice:
             break
-        # of about equal ones the fewest channels
-        least = min(t[0] for t in tried)
-        close = [t for t in tried if t[0] <= DISTINCT * least]
-        left, group, _ = min(close, key=lambda t: (len(t[1].members), t[0]))
-        if left > LEAST_MENDED * share:
-            break
-        taken.append((group, [t for t in close if t[1] is not group]))
-        factor = np.ones(n_channel)
-        for (one, _), value in zip(taken, _together(beyond, samples, [g for g, _ in taken]), strict=True):
-            factor[list(one.members)] *= value
-        share = _share(beyond, samples / factor)
-    return taken, share
+        taken.append((choice[0], choice[1:]))
+        # gains each anew beside the others
+        for k, (one, others) in enumerate(taken):
+            beside = [t for t, _ in taken if t is not one]
+            if one.kind == "gain" and beside:
+                again = explanations(_mended(samples, beside), motion, [one.members])
+                taken[k] = max((t for t in again if t.kind == "gain"), key=lambda t: t.log), others
+    return taken, outside_share(_mended(samples, [t for t, _ in taken]), motion), outside_share(samples, motion)
 
 
-def _gains_and_errors(beyond: np.ndarray, samples: np.ndarray, taken: Sequence[_Taken]):
-    """Gains of the groups taken, together, and their standard deviations over samples left out in turn (n_taken,)."""
-    groups, n = [g for g, _ in taken], len(samples)
-    gains = _together(beyond, samples, groups)
-    every = np.array([_together(beyond, np.delete(samples, k, axis=0), groups) for k in range(n)])
-    return gains, std_left_out(every) if n > 2 else np.abs(gains)
+def _mended(samples: np.ndarray, gains: Sequence[Explanation]) -> np.ndarray:
+    result = np.array(samples)
+    for one in gains:
+        members = list(one.members)
+        result[:, members] = result[:, members[::-1]] if one.kind == "exchange" else result[:, members] / one.gain
+    return result
 
 
-def _independent(groups: Sequence[Group], n_channel: int) -> bool:
+def _independent(groups: Sequence[tuple[int, ...]], n_channel: int) -> bool:
     """Whether no group's gain is made by those of the others."""
-    chosen = np.array([[i in g.members for i in range(n_channel)] for g in groups], float)
+    chosen = np.array([[i in g for i in range(n_channel)] for g in groups], float)
     return int(np.linalg.matrix_rank(chosen)) == len(groups)
-
-
-def _together(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
-    """(n_group,) gains that together leave least, each found anew beside the others until they settle."""
-    gains = np.ones(len(groups))
-    for _ in range(30):
-        before = gains.copy()
-        for k, group in enumerate(groups):
-            factor = np.ones(len(beyond))
-            for j, other in enumerate(groups):
-                if j != k:
-                    factor[list(other.members)] *= gains[j]
-            gains[k] = _best_gain(beyond, samples / factor, group.members) or 1.0
-        if np.allclose(gains, before, rtol=1e-6):
-            break
-    return gains
-
-
-def beyond_motions(motion: np.ndarray) -> np.ndarray:
-    """(n, n) projector on what none of the motions (n, 6) makes."""
-    left, value, _ = np.linalg.svd(motion, full_matrices=False)
-    left = left[:, value > LEAST_SEEN * value[0]]
-    return np.eye(len(motion)) - left @ left.T
-
-
-def _share(beyond: np.ndarray, samples: np.ndarray) -> float:
-    """Unexplained share, each sample of one size."""
-    rest = np.sum(np.abs(samples @ beyond) ** 2, axis=1)
-    return float(np.mean(rest / np.maximum(np.sum(np.abs(samples) ** 2, axis=1), 1e-300)))
-
-
-def _best_gain(beyond: np.ndarray, samples: np.ndarray, members: Sequence[int]) -> float | None:
-    """By what the members must be divided to leave least: a quadratic's minimum; None where nothing redundant sees
-    them."""
-    rows = list(members)
-    others = [i for i in range(len(beyond)) if i not in rows]
-    own = np.einsum("si,ij,sj->", samples[:, rows].conj(), beyond[np.ix_(rows, rows)], samples[:, rows]).real
-    cross = np.einsum("si,ij,sj->", samples[:, rows].conj(), beyond[np.ix_(rows, others)], samples[:, others]).real
-    if own < 1e-9 * np.sum(np.abs(samples[:, rows]) ** 2) or cross == 0:
-        return None
-    return float(-own / cross)
 
 
 def words_of(members: Sequence[int], names: Mapping[int, str] | Sequence[str]) -> str:

@@ -8,8 +8,6 @@ import numpy as np
 
 # a size counts beyond so many standard deviations
 SIGMA = 4.0
-# gains of sound sensors, and of a shape seen twice, differ by so much (one standard deviation): calibrations to 1 %
-ALIKE = 0.01
 
 
 def std_left_out(every: np.ndarray) -> np.ndarray:

@@ -1,3 +1,3 @@
 """One evidence for what a reference lets channels do: directions within a subspace, up to an error of unknown size."""
 
-__all__ = ["directions"]
+__all__ = ["directions", "gains"]
