@@ -100,7 +100,12 @@ def run_regress(a: argparse.Namespace, progress: Progress) -> None:
 
     chosen = {"covariates": tuple(a.covariates)} if a.covariates else {}
     result = probupdate.regress(a.modes, state=a.state, **chosen)
-    answer(a, result, [result.write(a.out)])
+    written = [result.write(a.out)]
+    if a.figures:
+        from probupdate.reporting.figures_regression import write_regression_figures
+
+        written += write_regression_figures(result, a.figures)
+    answer(a, result, written)
 
 
 def run_figures(a: argparse.Namespace, progress: Progress) -> None:
@@ -208,6 +213,7 @@ def _add_modes(verb: AddCommand) -> None:
                    "speed, rotor speed, air temperature, water level, rms)")
     p.add_argument("--state", help="blocks of that turbine state only, such as idling")
     p.add_argument("--out", required=True, help="table as CSV")
+    p.add_argument("--figures", metavar="FOLDER", help="write pictures of the residuals over time and covariates")
 
     p = verb("figures", run_figures, "figures as files: of a run's report with its tables, or of an identification")
     p.add_argument("modes", metavar="MODES|RUN", help="modes.json (poles and blocks are taken from beside it), or the "

@@ -18,6 +18,8 @@ from probupdate.identification.slow_error import whitened
 ODDS, MOST_SHAPES = 20.0, 4
 # ratios of slow error to noise and number of lengths over which evidence is averaged; points of a shape's own constant
 RATIOS, N_HOURS, N_COARSE, N_FINE = (0.0, 0.3, 1.0, 3.0), 5, 16, 9
+# places of a step, at most
+N_PLACES = 1000
 # a bend, a saturation or a step has so large a share of the blocks on each side, and eight at least
 LEAST_SHARE, LEAST_ROWS = 0.05, 8
 DAY_H = 24.0
@@ -73,7 +75,8 @@ def choose_shapes(
     shapes: list[Shape] = []
     spread: dict[str, np.ndarray] = {}
     for _ in range(MOST_SHAPES):
-        taken = {(s.kind if s.covariate == "" else s.covariate) for s in shapes}
+        # a structure may step again
+        taken = {s.covariate or s.kind for s in shapes if s.kind != "step"}
         ahead = [c for c in _candidates(covariates, time_h) if (c.covariate or c.kind) not in taken]
         if not ahead:
             break
@@ -88,7 +91,7 @@ def choose_shapes(
             break
         candidate, (_, constant, std, scatter) = ahead[k], found[k]
         columns, own = candidate.columns(constant), candidate.names(constant)
-        key = candidate.covariate if not candidate.adds else f"{candidate.kind} {candidate.covariate}"
+        key = candidate.covariate if not candidate.adds else f"{candidate.kind} {candidate.covariate} {constant}"
         blocks[key], names[key] = columns[:, : len(own)], own
         if candidate.nuisance:
             nuisances[key] = columns[:, len(own):]
@@ -155,17 +158,30 @@ def _evidence(
         q_fixed = np.linalg.qr(white[:, : fixed.shape[1]])[0]
         left = white[:, fixed.shape[1]:] - q_fixed @ (q_fixed.T @ white[:, fixed.shape[1]:])
         y = left[:, -1]
-        for o in range(len(options)):
-            x = left[:, o * q: (o + 1) * q]
-            found = np.linalg.lstsq(x, y, rcond=1e-8)[0] if q else np.zeros(0)
-            rss = float(np.sum((y - x @ found) ** 2)) if q else float(y @ y)
-            k = fixed.shape[1] + q
-            log[p, o] = -0.5 * (n * np.log(max(rss, 1e-300) / n) + log_determinant + k * np.log(n))
-            coefficient[p, o] = found / size[o * q: (o + 1) * q]
+        rss, found = _residuals(left[:, :-1], y, len(options))
+        k = fixed.shape[1] + q
+        log[p] = -0.5 * (n * np.log(np.maximum(rss, 1e-300) / n) + log_determinant + k * np.log(n))
+        coefficient[p] = found / size.reshape(found.shape[0], -1) if q else found
     # without a slow error its length is nothing: that point counts as the others of one length
     each = np.logaddexp.reduce(log, axis=0) - np.log(len(points))
     at = np.argmax(log, axis=0)
     return (float(np.logaddexp.reduce(each) - np.log(len(each))), each, coefficient[at, np.arange(len(options))])
+
+
+def _residuals(x: np.ndarray, y: np.ndarray, n_option: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squares (n_option,) of what as many columns for each option leave of y, and their coefficients."""
+    q = x.shape[1] // n_option
+    if q == 1:
+        power = np.sum(x**2, axis=0)
+        found = np.where(power > 1e-16 * (y @ y), (y @ x) / np.maximum(power, 1e-300), 0.0)
+        return y @ y - found**2 * power, found[:, None]
+    found = np.zeros((n_option, q))
+    rss = np.full(n_option, y @ y)
+    for o in range(n_option if q else 0):
+        own = x[:, o * q: (o + 1) * q]
+        found[o] = np.linalg.lstsq(own, y, rcond=1e-8)[0]
+        rss[o] = np.sum((y - own @ found[o]) ** 2)
+    return rss, found
 
 
 def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> list[_Candidate]:
@@ -197,7 +213,9 @@ def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> lis
         turn = 2 * np.pi * time_h / DAY_H
         found.append(_Candidate("day", "", none, lambda _: np.column_stack([np.cos(turn), np.sin(turn)]),
                                 lambda _: ("cos of the day", "sin of the day"), adds=True))
-    places = np.linspace(time_h[least], time_h[-least - 1], 4 * N_COARSE)
+    # between each two blocks, as a few on the wrong side of it hide a step
+    places = 0.5 * (time_h[least:-least] + time_h[least - 1 : -least - 1])
+    places = places[np.unique(np.linspace(0, len(places) - 1, N_PLACES).astype(int))]
     found.append(_Candidate("step", "", places, lambda t: (time_h >= t).astype(float)[:, None],
                             lambda t: (f"step at {t:.4g} h",), adds=True))
     return found

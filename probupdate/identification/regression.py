@@ -339,10 +339,13 @@ def _explained(value, residual, noise) -> float:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModalRegression:
     """fits: label -> (of ln f, of the damping ratio), those that could be made; notes: those that could not, and what
-    was left out. table: a row a mode, response and covariate."""
+    was left out. table: a row a mode, response and covariate. hours (n_set,) since the first, columns: covariate ->
+    (n_set,)."""
 
     fits: Mapping[str, tuple[Regression, ...]]
     table: pd.DataFrame
+    hours: np.ndarray
+    columns: Mapping[str, np.ndarray]
     notes: tuple[str, ...]
 
     def to_frame(self) -> pd.DataFrame:
@@ -392,7 +395,9 @@ def regress_modes(
     if not fits:
         raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "measure on")
     rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
-    return ModalRegression(fits=fits, table=pd.DataFrame(rows), notes=tuple(dict.fromkeys(notes)))
+    return ModalRegression(fits=fits, table=pd.DataFrame(rows), hours=frozen_array(hours),
+                           columns={name: frozen_array(x) for name, x in columns.items()},
+                           notes=tuple(dict.fromkeys(notes)))
 
 
 def _in_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.ndarray]:

@@ -28,8 +28,10 @@ from probupdate.updating.scales import hyper_scales, log_half_cauchy
 from probupdate.updating.set_likelihoods import Coordinates, coordinates_of
 from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error, total
 
-# linearisations at most, and the move in prior standard deviations at which the estimate stays where it is
-ROUNDS, STAYS = 8, 1e-3
+# linearisations at most, the move in prior standard deviations at which the estimate stays where it is, the largest
+# in one round, and from which on the scales are learnt: far from the estimate the misfit of straight lines looks like
+# an error of the model, and once that is taken for large, no data move the estimate any more
+ROUNDS, STAYS, FARTHEST, NEAR = 16, 5e-3, 1.0, 0.3
 # sets from which what is new in each is learnt: more do not say more of two numbers
 LEARNT_FROM = 18
 # steps at most of the search for these
@@ -182,24 +184,31 @@ def estimate_farm(
     shared = roles.numbers(roles.shared)
     scales = Scales(spread=settings.spread * std[roles.numbers(roles.varying)],
                     hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
-    x, new, wide, settled, number, odd = None, None, None, False, 0, None
+    weights = problems[0].weights
+    new = (float(scales.hyper[0]), float(scales.hyper[1])) if weights.scales else weights.part(1 - weights.shared)
+    x, learnt, wide, settled, number, odd, moved = None, False, None, False, 0, None, np.inf
+    step, relaxed = np.zeros_like(theta), 1.0
     while True:
         number += 1
         progress("joint estimate", number - 1, ROUNDS)
         error = shared_error(problems, theta[set_turbine], coordinates)
         layout = Layout.of(roles, prior, error.middle)
-        tau = scales.tau(np.zeros(len(scales.spread)) if x is None else x)
-        if new is None:
-            new = _new_scales(error, set_turbine, roles, prior, tau)
+        if moved < NEAR and not learnt:
+            new = _new_scales(error, set_turbine, roles, prior, scales.tau(np.zeros(len(scales.spread))))
+            learnt = True
         inners = _inners(error, new, set_turbine)
         whole = FarmSystem.of(inners, layout, error.kind, error.form)
         system, turn = whole.informed(scales.hyper, scales.learnt)
         if wide is not None:
             system = system.with_wide(wide)
-        x = scales.maximum(system, x)
+        x = scales.maximum(system, x) if learnt else np.zeros(scales.n_x(system))
         u, z, e = _solved(system, scales, x)
         u = u + error.middle
-        fresh = np.clip(coordinates.back(u), first.lower, first.upper)
+        before, step = step, u - coordinates.to(theta)
+        # steps that turn round go to and fro about the estimate
+        relaxed = relaxed / 2 if np.sum(before * step / std**2) < 0 else min(1.0, 2 * relaxed)
+        step *= relaxed / np.maximum(np.max(np.abs(step) / std, axis=1, keepdims=True) / FARTHEST, 1.0)
+        fresh = np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper)
         fresh = _off_zero(fresh, first)
         moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
         theta = fresh

@@ -162,3 +162,23 @@ def test_every_mode_of_a_campaign_and_its_table(tmp_path):
     assert idling.fits["FA2"][0].n == 60
     with pytest.raises(InputError, match="no usable block in state 'parked'"):
         regress_modes(data, state="parked")
+
+
+def test_residuals_are_drawn_over_time_and_what_changed(tmp_path):
+    from probupdate.cli import main
+    from probupdate.modal.modes import write_modes
+    from probupdate.reporting.figures_regression import residuals
+
+    data = modal_data()
+    write_modes(data, tmp_path / "modes.json")
+    words = ["regress", str(tmp_path / "modes.json"), "--out", str(tmp_path / "r.csv"), "--figures"]
+    assert main([*words, str(tmp_path / "pictures")]) == 0
+    assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == [
+        f"residual_{label}_{what}.png" for label in ("FA1", "FA2") for what in ("damping_ratio", "ln_frequency")]
+    result = regress_modes(data)
+    fit = result.fits["FA2"][0]
+    axes = residuals("FA2", fit, result.hours, dict(result.columns)).axes
+    # over time, wind and water level; the rotor's speed is known of no block
+    assert [a.get_xlabel() for a in axes] == ["hours from the first block", "wind_speed_mps", "water_level_m"]
+    drawn = axes[0].lines[0].get_ydata()
+    np.testing.assert_allclose(drawn, 100 * fit.residual[np.isfinite(fit.residual)])

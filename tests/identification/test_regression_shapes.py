@@ -73,6 +73,25 @@ def test_a_step_beside_a_slope_is_no_outlier():
         assert abs(value + 1e-3) < 4 * std and abs(slope(fit, shape.names[0])[0] + 0.02) < 4e-3
 
 
+def test_a_step_beside_a_lag_is_dated_and_both_keep_their_sizes():
+    fit = drawn(lambda t, air, _: -1e-3 * behind(t, air) - 0.01 * (t >= 120), 11)
+    assert {s.kind for s in fit.shapes} == {"step", "lag"} and fit.n_outlier == 0
+    step = next(s for s in fit.shapes if s.kind == "step")
+    assert abs(step.constant - 120) <= 0.5
+    for name, true in (("air", -1e-3), (step.names[0], -0.01)):
+        value, std = slope(fit, name)
+        assert abs(value - true) < 3 * std
+
+
+def test_two_steps_are_two():
+    fit = drawn(lambda t, air, _: -1e-3 * air - 0.01 * (t >= 60) + 0.008 * (t >= 140), 12)
+    assert [s.kind for s in fit.shapes] == ["step"] * 2 and fit.n_outlier == 0
+    assert sorted(round(s.constant) for s in fit.shapes) == [60, 140]
+    for s, true in zip(sorted(fit.shapes, key=lambda s: s.constant), (-0.01, 0.008), strict=True):
+        value, std = slope(fit, s.names[0])
+        assert abs(value - true) < 4 * std
+
+
 def test_a_saturation_and_a_daily_period_are_found():
     fit = drawn(lambda t, air, _: -1e-3 * np.minimum(air, 4), 1)
     assert [s.kind for s in fit.shapes] == ["saturation"] and abs(fit.shapes[0].constant - 4) < 1
