@@ -240,17 +240,28 @@ def _first_direction(c: Conditions) -> Conditions:
     return c.model_copy(update={"direction": (c.direction[0].model_copy(update={"share": 1.0}),)})
 
 
-def solve_many(
-    model: FatigueModel,
-    thetas: np.ndarray,
-    dampings: Sequence[Mapping[str, float] | StateDamping],
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpotDamage:
+    """What is kept of one parameter vector: equivalent_mpa (2, n_spot) of SLOPES and per_year (n_spot,), Miner's sum
+    of a year."""
+
+    equivalent_mpa: np.ndarray
+    per_year: np.ndarray
+
+    @classmethod
+    def of(cls, stress: Stress) -> SpotDamage:
+        return cls(equivalent_mpa=frozen_array([stress.equivalent_mpa(m) for m in SLOPES]),
+                   per_year=frozen_array(stress.damage_per_year()))
+
+
+def damage_at_many(
+    model: FatigueModel, thetas: np.ndarray, dampings: Sequence[Mapping[str, float] | StateDamping],
     progress: Progress = silent,
-    what: str = "stress transfer",
-) -> list[Stress]:
+) -> list[SpotDamage]:
     """At every row of thetas (n, n_param), each with its own damping ratios."""
     found = []
     for k, (theta, damping) in enumerate(zip(thetas, dampings, strict=True)):
-        progress(what, k, len(thetas))
-        found.append(model.solve(theta, damping))
-    progress(what, len(thetas), len(thetas))
+        progress("stress transfer", k, len(thetas))
+        found.append(SpotDamage.of(model.solve(theta, damping)))
+    progress("stress transfer", len(thetas), len(thetas))
     return found

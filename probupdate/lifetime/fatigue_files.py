@@ -13,11 +13,12 @@ from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, wo
 from probupdate.lifetime.fatigue import (
     SLOPES,
     FatigueModel,
+    SpotDamage,
     Stress,
     basis_error,
+    damage_at_many,
     fatigue_model,
     fatigue_model_of,
-    solve_many,
 )
 from probupdate.lifetime.reliability import (
     DamageCurve,
@@ -76,12 +77,12 @@ class FatigueInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueResult:
-    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is computed;
+    """model: all hot spots; design, draws: their damage; worst (n,): hot spots whose reliability is computed;
     factors ln X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
 
     model: FatigueModel
-    design: Stress
-    draws: tuple[Stress, ...]
+    design: SpotDamage
+    draws: tuple[SpotDamage, ...]
     worst: np.ndarray
     curve: DamageCurve
     log_factor: Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -114,15 +115,13 @@ def assess(
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
     design = model.solve(parameters.initial)
-    updated = solve_many(model, draws, dampings, progress)
-    worst = worst_spots(
-        model, np.maximum(design.damage_per_year(), np.mean([s.damage_per_year() for s in updated], axis=0)), WORST
-    )
+    planned, updated = SpotDamage.of(design), damage_at_many(model, draws, dampings, progress)
+    worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
     curve = DamageCurve.of(_only(model, design, worst))
     few = model.picked(worst)
     left_out: list[str] = []
     factor = {
-        "updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
+        "updated": [curve.factor(np.log(s.per_year[worst])) for s in updated],
         "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior],
     }
     damping = StateDamping.mean(dampings)
@@ -141,7 +140,7 @@ def assess(
     index = {name: _index(curve, *m, c) for name, m in moments.items()}
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
-        model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
+        model=model, design=planned, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
         slope=slope, direct=direct, gains=gain, index=index,
         measures=_next_measurements(given, slope, direct, parts, curve, moments["updated"], c),
         left_out=tuple(left_out),
@@ -420,13 +419,10 @@ def _write_hot_spots(files, model: FatigueModel) -> None:
 
 
 def _write_ranges(files, result: FatigueResult) -> None:
-    design = [result.design.equivalent_mpa(m) for m in SLOPES]
-    damage = result.design.damage_per_year()
-    rows = []
-    for number, stress in enumerate((result.design, *result.draws)):
-        own = [stress.equivalent_mpa(m) for m in SLOPES]
-        rate = stress.damage_per_year() if number else damage
-        block = np.column_stack([*own, own[0] / design[0], own[1] / design[1], rate, rate / damage])
+    first, rows = result.design, []
+    for number, one in enumerate((first, *result.draws)):
+        block = np.column_stack([*one.equivalent_mpa, *one.equivalent_mpa / first.equivalent_mpa, one.per_year,
+                                 one.per_year / first.per_year])
         rows += [[number, k + 1, *row] for k, row in enumerate(block.tolist())]
     files.table(
         "fatigue.csv",

@@ -164,9 +164,9 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
                        progress=progress)
         model, weights = case.model, case.weights
         problem = build_problem(model, case.joint.data, weights=weights)
-        start = [model.parameters.initial, np.array(weights.at)] if weights.at is not None else (
-            [model.parameters.initial])
-        laplace = maximum_a_posteriori(problem, start)
+        # the maximum was found for the weights already
+        laplace = maximum_a_posteriori(problem, [model.parameters.initial if weights.at is None else
+                                                 np.array(weights.at)])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")
