@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "elements", "explore", "figures_regression", "figures_stress", "identification_pictures", "page", "report", "report_figures",
-    "report_with_conclusion", "run_files", "style",
+    "elements", "explore", "figures_regression", "figures_stress", "identification_pictures", "page", "report",
+    "report_figures", "report_with_conclusion", "run_files", "style",
 ]
 
 # the page's sections in their order -> the module of each
