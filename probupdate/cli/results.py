@@ -39,8 +39,8 @@ def run_stresses(a: argparse.Namespace, progress: Progress) -> None:
 
     refuse_filled(Path(a.out))
     result = probupdate.stresses(
-        a.campaign, a.run, a.fatigue, without=a.without, draws=a.draws, worst=a.worst, accept=a.accept, seed=a.seed,
-        progress=progress)
+        a.campaign, a.run, a.fatigue, without=a.without, gauges=a.gauges, draws=a.draws, worst=a.worst,
+        accept=a.accept, seed=a.seed, progress=progress)
     answer(a, result, result.write(a.out))
 
 
@@ -135,6 +135,8 @@ def _add_stresses(verb: AddCommand) -> None:
     p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the "
                    "loads from which the estimate begins")
     p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
+    p.add_argument("--gauges", metavar="CSV", help="stresses by strain gauges (time, hot_spot_N_mpa), held against the "
+                   "estimate, in which they take no part")
     p.add_argument("--draws", type=positive(int, "draws"), default=8,
                    help="draws that carry the posterior's uncertainty (8)")
     p.add_argument("--worst", type=positive(int, "hot spots"), default=6,

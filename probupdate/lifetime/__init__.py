@@ -2,6 +2,6 @@
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "conditions", "damping", "draws", "export", "fatigue_files", "load_estimate", "measured_stress", "reliability",
-    "spectral", "stress", "stress_files", "superelement",
+    "conditions", "damping", "draws", "export", "fatigue_files", "gauges", "load_estimate", "measured_stress",
+    "reliability", "spectral", "stress", "stress_files", "superelement",
 ]

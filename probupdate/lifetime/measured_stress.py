@@ -25,6 +25,7 @@ from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_s
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
+from probupdate.lifetime.gauges import GaugeCheck, Gauges, beside_gauges, read_gauges
 from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
@@ -97,7 +98,7 @@ class History:
 class MeasuredStress:
     """blocks; the spots with their details; worst (n_worst,) spots; draw_ratio (n_draw, n_spot): damage at each draw
     over that at the posterior's mean; stated_per_hour: of each state the damage (n_spot,) by the loads of
-    fatigue.toml."""
+    fatigue.toml; gauges: strain gauges beside the estimate, where some were given."""
 
     blocks: tuple[BlockStress, ...]
     details: tuple[Detail, ...]
@@ -109,6 +110,7 @@ class MeasuredStress:
     histories: tuple[History, ...]
     left_out: tuple[str, ...]
     seed: int
+    gauges: GaugeCheck | None = None
 
     @cached_property
     def resolved(self) -> np.ndarray:
@@ -162,10 +164,11 @@ class _Planned:
 def measured_stresses(
     campaign: Campaign, model: Path, fatigue: Path, draws: np.ndarray, damping: StateDamping, *,
     names: Sequence[str] = (), without: Sequence[str] = (), settings: StressSettings | None = None,
-    progress: Progress = silent,
+    gauges: Path | None = None, progress: Progress = silent,
 ) -> MeasuredStress:
     """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of
-    parameters of these names where they are given; damping: measured ratios; without: channels not to be used.
+    parameters of these names where they are given; damping: measured ratios; without: channels not to be used; gauges:
+    a table of strain gauges to hold the estimate against.
 
     Raises InputError where no channel of the campaign is one of the model's, one measures along another direction
     there, or no block is whole."""
@@ -174,16 +177,18 @@ def measured_stresses(
     spectra = thrust_spectra(conditions, fatigue)
     planned = _plan(campaign, conditions)
     work = _Work(campaign, model, conditions, spectra, draws, names, damping, tuple(without), settings)
+    known = None if gauges is None else read_gauges(gauges, len(work.spots))
     groups: dict[tuple[float, int], list[_Planned]] = {}
     for one in planned:
         groups.setdefault((one.heading_deg, one.state), []).append(one)
-    found, ratios, stated = [], [], {}
+    found, ratios, stated, beside = [], [], {}, []
     done, largest = 0, sorted(groups, key=lambda key: (-len(groups[key]), key))[:DRAWN_GROUPS]
     for (heading, state), own in sorted(groups.items()):
         group = work.group(heading, state, own)
         for one in own:
             progress("stresses", done, len(planned))
             found.append(group.block(one))
+            beside.append(None if known is None else group.beside(one, known))
             done += 1
         if (heading, state) in largest:
             ratios.append(group.draw_ratio(own))
@@ -201,7 +206,17 @@ def measured_stresses(
     return MeasuredStress(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
         draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
-        histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed)
+        histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed,
+        gauges=None if gauges is None else _gauges_of(beside, gauges))
+
+
+def _gauges_of(beside: Sequence[GaugeCheck | None], path: Path) -> GaugeCheck:
+    """All blocks' rows by time, with the first block's histories."""
+    some = sorted((one for one in beside if one is not None), key=lambda one: one.block)
+    if not some:
+        raise InputError(str(path), "no gauge recorded a whole block of the campaign",
+                         "give times in UTC, as the campaign's records have them")
+    return replace(some[0], rows=tuple(row for one in some for row in one.rows))
 
 
 def _refuse_turned(campaign: Campaign, stated: Mapping[str, np.ndarray], channels: Sequence[str]) -> None:
@@ -431,6 +446,16 @@ class _Group:
         middle = damage(self.of)
         return np.array([damage(self.work.driven(self.heading_deg, theta, self.loads)) / middle
                          for theta in self.work.draws])
+
+    def beside(self, planned: _Planned, gauges: Gauges) -> GaugeCheck | None:
+        """Of one block; None where it is not whole, or no gauge recorded it."""
+        own = self.history(planned, gauges.spots)
+        if own is None:
+            return None
+        measured = gauges.over(planned.start, own.time_s)
+        rows = beside_gauges(own.id, own.time_s, own.stress_mpa, measured, gauges.spots)
+        return GaugeCheck(rows=tuple(rows), block=own.id, spots=gauges.spots, time_s=own.time_s,
+                          estimated=own.stress_mpa, measured=measured) if rows else None
 
     def history(self, planned: _Planned, worst: np.ndarray) -> History | None:
         read, whole, lines = self.work.read(planned)

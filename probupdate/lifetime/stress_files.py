@@ -70,6 +70,13 @@ class StressResult:
         return {h.id: pd.DataFrame({"time_s": h.time_s, **dict(zip(names, h.stress_mpa.T, strict=True))})
                 for h in self.found.histories}
 
+    def beside_gauges(self) -> pd.DataFrame | None:
+        """A row a block and strain gauge: standard deviation and ranges of the estimate over the gauge's, correlation;
+        None without gauges."""
+        import pandas as pd
+
+        return None if self.found.gauges is None else with_units(pd.DataFrame(list(self.found.gauges.rows)), {})
+
     def to_frame(self) -> pd.DataFrame:
         """`spots`."""
         return self.spots()
@@ -92,12 +99,18 @@ class StressResult:
             share = sum(s.share for s in f.conditions.state if s.name in missing)
             lines.append(f"not measured: {', '.join(missing)}, {100 * share:.3g} % of the year; their damage is not in "
                          "these numbers")
+        gauges = self.beside_gauges()
+        if gauges is not None:
+            lines += [f"gauge at hot spot {spot}: estimated over measured range "
+                      f"{own['del_m5_over_measured'].median():.3f} in the median of {len(own)} blocks (m = 5), "
+                      f"correlation {own['correlation'].median():.3f}" for spot, own in gauges.groupby("hot_spot")]
         if self.remark:
             lines.append(self.remark)
         return "\n".join([*lines, *(f"note: {text}" for text in f.left_out)])
 
     def write(self, out: str | Path) -> list[Path]:
-        """hot_spots.csv, blocks.csv, all_blocks.npz, history_BLOCK.csv, stresses.json; the folder new or empty."""
+        """hot_spots.csv, blocks.csv, all_blocks.npz, history_BLOCK.csv, gauges.csv, stresses.json; the folder new or
+        empty."""
         out = Path(out)
         refuse_filled(out)
         out.mkdir(parents=True, exist_ok=True)
@@ -109,6 +122,8 @@ class StressResult:
             "slope": np.array(SLOPES), "equivalent_mpa": np.array([b.equivalent_mpa for b in f.blocks]),
             "damage_per_hour": np.array([b.damage_per_hour for b in f.blocks]),
             "resolved": np.array([b.resolved for b in f.blocks])}))
+        if (gauges := self.beside_gauges()) is not None:
+            written.append(write_table(out / "gauges.csv", gauges))
         for block, table in self.histories().items():
             name = "history_" + "".join(c if c.isalnum() else "-" for c in block) + ".csv"
             written.append(write_table(out / name, table))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from probupdate.lifetime.gauges import GaugeCheck
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,
@@ -28,6 +29,8 @@ MARKERS = "os^vDP"
 # hot spots that are drawn by name
 SHOWN = 3
 SECTORS = 12
+# of a history that is laid over a gauge's
+MINUTES_S = 600.0
 
 
 @styled
@@ -40,6 +43,22 @@ def history(table: pd.DataFrame, block: str) -> Figure:
         axis.plot(table["time_s"] / 60, table[name], color=COLOURS[k], linewidth=0.5)
         last = axis is axes[-1]
         label_axes(axis, f"minutes from {block}" if last else "", f"spot {name.split('_')[2]} [MPa]")
+    return figure
+
+
+@styled
+def over_gauges(check: GaugeCheck) -> Figure:
+    """Estimated stress over what strain gauges measured, ten minutes of a block; gauges took no part in it."""
+    shown = np.flatnonzero(np.isfinite(check.measured).all(axis=0))[:SHOWN]
+    some = check.time_s <= check.time_s[0] + MINUTES_S
+    figure = new_figure(FULL_IN, 1.4 * len(shown) + 0.6)
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, k in zip(axes, shown, strict=True):
+        axis.plot(check.time_s[some] / 60, check.measured[some, k], color=GREY, linewidth=1.4, label="gauge")
+        axis.plot(check.time_s[some] / 60, check.estimated[some, k], color=BLUE, linewidth=0.7, label="estimate")
+        label_axes(axis, f"minutes from {check.block}" if axis is axes[-1] else "",
+                   f"spot {check.spots[k] + 1} [MPa]")
+    axes[0].legend(frameon=False, fontsize="small", ncols=2)
     return figure
 
 
@@ -100,9 +119,12 @@ def measured_and_stated(spots: pd.DataFrame) -> Figure:
     return figure
 
 
-def stress_figures(spots: pd.DataFrame, blocks: pd.DataFrame, histories: dict[str, pd.DataFrame]) -> Iterator[
-        tuple[str, Figure]]:
+def stress_figures(
+    spots: pd.DataFrame, blocks: pd.DataFrame, histories: dict[str, pd.DataFrame], gauges: GaugeCheck | None = None
+) -> Iterator[tuple[str, Figure]]:
     """Names and figures of what there is."""
+    if gauges is not None:
+        yield "stress_over_gauges", over_gauges(gauges)
     for block, table in histories.items():
         yield "stress_history", history(table, block)
     for name, figure in (("damage_over_wind", over_wind(blocks)), ("damage_rose", rose(blocks))):

@@ -185,7 +185,7 @@ def estimate_farm(
     scales = Scales(spread=settings.spread * std[roles.numbers(roles.varying)],
                     hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
     weights = problems[0].weights
-    new = (float(scales.hyper[0]), float(scales.hyper[1])) if weights.scales else weights.part(1 - weights.shared)
+    new = tuple(map(float, scales.hyper[:2])) if weights.scales else weights.part(1 - weights.shared)
     x, learnt, wide, settled, number, odd, moved = None, False, None, False, 0, None, np.inf
     step, relaxed = np.zeros_like(theta), 1.0
     while True:
@@ -194,8 +194,7 @@ def estimate_farm(
         error = shared_error(problems, theta[set_turbine], coordinates)
         layout = Layout.of(roles, prior, error.middle)
         if moved < NEAR and not learnt:
-            new = _new_scales(error, set_turbine, roles, prior, scales.tau(np.zeros(len(scales.spread))))
-            learnt = True
+            new, learnt = _new_scales(error, set_turbine, roles, prior, scales.tau(np.zeros(len(scales.spread)))), True
         inners = _inners(error, new, set_turbine)
         whole = FarmSystem.of(inners, layout, error.kind, error.form)
         system, turn = whole.informed(scales.hyper, scales.learnt)
@@ -204,12 +203,8 @@ def estimate_farm(
         x = scales.maximum(system, x) if learnt else np.zeros(scales.n_x(system))
         u, z, e = _solved(system, scales, x)
         u = u + error.middle
-        before, step = step, u - coordinates.to(theta)
-        # steps that turn round go to and fro about the estimate
-        relaxed = relaxed / 2 if np.sum(before * step / std**2) < 0 else min(1.0, 2 * relaxed)
-        step *= relaxed / np.maximum(np.max(np.abs(step) / std, axis=1, keepdims=True) / FARTHEST, 1.0)
-        fresh = np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper)
-        fresh = _off_zero(fresh, first)
+        step, relaxed = _bounded(u - coordinates.to(theta), step, relaxed, std)
+        fresh = _off_zero(np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper), first)
         moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
         theta = fresh
         if (moved < STAYS or number == ROUNDS) and (odd is None or number < ROUNDS):
@@ -223,12 +218,21 @@ def estimate_farm(
         if number == ROUNDS and odd is not None:
             break
     progress("joint estimate", ROUNDS, ROUNDS)
-    low, high = first.lower, first.upper
+    reached = coordinates.back(u)
     return JointEstimate(
         roles=roles, parameters=first, coordinates=coordinates, prior=prior, error=error, set_turbine=set_turbine,
         new=new, inners=tuple(inners), system=system, turn=turn, scales=scales, x=x, z=z + error.middle[shared], e=e,
         u=frozen_array(u), odd=odd, rounds=number, settled=settled,
-        at_bound=np.any((coordinates.back(u) < low) | (coordinates.back(u) > high), axis=0))
+        at_bound=np.any((reached < first.lower) | (reached > first.upper), axis=0))
+
+
+def _bounded(
+    step: np.ndarray, before: np.ndarray, relaxed: float, std: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """A step (n_turbine, n_param) no farther than FARTHEST for any turbine, and shorter the more often it has turned
+    round: steps to and fro are about the estimate."""
+    relaxed = relaxed / 2 if np.sum(before * step / std**2) < 0 else min(1.0, 2 * relaxed)
+    return step * relaxed / np.maximum(np.max(np.abs(step) / std, axis=1, keepdims=True) / FARTHEST, 1.0), relaxed
 
 
 def _hyper(problem: Problem) -> np.ndarray:

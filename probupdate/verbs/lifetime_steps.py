@@ -40,7 +40,8 @@ class StressStep:
         from probupdate.reporting.style import save_figure
 
         written = self.result.write(out)
-        for name, figure in stress_figures(self.result.spots(), self.result.blocks(), self.result.histories()):
+        for name, figure in stress_figures(self.result.spots(), self.result.blocks(), self.result.histories(),
+                                           self.result.found.gauges):
             path = Path(out) / f"{name}.png"
             save_figure(figure, path)
             written.append(path)
@@ -49,14 +50,17 @@ class StressStep:
 
 @names_files("campaign", "run")
 def stresses(
-    campaign: str | Path, run: str | Path, fatigue: str | Path, *, without: Sequence[str] | None = None, draws: int = 8,
-    worst: int = 6, accept: bool = False, seed: int = 1, progress: Progress = silent,
+    campaign: str | Path, run: str | Path, fatigue: str | Path, *, without: Sequence[str] | None = None,
+    gauges: str | Path | None = None, draws: int = 8, worst: int = 6, accept: bool = False, seed: int = 1,
+    progress: Progress = silent,
 ) -> StressStep:
     """Stress histories, damage-equivalent ranges and damage at every hot spot of fatigue.toml, of what a campaign
     measured, through the model of a run at its posterior.
 
-    without: channels not to be used; draws: of the posterior, for its uncertainty; worst: hot spots whose history is
-    written and counted by rainflow. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
+    without: channels not to be used; gauges: a CSV of stresses that strain gauges measured (`time`, hot_spot_N_mpa),
+    which take no part in the estimate and are held against it; draws: of the posterior, for its uncertainty; worst: hot
+    spots whose history is written and counted by rainflow. A run that did not converge, or whose diagnosis is
+    unexplained, needs `accept`.
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
     from probupdate.diagnosis.results import read_diagnosis
@@ -85,7 +89,8 @@ def stresses(
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(
         records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
-        without=tuple(without or ()), settings=settings, progress=progress)
+        without=tuple(without or ()), settings=settings, gauges=None if gauges is None else Path(gauges),
+        progress=progress)
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 

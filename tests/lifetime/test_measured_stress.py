@@ -11,8 +11,10 @@ import pandas as pd
 import pytest
 
 from probupdate.cli import main
+from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
+from probupdate.lifetime.gauges import Gauges, read_gauges
 from probupdate.lifetime.load_estimate import both_ways, driven, smoother, used_lines
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import load_model
@@ -121,6 +123,61 @@ def test_slow_bending_is_that_of_statics(case, written, validation):
     validation(what="stress at the tower's foot from nine accelerometers, a slow thrust of 75 s",
                reference="force times arm by hand; readings by OpenSees' rotations",
                why="scatter of the sensors' noise, and the window's ends").error(abs(found / expected - 1), below=0.03)
+
+
+def gauge_table(folder, written, factor=1.0, shift="0s", noise=0.02):
+    """Of the weld's places along the thrust, as a gauge reads them there at 4 Hz: the force's statics and noise."""
+    spots = pd.read_csv(written / "hot_spots.csv")
+    own = spots[(spots["side"] == "weld") & spots["place"].isin([1, 5])].sort_values("place")["hot_spot"].tolist()
+    n = int(4 * 60 * 2 * MINUTES)
+    t = np.arange(n) / 4
+    stress = factor * hand_stress(AMPLITUDE) * np.sin(2 * np.pi * SLOW_HZ * t)
+    rng = np.random.default_rng(9)
+    time = pd.Timestamp("2024-03-01T00:00:00Z") + pd.Timedelta(shift) + pd.to_timedelta(t, unit="s")
+    table = pd.DataFrame({"time": time.strftime("%Y-%m-%dT%H:%M:%S.%f%z")})
+    for k, spot in enumerate(own):
+        table[f"hot_spot_{spot}_mpa"] = (1, -1)[k] * stress + noise * rng.standard_normal(n) + 40.0
+    table.to_csv(folder / "gauges.csv", index=False)
+    return own
+
+
+def test_gauges_held_out_are_beside_the_estimate(case, written, tmp_path, capsys):
+    folder, _ = case
+    own = gauge_table(tmp_path, written)
+    assert main(["stresses", str(folder / "campaign"), "--run", str(folder / "run"), "--fatigue",
+                 str(folder / "fatigue.toml"), "--draws", "1", "--worst", "2", "--gauges",
+                 str(tmp_path / "gauges.csv"), "--out", str(tmp_path / "out")]) == 0
+    assert f"gauge at hot spot {own[0]}: estimated over measured range" in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "out" / "gauges.csv", comment="#")
+    assert sorted(set(table["hot_spot"])) == sorted(own) and len(table) == 4
+    assert table["std_over_measured"].to_numpy() == pytest.approx(np.ones(4), abs=0.04)
+    assert table["del_m5_over_measured"].to_numpy() == pytest.approx(np.ones(4), abs=0.06)
+    # the sign of thrust is the readings': what pulls one side presses the other
+    assert np.abs(table["correlation"]).min() > 0.99
+    assert (tmp_path / "out" / "stress_over_gauges.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("text, said", [
+    ("time,hot_spot_1_mpa\n2024-03-01T00:00:00Z,1\n2024-03-01T00:00:00Z,2\n", "do not rise"),
+    ("time,hot_spot_1_mpa,strain\n2024-03-01T00:00:00Z,1,2\n", "has the column strain"),
+    ("time\n2024-03-01T00:00:00Z\n", "has no time or no gauge"),
+    ("time,hot_spot_99999_mpa\n2024-03-01T00:00:00Z,1\n", "there are"),
+    ("time,hot_spot_1_mpa\nyesterday,1\n", "times or stresses that are none"),
+])
+def test_a_table_that_is_none_of_gauges_is_refused(tmp_path, text, said):
+    (tmp_path / "gauges.csv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_gauges(tmp_path / "gauges.csv", 8)
+
+
+def test_a_gap_of_a_gauge_is_not_bridged():
+    t = np.arange(0, 1200, 0.25)
+    stress = np.sin(t)[:, None] * np.ones(2)
+    stress[1000:1200, 1] = np.nan
+    one = Gauges(time_s=t + pd.Timestamp("2024-03-01T00:00:00Z").timestamp(), spots=np.arange(2), stress_mpa=stress)
+    over = one.over(pd.Timestamp("2024-03-01T00:00:00Z"), np.arange(0, 1199, 0.2))
+    assert np.isfinite(over[:, 0]).all() and np.isnan(over[:, 1]).all()
+    assert np.isnan(one.over(pd.Timestamp("2024-03-02T00:00:00Z"), np.arange(0, 1199, 0.2))).all()
 
 
 def test_every_hot_spot_has_its_interval_and_what_is_resolved(written):

@@ -472,6 +472,15 @@ def lifetime_table(folder: Path) -> Made:
     return [path], lambda: read_table(path)
 
 
+def gauges(folder: Path) -> Made:
+    from probupdate.lifetime.gauges import read_gauges
+
+    path = folder / "gauges.csv"
+    path.write_text("time,hot_spot_3_mpa\n2024-03-01T00:00:00Z,1.5\n2024-03-01T00:00:00.25Z,\n"
+                    "2024-03-01T00:00:00.5Z,-2e1\n")
+    return [path], lambda: read_gauges(path, 8)
+
+
 def joint(folder: Path) -> Made:
     from probupdate.lifetime.draws import joint_of, read_joint
 
@@ -606,6 +615,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "started_run": (started_run, ("demonstration._State",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
+    "gauges": (gauges, ("lifetime.gauges.read_gauges",)),
     "joint": (joint, ("lifetime.draws.read_joint",)),
     "farm_joint": (farm_joint, ("updating.joint_file.read_joint",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
