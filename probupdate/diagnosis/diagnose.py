@@ -31,6 +31,7 @@ from probupdate.diagnosis.elementary import (
     parts_of,
     taken_together,
 )
+from probupdate.diagnosis.engine.verdict import CHANCE, POWER, verdict_of
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, exchanged, explore, without
@@ -64,10 +65,6 @@ from probupdate.runtime.progress import Progress, silent
 
 # effects of one hypothesis
 MOST_EFFECTS = 3
-# the minimum detectable size is found found in so many of a hundred records: normal quantile of 0.9
-POWER = 1.2815515655446004
-# a cause is named from this probability among its competing hypotheses
-SURE = 0.95
 # chance alone makes a largest score as high so seldom that it is no explanation, however improbable each cause
 NOT_BY_CHANCE = 1e-3
 # of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
@@ -82,7 +79,6 @@ GONE = 0.9
 NOTED_STD, LEFT = 3.0, 2.0
 # standard deviations of its prior by which a parameter may be shifted in a fit that explains the record
 FARTHEST = 6.0
-CHANCE = "chance alone"
 # share of days with a larger wave of the temperature, below which it is said
 ODD_DAY = 0.05
 NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
@@ -203,13 +199,6 @@ def _beside_parts(
     if responses or any(instead.values()):
         findings = findings_of(explored, instead, refuted, responses)
     return findings, _own_response(findings, responses)
-
-
-def verdict_of(findings: Sequence[Finding]) -> str:
-    """What findings that explain a record say of it."""
-    if not findings:
-        return "none"
-    return "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
 
 
 def _explored(

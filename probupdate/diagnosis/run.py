@@ -115,7 +115,7 @@ def diagnose_files(
         data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
         if source.model is None:
             source.refuse_without_model()
-            found = diagnose_without_model(data, sensors, campaign_check=tests, effects=source.effects, seed=seed,
+            found = diagnose_without_model(data, sensors, campaign_check=tests, effects=source.effects,
                                            progress=progress)
         else:
             prepared = source.prepared(sensors, progress).reading(data)

@@ -13,15 +13,14 @@ from functools import cache
 
 import numpy as np
 from scipy import linalg
-from scipy.special import logsumexp
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.diagnose import CHANCE
 from probupdate.diagnosis.empirical_reference import look, mended, residuals, signatures
 from probupdate.diagnosis.empirical_search import Followed, log_prior_of_effects, watch
 from probupdate.diagnosis.engine.library import sizes
+from probupdate.diagnosis.engine.verdict import CHANCE, EffectSet, findings_of
 from probupdate.diagnosis.evidence import log_weight_of_size, size_at_bound, size_by_secant
-from probupdate.diagnosis.results import Alternative, Finding
+from probupdate.diagnosis.results import Finding
 from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, step_profile
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
@@ -48,19 +47,11 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PutRight:
-    """Blocks without effects of sensors of a size each (with standard deviation) from one block on,
-    ln prior of their sizes and odds."""
+class PutRight(EffectSet):
+    """Blocks without effects of sensors from one block on, ln prior of their sizes and odds."""
 
-    effects: tuple[Effect, ...]
-    size: tuple[float, ...]
-    size_std: tuple[float, ...]
     blocks: Blocks
     log_prior: float
-
-    @property
-    def keys(self) -> frozenset:
-        return frozenset(e.key for e in self.effects)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,40 +221,17 @@ def _on_numbers_of(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -
 def _answer(
     case: Case, tried: Mapping[frozenset, PutRight], judged: Judged
 ) -> tuple[list[Change], Blocks] | None:
-    keys = list(tried)
-    own = np.array([judged.of[k] for k in keys])
+    sets, own = list(tried.values()), [judged.of[k] for k in tried]
     # what the most probable ones leave is the structure's
-    first = int(np.argmax(own))
-    structure = float(np.logaddexp(judged.structure, own[first] + judged.left[keys[first]]))
-    each = np.array([*own, structure, -case.log_prior])
-    share = np.exp(each - logsumexp(each))
-    of_sensors, of_structure, chance = share[:-2], share[-2], share[-1]
-    if of_sensors.sum() < max(of_structure, chance):
+    first = max(tried, key=lambda key: judged.of[key])
+    structure = float(np.logaddexp(judged.structure, judged.of[first] + judged.left[first]))
+    found = findings_of(sets, own, [(STRUCTURE, "structure", structure), (CHANCE, "", -case.log_prior)],
+                        time_profile=case.profile.name, start=case.blocks.ids[case.profile.at])
+    if found is None:
         return None
-    best = tried[keys[int(np.argmax(of_sensors))]]
-    others = [Alternative(cause=cause, location=place, posterior_probability=float(p)) for cause, place, p in
-              ((STRUCTURE, "structure", of_structure), (CHANCE, "", chance)) if p > 1e-3]
-    changes = []
-    for effect, size, std in zip(best.effects, best.size, best.size_std, strict=True):
-        # of all sets the effect is in, and of those it is not in what they have instead
-        there = np.array([effect.key in k for k in keys])
-        instead: dict[Effect, float] = {}
-        for k, p in zip(keys, of_sensors, strict=True):
-            for other in tried[k].effects if effect.key not in k else ():
-                if other not in best.effects:
-                    instead[other] = instead.get(other, 0.0) + float(p)
-        ranked = sorted(((e, p) for e, p in instead.items() if p > 1e-3), key=lambda r: -r[1])
-        finding = Finding(
-            kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
-            time_profile=case.profile.name, time_profile_start=case.blocks.ids[case.profile.at],
-            z=float(np.sqrt(2 * max(judged.of[best.keys], 0.0))),
-            posterior_probability=float(of_sensors[there].sum()),
-            alternatives=(*(Alternative(cause=e.cause, location=e.location, posterior_probability=p, key=e.key)
-                            for e, p in ranked), *others),
-            check=effect.check, key=effect.key)
-        changes.append(Change(finding=finding, time_profile=case.profile, moved=(),
-                              within_tolerance=abs(size) <= effect.tolerance))
-    return changes, best.blocks
+    best, findings = found
+    return [Change(finding=f, time_profile=case.profile, moved=(), within_tolerance=abs(f.size) <= e.tolerance)
+            for f, e in zip(findings, best.effects, strict=True)], best.blocks
 
 
 def _sharper(case: Case, one: PutRight) -> TimeProfile:

@@ -7,7 +7,7 @@ operational conditions explains is *unexplained*, with the modes that moved, by 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,12 +15,11 @@ from scipy.special import logsumexp
 
 from probupdate.campaign.rigid_bodies import levelled
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.diagnosis.diagnose import CHANCE, POWER, SURE, verdict_of
 from probupdate.diagnosis.empirical_reference import look
 from probupdate.diagnosis.empirical_search import Followed, Odds, log_prior_of_profiles, odds_of, watch
 from probupdate.diagnosis.engine.library import Unknown, sizes
-from probupdate.diagnosis.level_responses import OWN_RESPONSE
-from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
+from probupdate.diagnosis.engine.verdict import POWER, SURE, verdict_of
+from probupdate.diagnosis.level_shapes import OWN_RESPONSE, LevelAnswer, judge_levels, level_reference
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
 from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, make_time_profiles, step_profile
@@ -34,16 +33,12 @@ from probupdate.runtime.progress import Progress, silent
 # with stated columns, by Markov's inequality (a mean of Bayes factors is one), and in one of a hundred where they were
 # drawn. What changes and what is constant share it, and after each change half of it is left
 NOTHING, NEXT_SHARE = 0.1, 0.5
-# false alarms of constant shapes
-FALSE_ALARM = 0.01
 # times of a step that are tried at first
 STEPS = 64
 # blocks before a change of which shapes are a mean
 FEWEST_BEFORE = 4
 # changes taken out one after the other
 MOST_CHANGES = 6
-# what competes with constant effects of sensors
-ODD = "structure less symmetric or less rigid than is normal"
 # numbers of a pair's frequencies
 PARTS = (" axis 1", " axis 2", " between")
 # column -> (cause, location, check) in the catalogue's words
@@ -180,7 +175,7 @@ def condition_columns(blocks: Blocks) -> tuple[str, ...]:
 
 def diagnose_without_model(
     data: ModalData, sensors: Sequence[Sensor] | None = None, *, campaign_check: Sequence[Mapping] | None = None,
-    effects: Sequence[Effect] = (), seed: int = 1, progress: Progress = silent,
+    effects: Sequence[Effect] = (), progress: Progress = silent,
 ) -> Diagnosis:
     """Measurement and environmental and operational conditions only: what modes.json shows of itself.
 
@@ -205,23 +200,22 @@ def diagnose_without_model(
     share = NOTHING / (2 if placed else 1)
     changes, blocks, followed, total, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, progress)
     unexplained = [c for c in changes if c.finding is None]
-    steady = _steady(blocks, placed, rows, whole, seed, unexplained) if placed else None
+    answer, detectable_sizes = _steady(blocks, placed, (*rows, *whole), share, unexplained) if placed else (None, [])
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
-    detectable_sizes = list(_detectable_sizes(followed, share))
+    detectable_sizes = [*_detectable_sizes(followed, share), *detectable_sizes]
     # by Markov's inequality: steps and drifts, and columns where any is stated, are each as probable before as nothing
     log_prior = float(logsumexp(log_prior_of_profiles(time_profiles)))
     p_value, notes = min(1.0, float(np.exp(log_prior - total)) * NOTHING / share), [*as_one, *blocks.notes]
-    if steady is not None:
-        findings += steady.findings
-        detectable_sizes += steady.detectable_sizes
-        p_value = min(p_value, min(1.0, 2 * steady.p_value))
+    if answer is not None:
+        findings += answer.findings
+        p_value = min(p_value, 2 * float(np.exp(-max(answer.log_odds, 0.0))))
     verdict = "unexplained" if unexplained or left else verdict_of(findings)
     details = {"without_model": True, "changes": [_change_table(blocks, c) for c in unexplained],
-               "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
+               "constant_shapes_unexplained": answer is not None and answer.unexplained,
                "measurement": [dict(m) for m in campaign_check or ()]}
     notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.time_profile_start}: within its "
               "tolerance, taken out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
-    notes += _notes(blocks, placed, unexplained, steady)
+    notes += _notes(blocks, placed, unexplained, answer)
     return Diagnosis(
         verdict=verdict, p_value=p_value, findings=tuple(findings), detectable_sizes=tuple(detectable_sizes),
         threshold=float(np.min(_threshold(followed, share))), adequacy_p=float("nan"), notes=tuple(notes),
@@ -292,53 +286,21 @@ def _step(
     return _sharpened(followed, best, known, sensors) if best.kind == "step" else None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Steady:
-    """What constant shapes show: findings, minimum detectable sizes, p of the largest score, what is left over its
-    threshold, notes."""
-
-    findings: tuple[Finding, ...]
-    detectable_sizes: tuple[DetectableSize, ...]
-    p_value: float
-    unexplained: float
-    notes: tuple[str, ...]
-
-
-def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, seed: int, unexplained: Sequence[Change]) -> Steady:
-    """Of the shapes before anything changed that has no cause: a mean of two states is neither's."""
+def _steady(
+    blocks: Blocks, placed: Sequence[Sensor], rows: Sequence[Effect], share: float, unexplained: Sequence[Change]
+) -> tuple[LevelAnswer, list[DetectableSize]]:
+    """Of the shapes before anything changed that has no cause: a mean of two states is neither's. With the minimum
+    detectable sizes in them."""
     begun = np.max([c.time_profile.value != 0 for c in unexplained], axis=0).astype(float) if unexplained else None
     begun = None if begun is None or np.sum(begun == 0) < FEWEST_BEFORE else begun
     # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
     able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
-    answer = judge_levels(mean_shapes(look(blocks, placed, begun).mean, blocks.channels, placed), able, whole,
-                          false_alarm=FALSE_ALARM, seed=seed)
-    findings = []
-    for competing, structure in zip(answer.found, answer.structure, strict=True):
-        best = competing[0]
-        each = np.array([*(r.log_posterior for r in competing), structure, 0.0])
-        probability = np.exp(each - logsumexp(each))
-        others = [(r, float(p)) for r, p in zip(competing[1:], probability[1:-2], strict=True) if p > 1e-3]
-        beyond = [Alternative(cause=cause, location=place, posterior_probability=float(p)) for cause, place, p in
-                  zip((ODD, CHANCE), ("structure", ""), probability[-2:], strict=True) if p > 1e-3]
-        names = " or ".join([best.effect.name, *(r.effect.name for r, _ in others[:3])])
-        findings.append(Finding(
-            kind=best.effect.kind, cause=best.effect.cause, location=best.effect.location, size=best.size,
-            size_std=best.size_std, unit=best.effect.unit, time_profile="constant", time_profile_start="", z=best.z,
-            posterior_probability=float(probability[0]),
-            alternatives=(*(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
-                            for r, p in others), *beyond),
-            check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))
-    detectable_sizes = []
-    for k, (size, left, z) in answer.detectable_sizes.items():
-        e = able[k]
-        detectable_sizes.append(DetectableSize(kind=e.kind, cause=e.cause, location=e.location, time_profile="constant",
-                                               unit=e.unit,
-                            size=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
-                            z=z))
-    return Steady(findings=tuple(findings), detectable_sizes=tuple(detectable_sizes), p_value=answer.p_value,
-                  unexplained=answer.unexplained,
-                  notes=tuple(f"{r.effect.location} shows the modes with {r.effect.observe.words()}" for (r, *_), f in
-                              zip(answer.found, findings, strict=True) if f.cause == OWN_RESPONSE))
+    levels = level_reference(look(blocks, placed, begun).mean, blocks.channels, placed, able)
+    answer = judge_levels(levels, able, share)
+    return answer, [
+        _within_bounds(DetectableSize(kind=e.kind, cause=e.cause, location=e.location, time_profile="constant",
+                                      unit=e.unit, size=(t.needed + POWER) * t.size_std, share_left=t.share_left,
+                                      z=t.z), e) for e, t in answer.tested]
 
 
 def _change_table(blocks: Blocks, change: Change) -> dict:
@@ -348,7 +310,7 @@ def _change_table(blocks: Blocks, change: Change) -> dict:
 
 
 def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change],
-           steady: Steady | None) -> list[str]:
+           answer: LevelAnswer | None) -> list[str]:
     notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
     if not placed:
         notes.append("without the sensors' places: levels, loggers and directions are not judged, and what a sensor "
@@ -360,9 +322,11 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         notes.append(f"unexplained {change.time_profile.name}{when}: {what or 'shapes change, frequencies do not'}; no "
                      "environmental or operational condition goes with it, and a model would be needed to name "
                      "it")
-    if steady is not None:
-        notes += steady.notes
-    if steady is not None and steady.unexplained:
+    for f in () if answer is None else answer.findings:
+        if f.cause == OWN_RESPONSE:
+            _, response = f.key
+            notes.append(f"{f.location} shows the modes with {response.words()}")
+    if answer is not None and answer.unexplained:
         notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor "
                      "explains it: a model is needed to say what does")
     return notes

@@ -105,7 +105,7 @@ def run(name, seed, effect, wanted, who) -> dict:
     record = simulate_modes(truth=truth, seed=seed, days=30.0, n_block=48)
     begun = time.process_time()
     try:
-        found = diagnose_without_model(record.data, record.sensors, seed=1)
+        found = diagnose_without_model(record.data, record.sensors)
     except InputError as error:
         # three modes close together are refused: a result of the study, counted
         return {"id": name, "effect": effect, "wanted": wanted, "who": who, "verdict": "refused", "why": str(error)}

@@ -40,7 +40,7 @@ def run_one(record: Record, placed: bool) -> dict:
             "hidden": record.hidden, "size": record.size, "time_profile": record.time_profile,
             "right": sorted([WITHOUT.get(cause, cause), place] for cause, place in record.places)}
     try:
-        found = diagnose_without_model(record.data, record.world.sensors if placed else None, seed=1)
+        found = diagnose_without_model(record.data, record.world.sensors if placed else None)
     except InputError as error:
         return line | {"verdict": "refused", "error": str(error), "findings": [], "changes": []}
     return line | {

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
@@ -20,6 +21,7 @@ from probupdate.diagnosis.engine.evidence import (
     along_in_sequence,
     over_scales,
 )
+from probupdate.diagnosis.engine.once import Once
 from probupdate.diagnosis.time_profiles import step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
@@ -205,8 +207,8 @@ def test_a_search_that_goes_back_does_not_say_so(record, monkeypatch):
     assert said == [("diagnosing", 1, 4), ("diagnosing", 3, 4), ("diagnosing", 3, 4), ("another step", 0, 4)]
 
 
-def test_same_seed_same_answer(record):
-    first, again = (diagnose_without_model(record(4, level=0.02), seed=3).content() for _ in range(2))
+def test_the_same_record_has_the_same_answer(record):
+    first, again = (diagnose_without_model(record(4, level=0.02)).content() for _ in range(2))
     assert first == again
 
 
@@ -288,6 +290,24 @@ def test_a_slow_error_is_no_step(memory, validation):
                               steps).log_moved())
     odds = np.logaddexp.reduce(found, axis=1) - np.log(len(steps))
     row.error(np.mean(odds > np.log(10)), 0.025, case=memory)
+
+
+def test_evidence_of_what_is_measured_once_is_that_of_dense_densities(validation):
+    """Score, information, and densities as they are, with a wider scatter and of other numbers."""
+    row = validation(what="without a model, numbers that are measured once: ln density, score, information, chi-square",
+                     why="rounding", reference="normal density by dense matrices")
+    rng = np.random.default_rng(8)
+    y, std, U, F = (rng.standard_normal(9), rng.uniform(0.5, 2, 9), 3 * rng.standard_normal((9, 4)),
+                    rng.uniform(size=(9, 2)))
+    once, extra = Once(numbers=y, std=std, unknowns=U), rng.uniform(0, 3, 9)
+    V = U @ U.T + np.diag(std**2)
+    wider = stats.multivariate_normal.logpdf(y, cov=V + np.diag(extra**2)) - stats.multivariate_normal.logpdf(y, cov=V)
+    score, information = once.scores(F)
+    row.error(once.log_density - 4.5 * np.log(2 * np.pi) - stats.multivariate_normal.logpdf(y, cov=V), 1e-9, "density")
+    row.error(once.log_wider(extra) - wider, 1e-9, "density")
+    row.error(score - F.T @ np.linalg.solve(V, y), 1e-9, "score")
+    row.error(information - F.T @ np.linalg.solve(V, F), 1e-9, "information")
+    row.error(once.misfits(F) - np.sum(F * np.linalg.solve(V, F), axis=0), 1e-9, "chi-square")
 
 
 def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
