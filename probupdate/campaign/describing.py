@@ -20,7 +20,8 @@ from probupdate.campaign.logger_files import (
 )
 from probupdate.campaign.reading import BLANK
 from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
-from probupdate.campaign.stated import UNITS, Stated, known_unit
+from probupdate.campaign.stated import UNITS, Stated, known_unit, unit_in, without_unit
+from probupdate.campaign.table_layout import TableLayout, is_number, table_layout
 from probupdate.campaign.uff_file import read_uff_records
 from probupdate.campaign.universal import Translation
 from probupdate.errors import InputError
@@ -56,7 +57,8 @@ def describe_records(raw: str | Path, out: str | Path) -> Translation:
     rates = sorted({f"{s.rate_hz:.7g}" for s in seen if s.rate_hz}, key=float)
     write_text(out, _campaign_text(raw, seen, rates))
     write_text(beside, _convert_text(kind, paths, seen, rates))
-    note = (f"{len(seen)} channels at {' and '.join(rates) or 'an unknown rate, in'} Hz; fill in every \"{BLANK}\": "
+    at = f"{' and '.join(rates)} Hz" if rates else "an unknown rate"
+    note = (f"{len(seen)} channels at {at}; fill in every \"{BLANK}\": "
             f"`probupdate check {out.parent}` names those that are left")
     return Translation(files=(out, beside), notes=(note,))
 
@@ -89,12 +91,66 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_Seen]:
         seen = [_logger_channel(c, found, True) for c in found]
         return [_Seen(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
+    if kind == "table":
+        return _of_table(_layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
         return [_Seen(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
                 for name, place, stated in zip(records.names, records.places, records.stated, strict=True)]
     raise InputError(str(first), f"a file of this kind ({kind}) does not say what its columns are",
                      "write campaign.toml and convert.toml by hand, as docs/formats/convert.md has them")
+
+
+def _layout_of(path: Path) -> TableLayout:
+    found = table_layout(path)
+    if found is None:
+        raise InputError(str(path), "has no rows of numbers with a separator between them",
+                         "write campaign.toml and convert.toml by hand, as docs/formats/convert.md has them")
+    return found
+
+
+def _time_column(found: TableLayout) -> str | int:
+    """The column of times: one that is no number, or the first."""
+    at = next((k for k, cell in enumerate(found.rows[0]) if not is_number(cell, found.decimal)), 0)
+    return found.names[at] if found.names else at + 1
+
+
+def _of_table(found: TableLayout) -> list[_Seen]:
+    time, columns = _time_column(found), found.names or range(1, len(found.rows[0]) + 1)
+    step = _step_s([row[list(columns).index(time)].replace(found.decimal, ".") for row in found.rows])
+    seen = []
+    for k, column in enumerate(columns):
+        # a second column of times is no channel
+        if column == time or not is_number(found.rows[0][k], found.decimal):
+            continue
+        name = without_unit(column) if isinstance(column, str) else column
+        unit = found.units[k] if found.units else unit_in(str(column))
+        seen.append(_Seen(column=name, stated=Stated(unit=unit or None), rate_hz=step and 1 / step, start=None))
+    return seen
+
+
+def _step_s(cells: Sequence[str]) -> float | None:
+    """Seconds from row to row; None where the times are not ISO 8601."""
+    try:
+        time = pd.to_datetime(pd.Series(list(cells)), format="ISO8601", utc=True)
+    except ValueError:
+        return None
+    step = (time.iloc[-1] - time.iloc[0]).total_seconds() / max(len(time) - 1, 1)
+    return step if step > 0 else None
+
+
+def _table_text(found: TableLayout) -> list[str]:
+    time = json.dumps(_time_column(found), ensure_ascii=False)
+    first = found.rows[0][0 if not found.names else found.names.index(json.loads(time))]
+    numeric = is_number(first, found.decimal)
+    lines = [f"time = {time}",
+             f'time_unit = "{BLANK}"  # s, ms, us, ns, day, matlab or excel; of s, start = "..." too' if numeric else
+             f'zone = "{BLANK}"  # of times that do not state theirs, such as "UTC" or "Europe/Berlin"',
+             f"separator = {json.dumps(found.separator)}", f"decimal = {json.dumps(found.decimal)}"]
+    lines += [] if found.encoding == "utf-8" else [f'encoding = "{found.encoding}"']
+    lines += [f"skip_rows = {found.skip_rows}"] if found.skip_rows else []
+    lines += [] if found.names else ["header = false"]
+    return lines + ([f"units_row = {found.units_row}"] if found.units_row else [])
 
 
 def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc: bool) -> _Seen:
@@ -137,7 +193,9 @@ def _name(s: _Seen) -> str:
 def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_Seen], rates: Sequence[str]) -> str:
     suffixes = {p.suffix for p in paths}
     lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
-    if kind == "uff":
+    if kind == "table":
+        lines += _table_text(_layout_of(paths[0]))
+    elif kind == "uff":
         lines += [f'time = "{ABSCISSA}"', 'time_unit = "s"', f'start = "{BLANK}"']
     elif all(s.start for s in seen):
         lines += [f'time = "{OWN_TIME}"']

@@ -13,17 +13,24 @@ import pandas as pd
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.reading import nearest
-from probupdate.campaign.stated import NOT_A_NUMBER, UNIT_KEYS, OwnWords, Stated, keyed_rate, unit_in, without_unit
+from probupdate.campaign.stated import (
+    NOT_A_NUMBER,
+    UNIT_KEYS,
+    OwnWords,
+    Stated,
+    keyed_rate,
+    known_unit,
+    unit_in,
+    without_unit,
+)
+from probupdate.campaign.table_layout import MOST_LINES, SEPARATORS, TOA5, first_lines, table_layout
 from probupdate.errors import InputError, parsing
 from probupdate.io.result_table import plural
 
 PIECE = 200_000
-# of columns, where it is not the stated one
-SEPARATORS = (";", "\t", "|", ",")
-# a table of Campbell's loggers begins with this word, then come its names, units and kinds of processing
-TOA5, TOA5_NAMES, TOA5_UNITS, TOA5_HEAD = "TOA5", 1, 2, 4
-# lines before the table in which a rate is looked for, and what it looks like
-MOST_LINES = 200
+# lines of a table of Campbell's loggers
+TOA5_NAMES, TOA5_UNITS, TOA5_HEAD = 1, 2, 4
+# what a rate looks like in the lines before the table
 RATE_LINE = re.compile(r"(?:sampl\w*[ _]*(?:rate|freq\w*)|abtast\w*|\bfs\b)[^\d\n]{0,20}?([\d.]+)\s*(k?hz)?\b",
                        re.IGNORECASE)
 # what pandas calls an index without a name in a Parquet file, and what it is called here
@@ -49,6 +56,8 @@ def read_csv(path: Path, d: Description) -> Iterator:
     said = str(path), "is no table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
     names, units, skipped = _layout(path, d, head)
+    if d.header and names is None:
+        _refuse_other_head(path, d, skipped)
     with parsing(*said):
         table = pd.read_csv(
             path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
@@ -70,6 +79,20 @@ def read_csv(path: Path, d: Description) -> Iterator:
             yield _from_frame(path, d, frame)
     if not first:
         yield OwnWords()
+
+
+def _refuse_other_head(path: Path, d: Description, skipped: set[int]) -> None:
+    """Where the names that convert.toml gives stand in another line than the first that is read, which has to."""
+    found = table_layout(path)
+    wanted = {c for c in (d.time, *d.columns.values()) if isinstance(c, str)}
+    if found is None or not wanted or not wanted <= {*found.names, *map(without_unit, found.names)}:
+        return
+    # empty lines are passed over
+    read = next((k for k, line in enumerate(first_lines(path, d.encoding)[0]) if k not in skipped and line.strip()), 0)
+    if read != found.skip_rows:
+        also = "" if found.separator == d.separator else f" and separator = {json.dumps(found.separator)}"
+        raise InputError(str(path), f"has its columns' names in line {found.skip_rows + 1}, not in line {read + 1}",
+                         f"write skip_rows = {found.skip_rows}{also} into convert.toml")
 
 
 def _lost_words(d: Description) -> list[str]:
@@ -207,6 +230,9 @@ def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
     wrong = number.isna() & text.notna()
     if wrong.any():
         at = wrong[wrong].index[0]
+        if at == 0 and d.header and known_unit(str(column[at])):
+            raise InputError(f"{where}, row 1", f"'{column[at]}' is a unit",
+                             f"state the line that has the units: units_row = {d.skip_rows + 2} in convert.toml")
         raise InputError(f"{where}, row {at + 1}", f"'{column[at]}' is no number",
                          "give decimal, separator or skip_rows in convert.toml, mend the cell, or declare it lost: "
                          f"lost = [{json.dumps(str(column[at]).strip()[:20])}]")

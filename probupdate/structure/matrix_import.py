@@ -171,7 +171,8 @@ def write_matrices(
 
 def _groups(path: Path) -> Groups:
     try:
-        return Groups.model_validate(read_toml(path))
+        return Groups.model_validate(read_toml(path, absent="name the groups.toml, or leave --parameters out: all "
+                                               "stiffness is one parameter then"))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(k) for k in first["loc"])

@@ -1,5 +1,7 @@
 """Loggers' files through `convert`: written by each format's own library, read with their rates, starts and gaps."""
 
+import json
+import re
 import struct
 import sys
 
@@ -398,6 +400,64 @@ def test_a_described_file_converts_once_filled_in(job, tmp_path, ending):
     (start, found), = records(out.parent)
     assert start == START
     np.testing.assert_allclose(found, 1e-9 if ending == "sac" else 1.0, rtol=1e-6)
+
+
+LOGGERS = {
+    "lines of a logger": ("Logger 7\nSite: north\n\ntime,F1,F2\n", "", ",", "."),
+    "units below the names": ("Station;3\nwhen;F1;F2\n-;mg;mg\n", "units_row = 3\n", ";", ","),
+    "tabs and a rate": ("# sampling rate 10 Hz\ntime [s]\tF1 [g]\tF2 [g]\n", "", "\t", "."),
+}
+
+
+def logger_file(raw, kind):
+    """A minute of two channels; the lines above its numbers."""
+    head, _, separator, decimal = LOGGERS[kind]
+    seconds = np.arange(600) / 10
+    times = seconds.astype(str) if "[s]" in head else [
+        (pd.Timestamp("2024-05-01") + pd.Timedelta(t, "s")).isoformat() for t in seconds]
+    rows = [separator.join([time, *(f"{np.sin(k + c):.5f}".replace(".", decimal) for c in (0, 1))])
+            for k, time in enumerate(times)]
+    (raw / "r.csv").write_text(head + "\n".join(rows) + "\n")
+    return head.splitlines()
+
+
+@pytest.mark.parametrize("kind", LOGGERS)
+def test_lines_above_a_tables_names_are_counted_in_the_remedy(job, kind):
+    """The value that the error says is set, and the file converts."""
+    raw, campaign = job("")
+    lines = logger_file(raw, kind)
+    names = lines[-1 - bool(LOGGERS[kind][1])].split(LOGGERS[kind][2])
+    text = (f'files = "*.csv"\ntime = "{names[0]}"\nzone = "UTC"\nseparator = {json.dumps(LOGGERS[kind][2])}\n'
+            + f'decimal = "{LOGGERS[kind][3]}"\n' + LOGGERS[kind][1]
+            + ('time_unit = "s"\nstart = "2024-05-01T00:00:00"\n' if "[s]" in names[0] else ""))
+    columns = '[columns]\n"a-x" = "F1"\n"a-y" = "F2"\n'
+    job(text + columns)
+    with pytest.raises(InputError) as refused:
+        convert(raw, campaign)
+    said = re.search(r"skip_rows = \d", str(refused.value))
+    assert said and "columns' names in line" in str(refused.value)
+    job(text + said[0] + "\n" + columns)
+    convert(raw, campaign)
+    (_, found), = records(campaign)
+    assert found.shape == (600, 2)
+
+
+@pytest.mark.parametrize("kind", LOGGERS)
+def test_a_described_table_converts_once_filled_in(job, tmp_path, kind):
+    raw, _ = job("")
+    logger_file(raw, kind)
+    out = described(tmp_path, fill=[
+        ('sampling_rate_hz = "?"', "sampling_rate_hz = 10.0"), ('position_m = "?"', "position_m = [0.0, 0.0, 1.0]"),
+        ('direction = "?"', "direction = [1.0, 0.0, 0.0]"), ('block_minutes = "?"', "block_minutes = 1"),
+        ('level = "?"', 'level = "a"'), ('quantity = "?"', 'quantity = "acceleration"'), ('unit = "?"', 'unit = "m/s2"')])
+    beside = out.with_name("convert.toml")
+    beside.write_text(beside.read_text().replace('zone = "?"', 'zone = "UTC"').replace(
+        'time_unit = "?"', 'start = "2024-05-01T00:00:00Z"\ntime_unit = "s"'))
+    convert(raw, out.parent)
+    (_, found), = records(out.parent)
+    np.testing.assert_allclose(found[:, 0], np.sin(np.arange(600)), atol=1e-4)
+    unit = {"units below the names": "mg", "tabs and a rate": "g"}.get(kind, "m/s2")
+    assert out.read_text().count(f'unit = "{unit}"') == 2
 
 
 def test_check_names_the_blanks_of_a_described_campaign(job, tmp_path, capsys):
