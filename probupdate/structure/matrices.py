@@ -369,8 +369,9 @@ def _gravity(path: Path, content: Mapping, known: np.ndarray) -> FeltGravity:
 
 
 def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
-    """Where the channels of a model of matrices are that read one translation of a node with a place, all of one level,
-    as matrices know no loggers; () without `node_position_m`."""
+    """Where the channels of a model of matrices are, and along which direction they read, of those that read nothing but
+    translations of nodes with a place (of several nodes their mean); all of one level, as matrices know no loggers; ()
+    without `node_position_m`."""
     if model.wire is None or model.wire_matrix is None:
         return ()
     moves, reads = sparse.coo_array(model.wire_matrix), sparse.csr_array(model.channel_matrix)
@@ -379,10 +380,14 @@ def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
     for k, channel in enumerate(model.channels):
         own = slice(reads.indptr[k], reads.indptr[k + 1])
         dof, factor = reads.indices[own], reads.data[own]
-        if len(dof) == 1 and int(dof[0]) in axis_of:
-            node, axis = divmod(axis_of[int(dof[0])], 3)
-            found.append(Sensor(channel=channel, level="", position_m=model.wire.node_m[node],
-                                direction=np.sign(factor[0]) * np.eye(3)[axis]))
+        if not len(dof) or any(int(d) not in axis_of for d in dof):
+            continue
+        node, axis = np.divmod([axis_of[int(d)] for d in dof], 3)
+        along = factor @ np.eye(3)[axis]
+        if (length := float(np.linalg.norm(along))) > 0:
+            weight = np.abs(factor) / np.abs(factor).sum()
+            found.append(Sensor(channel=channel, level="", position_m=weight @ model.wire.node_m[node],
+                                direction=along / length))
     return tuple(found)
 
 

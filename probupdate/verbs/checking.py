@@ -13,7 +13,7 @@ from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.errors import InputError, names_files
-from probupdate.identification.identify import identify
+from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake, shape_agreement, signed_comac
 from probupdate.modal.matching import reading
@@ -22,6 +22,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.joint_set import joint_set
 from probupdate.verbs.identifying import reference_at, sensors_of, ssi_settings
 from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
+from probupdate.verbs.sought import Sought
 
 # blocks that are identified at most, evenly spread; share of them that has a mode whose shape is judged
 MOST_BLOCKS, PERSISTENT = 24, 0.5
@@ -61,7 +62,16 @@ def against_model(
     """Some blocks are identified without standard deviations, their shapes taken together, and each block asked again.
     Raises InputError where the model has not the campaign's channels."""
     sought = reference_at([campaign], model, where=campaign.path, parameters=parameters)
-    chosen, _ = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
+    chosen, said = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
+    held = _shapes_against(campaign, model, parameters, sought, chosen, progress)
+    suspected = [text for text in (*sought.notes, *said) if text.startswith("suspect")]
+    return replace(held, finding="; ".join(filter(None, [*suspected, held.finding])))
+
+
+def _shapes_against(
+    campaign: Campaign, model: GivenModel, parameters: str | Path | None, sought: Sought, chosen: SSISettings,
+    progress: Progress,
+) -> AgainstModel:
     try:
         found = identify(_some_blocks(campaign), sought.modes, others=sought.others,
                          settings=replace(chosen, sub_records=0), progress=progress)

@@ -46,8 +46,15 @@ LEAST_PARTS = 4
 OF_TURBINES = ("power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg", "yaw_rate_degps")
 # cosine of the angle between directions that are one: sensors are mounted to a few degrees
 ALONG = 0.98
+# share of a model's size, and metres at least, from which a sensor sits elsewhere than the node that is read
+ELSEWHERE, LEAST_M = 0.05, 1.0
 # the paper's sampling rate after decimation
 PAPER_HZ = 5.0
+# model's frequencies over the record's where units of stiffness and mass do not belong together, and how near that is
+OTHER_UNITS = {
+    1000**0.5: "mass in t beside N and m, which ask for kg", 1000**-0.5: "mass in kg beside kN and m, which ask for t",
+    1000.0: "moduli in N/m2 beside mm", 0.001: "moduli in N/mm2 beside m"}
+NEAR_FACTOR = 0.35
 
 
 @names_files("campaign")
@@ -147,7 +154,7 @@ def ssi_settings(
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
-    said = []
+    said, units = [], ""
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
     if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ:
         chosen = {"target_rate_hz": PAPER_HZ} | given
@@ -155,8 +162,10 @@ def ssi_settings(
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
+        units = "" if reference is None else _other_units(reference, found.peaks_hz[0])
+        said += [f"suspect: {units}"] if units else []
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
-    _refuse_slow(settings.target_rate_hz, highest, min(c.sampling_rate_hz for c in campaigns))
+    _refuse_slow(settings.target_rate_hz, highest, min(c.sampling_rate_hz for c in campaigns), units)
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
@@ -217,9 +226,29 @@ def reference_at(
             f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
+    far: tuple[str, ...] = ()
     if not has_geometry(model) and isinstance(turbine, AffineModel):
         _refuse_other_directions(str(where), turbine, sensors)
-    return reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
+        far = _elsewhere(turbine, sensors)
+    found = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
+    return replace(found, notes=(*far, *found.notes))
+
+
+def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """A sentence where channels sit far from what the model of matrices reads; another origin of axes is none."""
+    places = {s.channel: s.position_m for s in channel_places(model)}
+    known = [s for s in sensors if s.channel in places]
+    if model.wire is None or not known:
+        return ()
+    away = np.array([s.position_m - places[s.channel] for s in known])
+    if len(known) > 2:
+        away = away - np.median(away, axis=0)
+    size = float(np.ptp(np.asarray(model.wire.node_m), axis=0).max())
+    distance = np.linalg.norm(away, axis=1)
+    far = [f"{s.channel} ({d:.1f} m)" for s, d in zip(known, distance, strict=True)
+           if d > max(ELSEWHERE * size, LEAST_M)]
+    return (f"suspect: {', '.join(far)} by position_m so far from the nodes that {model.name} reads: check position_m in "
+            "campaign.toml, and channel_dof or channel_row of the model",) if far else ()
 
 
 def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[Sensor]) -> None:
@@ -240,15 +269,25 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
             "for an oblique sensor)")
 
 
-def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float) -> None:
-    """A rate that does not hold the modes that are looked for."""
+def _other_units(reference: ReferenceModes, lowest_hz: float) -> str:
+    """What to ask of units where the model's lowest mode is so many times the record's."""
+    own = float(np.min(reference.frequency_hz))
+    for factor, words in OTHER_UNITS.items():
+        if abs(np.log(own / lowest_hz / factor)) < NEAR_FACTOR:
+            return (f"the model's lowest mode is at {own:.3g} Hz and the record's at {lowest_hz:.3g} Hz, as of {words}: "
+                    "check the units of the model's matrices")
+    return ""
+
+
+def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float, units: str) -> None:
+    """A rate that does not hold the modes that are looked for; `units`: what may be wrong with the model's."""
     if rate_hz <= 2 * highest_hz:
         slow = recorded_hz <= 2 * highest_hz
         raise InputError(
             "rate_hz",
             f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked for is at "
             f"{highest_hz:.3g} Hz",
-            f"the record has {recorded_hz:g} Hz: look for fewer modes (--lowest)" if slow
+            units or f"the record has {recorded_hz:g} Hz: look for fewer modes (--lowest)" if slow
             else f"give more than {min(2.5 * highest_hz, recorded_hz):.2g} Hz",
         )
 

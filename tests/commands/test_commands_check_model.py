@@ -88,6 +88,62 @@ def test_the_remedy_for_a_reversed_channel_works(building, capsys):
     assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
 
 
+def placed(building, name, **changes) -> Path:
+    """A model that knows where its nodes are."""
+    floors = np.arange(len(matrices()["M0"]))
+    places = np.column_stack([0 * floors, 0 * floors, 3.0 * floors + 3])
+    content = matrices() | {"node_position_m": places, "dof_node": floors, "dof_direction": 0 * floors} | changes
+    if "channel_row" in changes:
+        del content["channel_dof"]
+    np.savez(building / f"{name}.npz", **content)
+    (building / f"{name}.toml").write_text((building / "parameters.toml").read_text())
+    return building / f"{name}.npz"
+
+
+@pytest.mark.parametrize("row", ["one node", "between two nodes"])
+def test_a_sign_changed_in_one_place_of_two_is_refused(building, capsys, row):
+    """The row of channel_row times -1, and direction in campaign.toml as it was; or the other way round."""
+    rows = np.zeros((len(CHANNELS), len(matrices()["M0"])))
+    rows[np.arange(len(CHANNELS)), FLOORS] = 1.0
+    if row == "between two nodes":
+        rows[3, FLOORS[3]], rows[3, FLOORS[3] + 1] = 0.6, 0.4
+    turned = rows * np.where(np.arange(len(CHANNELS)) == 3, -1, 1)[:, None]
+    sign = (1, 1, 1, -1, 1)
+    half = ((placed(building, f"rows {row}", channel_row=turned), (1, 1, 1, 1, 1)),
+            (placed(building, f"plain {row}", channel_row=rows), sign))
+    for k, (model, directions) in enumerate(half):
+        folder = campaign(building, f"half {row} {k}", reversed_channel(3), directions=directions)
+        assert main(["check", str(folder), "--model", str(model)]) == 2
+        assert "row of channel_row times -1" in capsys.readouterr().err
+    both = campaign(building, f"both {row}", reversed_channel(3), directions=sign)
+    (line,) = against(both, half[0][0], capsys)
+    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+
+
+def test_a_sensor_far_from_the_node_that_is_read_is_said(building, capsys):
+    model = placed(building, "places")
+    assert not any("position_m" in line for line in against(campaign(building, "there"), model, capsys))
+    for name, sensors in (("elsewhere", ("F14",)), ("another origin", CHANNELS)):
+        folder = campaign(building, name)
+        head = folder / "campaign.toml"
+        # from the top down: the next one's place is another's new one
+        for floor, channel in reversed(list(zip(FLOORS, CHANNELS, strict=True))):
+            if channel in sensors:
+                head.write_text(head.read_text().replace(f"0.0, {3.0 * floor + 3}]", f"0.0, {3.0 * floor + 12}]"))
+        said = [line for line in against(folder, model, capsys) if "position_m" in line]
+        assert len(said) == (name == "elsewhere") and all("F14 (9.0 m)" in line for line in said)
+
+
+@pytest.mark.parametrize(("factor", "code", "words"), [(1e-3, 2, "mass in t beside N and m"),
+                                                       (1e3, 0, "mass in kg beside kN and m")])
+def test_masses_in_another_unit_are_asked_about(building, capsys, factor, code, words):
+    model = placed(building, f"mass {factor}", M0=factor * matrices()["M0"])
+    folder = campaign(building, f"units {factor}")
+    assert main(["identify", str(folder), "--model", str(model), "--out", str(folder / "m.json")]) == code
+    out = capsys.readouterr()
+    assert words in (out.err if code else out.out)
+
+
 def test_a_model_without_the_channels_is_refused(building, capsys):
     np.savez(building / "other.npz", **matrices() | {"channel": np.array(["a", "b", "c", "d", "e"])})
     (building / "other.toml").write_text((building / "parameters.toml").read_text())
