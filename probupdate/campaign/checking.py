@@ -31,7 +31,7 @@ from probupdate.campaign.rigid_bodies import levelled
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, renaming, turning_range, with_rated_power
-from probupdate.campaign.scada_time import record_rows, time_findings
+from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
@@ -202,6 +202,18 @@ def _named(campaign: Campaign, found: Compared | None) -> list[str]:
     if found is None:
         return [""] * len(campaign.sensors)
     return [", ".join(s.kind for s in found.suspicions if c in s.channels) for c in campaign.channels]
+
+
+def suspected_time(campaign: Campaign) -> list[str]:
+    """`time_findings` of a campaign's records: of its first ten-minute rows, as `check` looks at them."""
+    if campaign.scada is None:
+        return []
+    rows: list[RecordRow] = []
+    for start, files in block_files(campaign).items():
+        if len(rows) >= MOST_ROWS:
+            break
+        rows += record_rows(read_block(campaign, start, files))
+    return time_findings(rows, campaign.scada)
 
 
 def _findings(

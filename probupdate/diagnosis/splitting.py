@@ -7,7 +7,8 @@ from collections.abc import Hashable
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.diagnose import SURE, Outcome
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.engine.verdict import SURE
 from probupdate.diagnosis.fitting import error_scale
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.mode_numbers import labels_of

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import special, stats
 
-from probupdate.diagnosis.diagnose import CHANCE, SURE, Outcome
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.engine.verdict import CHANCE, SURE
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding
 from probupdate.effects.gravity import CAUSE
 

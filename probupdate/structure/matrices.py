@@ -369,9 +369,9 @@ def _gravity(path: Path, content: Mapping, known: np.ndarray) -> FeltGravity:
 
 
 def channel_places(model: AffineModel) -> tuple[Sensor, ...]:
-    """Where the channels of a model of matrices are, and along which direction they read, of those that read nothing but
-    translations of nodes with a place (of several nodes their mean); all of one level, as matrices know no loggers; ()
-    without `node_position_m`."""
+    """Where the channels of a model of matrices are, and along which direction they read, of those that read nothing
+    but translations of nodes with a place (of several nodes their mean); all of one level, as matrices know no loggers;
+    () without `node_position_m`."""
     if model.wire is None or model.wire_matrix is None:
         return ()
     moves, reads = sparse.coo_array(model.wire_matrix), sparse.csr_array(model.channel_matrix)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.campaign.checking import suspected_time
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, read_scada
 from probupdate.errors import InputError, names_files
@@ -89,7 +90,7 @@ def identify(
         chosen, said = _choice_settings(choice, settings), []
     found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
                               jobs=jobs, progress=progress)
-    said = [*sought.notes, *said]
+    said = [*sought.notes, *said, *suspected_time(opened)]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
@@ -141,7 +142,8 @@ def identify_setups(
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=sought.modes, others=sought.others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
-    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said]))
+    timed = [f"{name}: {text}" for name, one in zip(names, opened, strict=True) for text in suspected_time(one)]
+    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said, *timed]))
 
 
 def ssi_settings(
@@ -247,8 +249,8 @@ def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]
     distance = np.linalg.norm(away, axis=1)
     far = [f"{s.channel} ({d:.1f} m)" for s, d in zip(known, distance, strict=True)
            if d > max(ELSEWHERE * size, LEAST_M)]
-    return (f"suspect: {', '.join(far)} by position_m so far from the nodes that {model.name} reads: check position_m in "
-            "campaign.toml, and channel_dof or channel_row of the model",) if far else ()
+    return (f"suspect: {', '.join(far)} by position_m so far from the nodes that {model.name} reads: check position_m "
+            "in campaign.toml, and channel_dof or channel_row of the model",) if far else ()
 
 
 def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[Sensor]) -> None:
@@ -274,8 +276,8 @@ def _other_units(reference: ReferenceModes, lowest_hz: float) -> str:
     own = float(np.min(reference.frequency_hz))
     for factor, words in OTHER_UNITS.items():
         if abs(np.log(own / lowest_hz / factor)) < NEAR_FACTOR:
-            return (f"the model's lowest mode is at {own:.3g} Hz and the record's at {lowest_hz:.3g} Hz, as of {words}: "
-                    "check the units of the model's matrices")
+            return (f"the model's lowest mode is at {own:.3g} Hz and the record's at {lowest_hz:.3g} Hz, as of "
+                    f"{words}: check the units of the model's matrices")
     return ""
 
 

@@ -449,7 +449,8 @@ def test_a_described_table_converts_once_filled_in(job, tmp_path, kind):
     out = described(tmp_path, fill=[
         ('sampling_rate_hz = "?"', "sampling_rate_hz = 10.0"), ('position_m = "?"', "position_m = [0.0, 0.0, 1.0]"),
         ('direction = "?"', "direction = [1.0, 0.0, 0.0]"), ('block_minutes = "?"', "block_minutes = 1"),
-        ('level = "?"', 'level = "a"'), ('quantity = "?"', 'quantity = "acceleration"'), ('unit = "?"', 'unit = "m/s2"')])
+        ('level = "?"', 'level = "a"'), ('quantity = "?"', 'quantity = "acceleration"'),
+        ('unit = "?"', 'unit = "m/s2"')])
     beside = out.with_name("convert.toml")
     beside.write_text(beside.read_text().replace('zone = "?"', 'zone = "UTC"').replace(
         'time_unit = "?"', 'start = "2024-05-01T00:00:00Z"\ntime_unit = "s"'))

@@ -6,8 +6,9 @@ import pandas as pd
 import pytest
 from scipy import signal
 
+import probupdate
 from probupdate.campaign.blocks import blocks
-from probupdate.campaign.checking import check
+from probupdate.campaign.checking import check, suspected_time
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.campaign.scada_time import record_rows, time_findings
@@ -166,7 +167,8 @@ def turbine(folder, shift_h=0.0, line=0.03, seed=4):
     y += np.where(t > 3 * 3600, line * np.sin(2 * np.pi * 0.6 * t), 0)
     (folder / "acceleration").mkdir(parents=True)
     with h5py.File(folder / "acceleration/a.h5", "w") as file:
-        data = file.create_dataset("data", data=np.column_stack([y, 0.6 * y]).astype(np.float32))
+        data = file.create_dataset("data", data=np.column_stack([y, 0.6 * y + 0.002 * rng.standard_normal(n)]).astype(
+            np.float32))
         data.attrs.update(start="2024-05-01T00:00Z", sampling_rate_hz=rate)
     text = f'name = "x"\nsampling_rate_hz = {rate}\nblock_minutes = 30\nrated_power_kw = {RATED}\n'
     for k in (1, 2):
@@ -185,6 +187,10 @@ def test_another_time_zone_is_said_and_mended(tmp_path, hours):
     (sentence,) = [f for f in check(read_campaign(folder)).findings if "time zone" in f]
     assert f"{abs(hours):g} h {'earlier' if hours > 0 else 'later'}" in sentence
     assert f"shift_minutes = {round(-60 * hours)}" in sentence
+    assert suspected_time(read_campaign(folder)) == [sentence]
+    if hours == 1.0:
+        # as whoever has not asked `check` reads it
+        assert sentence in probupdate.identify(folder).summary
     text = (folder / "campaign.toml").read_text()
     (folder / "campaign.toml").write_text(
         text.replace("[[sensor]]", f"[scada]\nshift_minutes = {-60 * hours}\n[[sensor]]", 1))

@@ -2,7 +2,7 @@
 parameters from the prior and tolerances of its own; 48 half hours of a month."""
 
 import probupdate
-from probupdate.diagnosis.diagnose import CHANCE
+from probupdate.diagnosis.engine.verdict import CHANCE
 from probupdate.virtual.modal_blocks import simulate_modes
 
 STEP = {"time_profile": "step", "at_hour": 360.0}
