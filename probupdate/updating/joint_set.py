@@ -17,6 +17,7 @@ import numpy as np
 
 from probupdate.modal.matching import close_clusters
 from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, rotate_to_real
+from probupdate.modal.rounding import rounding_std
 from probupdate.updating.settings import CONSTANTS
 
 ANGLE = "nacelle_angle_deg"
@@ -94,6 +95,8 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
     frequency = np.array([s.frequency_hz for s in sets])
     std = np.array([s.frequency_std_hz for s in sets])
     mean = Mean.of(frequency, std)
+    # sets that state nothing and agree to the last digit that is printed share its rounding
+    mean = replace(mean, std=np.where(mean.is_stated, mean.std, np.maximum(mean.std, rounding_std(frequency))))
     shape = Mean.of(np.real(np.array([s.shape for s in sets])), np.array([s.shape_std for s in sets]))
     imaginary = _weighted(np.imag(np.array([s.shape for s in sets])), shape.share)
     damping = Mean.of(np.array([s.damping_ratio for s in sets]), np.array([s.damping_ratio_std for s in sets]))

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import special, stats
 
 from probupdate.modal.modes import ModalData
+from probupdate.modal.rounding import rounding_std
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.settings import CONSTANTS
 
@@ -50,10 +51,13 @@ class OutlierSets:
 def outlier_sets(data: ModalData) -> OutlierSets:
     """Of the sets of one structure, by their frequencies."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
-    ln = np.log(np.array([s.frequency_hz for s in data.sets], float))
+    frequency = np.array([s.frequency_hz for s in data.sets], float)
+    stated = np.nan_to_num(np.array([s.frequency_std_hz for s in data.sets], float))
+    # of rounded frequencies the others' scatter is the grid's, or none at all; one mode's values may show no grid
+    stated = np.hypot(stated, rounding_std(frequency))
     with np.errstate(invalid="ignore", divide="ignore"):
-        stated = np.array([s.frequency_std_hz for s in data.sets], float) / np.exp(ln)
-    stated = np.maximum(np.where(np.isfinite(stated), stated, 0.0), LEAST)
+        ln, stated = np.log(frequency), np.nan_to_num(stated / frequency)
+    stated = np.maximum(stated, LEAST)
     n_set, n_mode = ln.shape
     probability, ratio, off = np.zeros(n_set), np.full((n_set, n_mode), -np.inf), np.zeros((n_set, n_mode))
     counts = near_the_median(ln, stated)

@@ -95,6 +95,12 @@ def test_sets_in_other_conditions_are_left_out_and_said(environment, words):
     assert any(note.startswith(words) for note in joint.notes)
 
 
+def test_sets_that_agree_to_the_last_digit_share_its_rounding():
+    values = np.round(np.array([1.23, 3.04]) + 0.0005 * np.random.default_rng(3).standard_normal((9, 2)), 2)
+    # uniform over half a hundredth to both sides, however many sets there are
+    assert joint_set(frequency_sets(values, np.nan)).data.set().frequency_std_hz == pytest.approx(0.01 / np.sqrt(12))
+
+
 def test_an_outlying_set_is_left_out_and_said():
     values = np.array([1.0, 3.0]) + 0.003 * np.random.default_rng(4).standard_normal((8, 2))
     values[5, 0] = 1.2
