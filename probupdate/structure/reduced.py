@@ -111,6 +111,16 @@ def reduce_basis(
     )
 
 
+def whole_basis(model: AffineModel, n_mode: int) -> ReducedModel:
+    """A small model on all of its own degrees of freedom, turned so that K is one at the initial parameters: nothing is
+    left out, and many parameter vectors are solved at once."""
+    K = model.matrices(model.parameters.initial)[0]
+    root = np.linalg.cholesky(K.toarray() if sparse.issparse(K) else K)
+    basis = np.linalg.solve(root, np.eye(len(root))).T
+    everywhere = np.full(len(model.parameters), np.inf)
+    return project(model, basis, np.zeros(len(root), int), (-everywhere, everywhere), n_mode, 0.0)
+
+
 def _split_extremes(points, n_param):
     """The points with the least and the largest value of each parameter (n, n_param), and the others or None."""
     if points is None:

@@ -213,12 +213,14 @@ def _solve_block(block: Block, cK, cM, n_mode):
     K, M = np.tensordot(cK, block.stiffness, 1), np.tensordot(cM, block.mass, 1)
     value, vector = np.empty((len(K), n_mode)), np.empty((len(K), size, n_mode))
     for row in range(len(K)):
-        # a symmetric C-ordered matrix is its own Fortran-ordered transpose: no copy
-        w, z, found, _, info = lapack.dsygvx(K[row].T, M[row].T, range="I", il=1, iu=n_mode, overwrite_a=1,
+        # the largest 1 / lambda: a mass may be singular, and the lowest modes keep their digits. A symmetric C-ordered
+        # matrix is its own Fortran-ordered transpose: no copy
+        w, z, found, _, info = lapack.dsygvx(M[row].T, K[row].T, range="I", il=size - n_mode + 1, iu=size, overwrite_a=1,
                                              overwrite_b=1)
-        if info != 0 or found != n_mode:
+        if info != 0 or found != n_mode or w[0] <= 0:
             raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
-        value[row], vector[row] = w[:n_mode], z[:, :n_mode]
+        value[row] = 1 / w[n_mode - 1 :: -1]
+        vector[row] = z[:, n_mode - 1 :: -1] * np.sqrt(value[row])
     return value, vector
 
 

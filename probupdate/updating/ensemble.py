@@ -23,7 +23,6 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, completed, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.chain_store import ChainStore, Segment
-from probupdate.updating.emulator import Emulator, EmulatorMove
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings
 from probupdate.updating.surrogate import Density, GaussianApproximation, Proposal
@@ -39,8 +38,6 @@ BURN_IN, SPREAD_ESS = CONSTANTS.burn_in, CONSTANTS.spread_ess
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate
 SURROGATE_SHARE = 0.5
-# share of proposals that come from many moves on an emulator
-EMULATOR_SHARE = 0.6
 # proposals that do not depend on the walkers are drawn so many at once
 POOL = 2000
 # share of proposals of one or two parameters from their prior
@@ -81,30 +78,20 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(
-    parameters: Parameters, surrogate: Density, emulator: Emulator | None = None
-) -> list[tuple[emcee.moves.Move, float]]:
+def moves(parameters: Parameters, surrogate: Density) -> list[tuple[emcee.moves.Move, float]]:
     """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
-    the surrogate; one or two parameters from their prior; with an emulator, many of these on its quick density first.
+    the surrogate; one or two parameters from their prior.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
-
-    def plain() -> list[tuple[emcee.moves.Move, float]]:
-        # objects of their own, as they keep pools of draws
-        return [
-            (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
-            (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
-            (SurrogateMove(surrogate), SURROGATE_SHARE),
-            (PriorMove(parameters), PRIOR_SHARE),
-            (SubsetMove(), SUBSET_SHARE),
-        ]
-
-    if emulator is None:
-        return plain()
-    outer = [(move, (1 - EMULATOR_SHARE) * share) for move, share in plain()]
-    return [*outer, (EmulatorMove(emulator, plain()), EMULATOR_SHARE)]
+    return [
+        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
+        (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
+        (SurrogateMove(surrogate), SURROGATE_SHARE),
+        (PriorMove(parameters), PRIOR_SHARE),
+        (SubsetMove(), SUBSET_SHARE),
+    ]
 
 
 class SubsetMove(emcee.moves.RedBlueMove):
@@ -185,7 +172,6 @@ def sample(
     folder: str | Path,
     settings: SamplerSettings,
     *,
-    emulator: Emulator | None = None,
     parts: Mapping[str, str] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -217,7 +203,7 @@ def sample(
             # those that a killed run finished of this round are kept
             kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
             done = {k: segment for k, segment in kept.items() if segment is not None}
-            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in kept if k not in done]
+            tasks = [(k, problem, surrogate, states[k], n_more) for k in kept if k not in done]
             for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
                 store.append(segment, len(rounds), k)
                 done[k] = segment
@@ -247,9 +233,7 @@ def _run_numbered(number: int, *segment: Any) -> tuple[int, Segment]:
     return number, _run_segment(*segment)
 
 
-def _run_segment(
-    problem: Problem, surrogate: Density, emulator: Emulator | None, state: emcee.State, n_step: int
-) -> Segment:
+def _run_segment(problem: Problem, surrogate: Density, state: emcee.State, n_step: int) -> Segment:
     """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
     counts = {"evaluated": 0, "fallback": 0}
 
@@ -263,7 +247,7 @@ def _run_segment(
     # stopped between them goes on with the same numbers
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,
-        moves=moves(problem.parameters, surrogate, emulator),
+        moves=moves(problem.parameters, surrogate),
     )
     # emcee's wrapper of it prints a traceback of whatever ends it, also of a signal
     sampler.log_prob_fn = log_probability

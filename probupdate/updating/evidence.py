@@ -1,8 +1,8 @@
 """The evidence ln p(data), by two estimators with their errors, and whether the Laplace approximation may be used.
 
 Bridge sampling (Meng & Wong 1996) joins the chain's draws with draws of a proposal that is normalised within the
-bounds: the mixture that importance sampling is fitted with. Its error is that of Frühwirth-Schnatter (2004), with the
-chain's autocorrelation. Importance sampling from the same proposal stands beside it; the shape k of the generalised
+bounds: those of importance sampling. Its error is that of Frühwirth-Schnatter (2004), with the chain's autocorrelation.
+Importance sampling by the same draws stands beside it; the shape k of the generalised
 Pareto distribution that fits the largest weights (Vehtari et al., 2024) shows whether they can be averaged at all.
 """
 
@@ -21,10 +21,10 @@ from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.surrogate import Density, from_laplace
 
-# draws of the proposal that are evaluated, and most draws of the chain that are used
-N_PROPOSED, N_CHAIN = 4000, 4000
+# most draws of the chain that are used
+N_CHAIN = 4000
 # draws of the Laplace approximation that judge it
-N_LAPLACE = 1000
+N_LAPLACE = 500
 TRUSTED_K = CONSTANTS.trusted_k
 CHUNK = 500
 
@@ -73,10 +73,10 @@ class LaplaceCheck:
 
 
 def estimate_evidence(
-    problem: Problem, proposal: Density, theta: np.ndarray, log_posterior: np.ndarray, rng: np.random.Generator,
-    progress: Progress = silent,
+    parameters: Parameters, proposal: Density, on_drawn: np.ndarray, theta: np.ndarray, log_posterior: np.ndarray
 ) -> Evidence:
-    """From a converged chain theta (n_step, n_walker, n_param) and its log_posterior (n_step, n_walker).
+    """From a converged chain theta (n_step, n_walker, n_param) with its log_posterior (n_step, n_walker), and draws of
+    the proposal that were not fitted to, with on_drawn (n,) ln of posterior over proposal (`WeightedDraws.log_weight`).
 
     Raises ConvergenceError where the bridge does not settle: proposal and chain share no region.
     """
@@ -84,26 +84,23 @@ def estimate_evidence(
 
     thin = max(1, int(np.ceil(log_posterior.size / N_CHAIN)))
     kept, value = theta[::thin], log_posterior[::thin]
-    constant, unknown = log_prior_constant(problem.parameters)
+    constant, unknown = log_prior_constant(parameters)
     on_chain = value + constant - proposal.log_density(kept.reshape(-1, kept.shape[2])).reshape(value.shape)
-    drawn = proposal.draw(N_PROPOSED, rng)
-    on_drawn = _evaluate(problem, drawn, "evidence", progress) + constant
-    inside = np.isfinite(on_drawn)
-    on_drawn[inside] -= proposal.log_density(drawn[inside])
+    n_proposed = on_drawn.size
     _, (size,) = effective_size(on_chain[:, :, None])
-    share = size / (size + N_PROPOSED)
+    share = size / (size + n_proposed)
     found = _bridge(on_chain.ravel(), on_drawn, share)
     # both ratios over the bridge's denominator, at the draws of the other
     joint = np.logaddexp(np.log(share) + on_drawn - found, np.log(1 - share))
     first = np.exp(on_drawn - found - joint)
     second = np.exp(-np.logaddexp(np.log(share) + on_chain - found, np.log(1 - share)))
     _, (independent,) = effective_size(second[:, :, None])
-    variance = first.var() / first.mean() ** 2 / N_PROPOSED + second.var() / second.mean() ** 2 / independent
+    variance = first.var() / first.mean() ** 2 / n_proposed + second.var() / second.mean() ** 2 / independent
     importance, importance_std = _importance(on_drawn)
     return Evidence(
         log_evidence=float(found), std=float(np.hypot(np.sqrt(variance), unknown)), importance=importance,
         importance_std=float(np.hypot(importance_std, unknown)),
-        pareto_k=pareto_shape(on_drawn[inside]), n_proposed=N_PROPOSED,
+        pareto_k=pareto_shape(on_drawn[np.isfinite(on_drawn)]), n_proposed=n_proposed,
     )
 
 

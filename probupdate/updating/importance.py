@@ -21,13 +21,14 @@ from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_s
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.surrogate import Density, Proposal
+from probupdate.updating.transport import Transport, fit_transport
 
 GOOD_K = CONSTANTS.good_k
 # draws that count, and those of one round of fitting; rounds at most and at least, as one round's draws may miss an arm
 # of the posterior, and the effective share at which they stop
-N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 8, 4, 0.4
-# share of draws from the prior, and of those from the Gaussian approximations beside fitted distributions
-PRIOR_SHARE, APPROXIMATION_SHARE = 0.05, 0.25
+N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 10, 4, 0.4
+# share of draws from the prior, and the least of any other component
+PRIOR_SHARE, LEAST_PART = 0.05, 0.02
 # Student t distributions: degrees of freedom (tails heavier than any posterior's of a few stiffnesses), how much wider
 # than the weighted draws, and how many a maximum
 DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
@@ -35,6 +36,8 @@ EM_STEPS = 15
 MOST_Z, LEAST_APART = CONSTANTS.most_z, CONSTANTS.least_apart
 # weights are flattened until so many draws count, as few would make a thin fit
 FLATTENED = 60.0
+# variance of the thinnest direction, over that of the draws
+THINNEST = 1e-10
 CHUNK = 500
 
 
@@ -171,6 +174,12 @@ class WeightedDraws:
         return found
 
     @property
+    def log_weight(self) -> np.ndarray:
+        """ln of posterior over proposal (n,), -inf where the posterior is zero; their mean is the evidence."""
+        with np.errstate(divide="ignore"):
+            return np.log(self.weight * len(self.weight)) + self.log_evidence
+
+    @property
     def good(self) -> bool:
         """Whether these draws stand for the posterior by themselves."""
         return self.pareto_k < GOOD_K
@@ -198,29 +207,58 @@ def fitted_proposal(
     """
     parameters = problem.parameters
     prior = PriorDensity(parameters)
-    n_out = len(approximations)
-    current = Mixture(parameters=parameters, components=(*approximations, prior),
-                      weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))
+    current = _weighed(parameters, [*approximations], prior)
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
+    drawn = np.empty(0)
     theta, value, share = np.empty((0, len(parameters))), np.empty(0), np.empty(0)
     for _ in range(ROUNDS):
         proposed.append(current)
-        theta = np.vstack([theta, current.draw(N_ROUND, rng)])
-        value = np.append(value, log_posterior(problem, theta[-N_ROUND:], "proposal", progress))
+        # where the last ones served, fewer show whether an arm was missed
+        number = N_ROUND if not share.size or share.max() < ENOUGH else N_ROUND // 4
+        theta = np.vstack([theta, current.draw(number, rng)])
+        drawn = np.append(drawn, number)
+        value = np.append(value, log_posterior(problem, theta[-number:], "proposal", progress))
         inside = np.isfinite(value)
         known = np.array([m.log_density(theta[inside]) for m in proposed])
-        log_weight = value[inside] - (special.logsumexp(known, axis=0) - np.log(len(proposed)))
+        log_weight = value[inside] - special.logsumexp(known.T + np.log(drawn / drawn.sum()), axis=1)
         share = _shares(value[inside], known, log_weight)
         if len(proposed) >= FEWEST and share.max() >= ENOUGH:
             break
-        parts, of_part = _fit(coordinates(theta[inside], logarithmic), _flattened(log_weight), PER_MAXIMUM * n_out,
-                              logarithmic, rng)
-        of_all = [*((1 - APPROXIMATION_SHARE - PRIOR_SHARE) * of_part), *(n_out * [APPROXIMATION_SHARE / n_out]),
-                  PRIOR_SHARE]
-        current = Mixture(parameters=parameters, components=(*parts, *approximations, prior),
-                          weight=frozen_array(of_all))
+        u, weight = coordinates(theta[inside], logarithmic), _flattened(log_weight)
+        parts = _fit(u, weight, PER_MAXIMUM * len(approximations), logarithmic, rng)
+        bent = _transports(theta[inside], weight, approximations)
+        current = _weighed(parameters, [*bent, *parts, *approximations], prior, (theta[inside], weight))
     return proposed[int(np.argmax(share))], len(theta)
+
+
+def _transports(theta: np.ndarray, weight: np.ndarray, approximations: Sequence[Proposal]) -> list[Transport]:
+    """One a maximum, fitted to the weighted points (n, n_param), (n,) that are nearest to it."""
+    nearest = np.argmax([a.log_density(theta) for a in approximations], axis=0)
+    found = []
+    for k, one in enumerate(approximations):
+        own = weight[nearest == k]
+        if own.sum() ** 2 > len(theta.T) * np.sum(own**2):
+            found.append(fit_transport(theta[nearest == k], own / own.sum(), one.approximation))
+    return found
+
+
+def _weighed(
+    parameters: Parameters, components: Sequence[Density], prior: PriorDensity,
+    points: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Mixture:
+    """The components beside the prior, by how well they explain weighted points (n, n_param), (n,): expectation
+    maximisation of their shares (Cappe, Douc, Guillin, Marin & Robert 2008). Alike where there are none."""
+    share = np.full(len(components), 1 / len(components))
+    if points is not None:
+        theta, weight = points
+        known = np.array([c.log_density(theta) for c in components])
+        for _ in range(EM_STEPS):
+            log_p = known + np.log(share)[:, None]
+            share = np.maximum(np.exp(log_p - special.logsumexp(log_p, axis=0)) @ weight, LEAST_PART)
+            share /= share.sum()
+    return Mixture(parameters=parameters, components=(*components, prior),
+                   weight=frozen_array([*((1 - PRIOR_SHARE) * share), PRIOR_SHARE]))
 
 
 def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -234,7 +272,7 @@ def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.
 
 
 def importance_sample(
-    problem: Problem, proposal: Mixture, rng: np.random.Generator, *, evaluated: int = 0, progress: Progress = silent
+    problem: Problem, proposal: Density, rng: np.random.Generator, *, evaluated: int = 0, progress: Progress = silent
 ) -> WeightedDraws:
     """N_DRAW fresh draws of a frozen proposal."""
     theta = proposal.draw(N_DRAW, rng)
@@ -253,7 +291,7 @@ def importance_sample(
     )
 
 
-def log_ratio(value: np.ndarray, proposal: Mixture, theta: np.ndarray) -> np.ndarray:
+def log_ratio(value: np.ndarray, proposal: Density, theta: np.ndarray) -> np.ndarray:
     """ln of posterior over proposal (n,), -inf where the posterior is zero."""
     ratio = np.full(len(theta), -np.inf)
     inside = np.isfinite(value)
@@ -277,8 +315,8 @@ def _flattened(log_weight: np.ndarray) -> np.ndarray:
     return _weights(low * log_weight)
 
 
-def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.ndarray]:
-    """`count` Student t distributions with their shares, by expectation maximisation on weighted points u (n, n_param).
+def _fit(u, weight, count: int, logarithmic, rng) -> list[StudentT]:
+    """`count` Student t distributions, by expectation maximisation on weighted points u (n, n_param).
     """
     n_param = u.shape[1]
     mean = weight @ u
@@ -290,7 +328,7 @@ def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.nd
     for _ in range(EM_STEPS):
         log_p, distance = np.empty((count, len(x))), np.empty((count, len(x)))
         for k in range(count):
-            factor = linalg.cholesky(covariances[k] + 1e-6 * np.eye(n_param), lower=True)
+            factor = linalg.cholesky(covariances[k] + THINNEST * np.eye(n_param), lower=True)
             z = linalg.solve_triangular(factor, (x - centres[k]).T, lower=True)
             distance[k] = np.sum(z**2, axis=0)
             log_p[k] = np.log(share[k]) - np.sum(np.log(np.diag(factor)))
@@ -308,10 +346,10 @@ def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.nd
             covariances[k] = (1 - lean) * own + lean * whole
     parts = []
     for k in range(count):
-        factor = linalg.cholesky(SPREAD * covariances[k] + 1e-6 * np.eye(n_param), lower=True)
+        factor = linalg.cholesky(SPREAD * covariances[k] + THINNEST * np.eye(n_param), lower=True)
         parts.append(StudentT(centre=frozen_array(mean + scale * centres[k]),
                               factor=frozen_array(scale[:, None] * factor), logarithmic=logarithmic))
-    return parts, share
+    return parts
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,12 +18,11 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.reduced import reduce_basis
+from probupdate.structure.reduced import reduce_basis, whole_basis
 from probupdate.updating.alpha import AlphaPath, alpha_path, choose
 from probupdate.updating.baseline import LearntError
 from probupdate.updating.components import misfit_by_response, variance_components
 from probupdate.updating.discrepancy import learnt_error
-from probupdate.updating.emulator import Emulator, fit_emulator
 from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
@@ -55,7 +54,6 @@ N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
 SETTLING_MAC = CONSTANTS.settling_mac
-APPROXIMATION_SERVES = CONSTANTS.gaussian_serves
 # draws of the prior from which further maxima are looked for
 N_START = 12
 # responses that change by less, in standard deviations, are the same
@@ -256,7 +254,6 @@ class Approach:
     surrogate: GaussianApproximation
     proposal: Mixture
     solved: int
-    emulator: Emulator | None
     notes: dict[str, Any]
 
 
@@ -270,6 +267,9 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     model, parameters = problem.model, problem.parameters
     rng = np.random.default_rng([seed, 2])
     if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
+        if isinstance(model, AffineModel):
+            # many solutions at once; the basis leaves nothing out
+            problem = problem.with_model(whole_basis(model, problem.matching.n_mode))
         surrogate, share = fit_surrogate(problem, laplace, rng, progress)
         text = "none: every evaluation solves the model as it is"
         return _approach(problem, laplace, surrogate, rng, {"reduced basis": text, "approximation": share}, progress)
@@ -300,8 +300,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
 
 def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximation, rng, notes,
               progress: Progress) -> Approach:
-    """Further maxima from draws of the prior, and a proposal for all of them; with response surfaces where even that
-    misses too much of a single sharp ridge."""
+    """Further maxima from draws of the prior, and a proposal for all of them."""
     starts = problem.parameters.draw(rng, N_START)
     maxima = distinct_maxima(problem, laplace, starts)
     approximations = [surrogate]
@@ -310,12 +309,7 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximati
             approximations.append(fit_surrogate(problem, other, rng, progress)[0])
     proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress)
     notes = notes | {"maxima": len(maxima)}
-    emulator = None
-    if notes["approximation"] < APPROXIMATION_SERVES and len(maxima) == 1:
-        emulator = fit_emulator(problem, surrogate, rng, progress)
-        notes = notes | {"emulator": emulator.error}
-    return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, emulator=emulator,
-                    notes=notes)
+    return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, notes=notes)
 
 
 def sample_posterior(
@@ -342,16 +336,14 @@ def sample_posterior(
     # numbers of their own, so that a chain's length changes none of the others
     weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
                                  evaluated=prepared.solved, progress=progress)
-    chain = sample(fast, prepared.proposal, folder, settings, emulator=prepared.emulator, parts=parts,
-                   jobs=jobs, progress=progress)
+    chain = sample(fast, prepared.proposal, folder, settings, parts=parts, jobs=jobs, progress=progress)
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
-    # what a chain that has not converged says of it is not stated, and takes thousands of evaluations
+    # what a chain that has not converged says of it is not stated
     evidence = None
     if chain.converged:
-        evidence = estimate_evidence(fast, prepared.proposal, kept, log_posterior,
-                                     np.random.default_rng([settings.seed, 5]), progress)
+        evidence = estimate_evidence(fast.parameters, prepared.proposal, weighted.log_weight, kept, log_posterior)
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept = kept[::thin]
     rng = np.random.default_rng([settings.seed, 3])

@@ -137,8 +137,6 @@ class UpdatingConstants:
     box_tolerance: float = stated(1e-3, "-", "relative frequency error allowed in that box")
     settling_mac: float = stated(
         0.80, "-", "an update that does not settle is put down to the data where a MAC stays lower")
-    gaussian_serves: float = stated(
-        0.3, "-", "effective share of draws from which the Gaussian approximation alone proposes")
     linear_share: float = stated(0.5, "-", "effective share below which linearised sets do not stand for the model")
     hyper_prior_bits: float = stated(0.1, "bit", "information about the scatter below which it is the hyper-prior's")
     recommended_share: float = stated(

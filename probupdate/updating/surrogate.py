@@ -25,6 +25,8 @@ from probupdate.updating.problem import Problem
 # rounds of fitting: how far the points that are fitted to spread (times the Gaussian's variance), and the power of the
 # importance weights, which would single out few points at first
 ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), *4 * ((1.1, 0.5),))
+# effective share of the draws from which no further round is needed
+SERVES = 0.9
 # points per coefficient of the quadratic
 POINTS_PER_COEFFICIENT = 8
 # of the fitted coefficients, as a share of the points
@@ -303,6 +305,8 @@ def fit_surrogate(
         share = np.exp(weight).sum() ** 2 / np.exp(2 * weight).sum() / n_point
         if share > best_share:
             best, best_share = wide, share
+        if share > SERVES:
+            break
         # those without modes have no height to fit
         known = np.isfinite(value)
         x, value = theta[known] - current.origin, value[known]

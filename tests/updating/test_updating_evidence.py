@@ -25,6 +25,7 @@ from probupdate.updating.evidence import (
     log_prior_constant,
     pareto_shape,
 )
+from probupdate.updating.importance import importance_sample
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
 from probupdate.updating.surrogate import Proposal, fit_surrogate
@@ -61,10 +62,10 @@ def evidence_of(problem, folder, *, seed=1, ess=1000):
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
     approximation, _ = fit_surrogate(problem, top, np.random.default_rng(seed))
     chain = sample(problem, approximation, folder, SamplerSettings(seed=seed, target_ess=ess))
-    kept = slice(chain.first, None)
-    return estimate_evidence(problem, Proposal(approximation=approximation), chain.theta[kept],
-                             chain.log_posterior[kept],
-                             np.random.default_rng(seed))
+    kept, proposal = slice(chain.first, None), Proposal(approximation=approximation)
+    drawn = importance_sample(problem, proposal, np.random.default_rng(seed))
+    return estimate_evidence(problem.parameters, proposal, drawn.log_weight, chain.theta[kept],
+                             chain.log_posterior[kept])
 
 
 def test_evidence_against_quadrature(tmp_path, validation):
