@@ -29,7 +29,8 @@ def compared(a: argparse.Namespace) -> dict[str, Any]:
     return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
         modes=tuple(a.only) if a.only else None, fix=fixed(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
-        tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", ())))}
+        tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", ())),
+        alternatives=tuple(a.alternatives))}
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:

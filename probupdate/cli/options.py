@@ -118,6 +118,9 @@ def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
     p.add_argument("--tolerances", action=argparse.BooleanOptionalAction, default=None,
                    help="marginalise the tolerances of structure, soil, rotor-nacelle assembly and sensors "
                    "(default with --weights measured or covariance)")
+    p.add_argument("--alternatives", nargs="+", metavar="MODEL", default=(),
+                   help="other models of the same structure, such as one with flexible joints, shear or another soil "
+                   "law: the truth may lie anywhere between, which is marginalised too")
 
 
 class ModesAction(argparse.Action):

@@ -55,6 +55,9 @@ class LikelihoodSettings:
     modes: tuple[str, ...] | None = stated(
         None, "-", "labels of the modes that are compared, or their numbers from 1; None: those of interest")
     fix: Mapping[str, float] | None = stated(None, "-", "parameters that are held, name -> value")
+    alternatives: tuple[object, ...] = stated(
+        (), "-", "other models of the same structure (files or models): the truth may lie anywhere from this model to "
+        "each, a source of error that is marginalised")
     baseline: tuple[Baseline, ...] = stated(
         (), "-", "runs of other states of the structure, whose model's error is this one's: directories or files")
 
@@ -69,6 +72,9 @@ class LikelihoodSettings:
         """As plain numbers, of this set (the reference set where None)."""
         chosen = stated_weights(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
                                 tolerances=self.tolerances)
+        if self.alternatives and not chosen.tolerances:
+            raise InputError("alternatives", "are sources of the model's error, which these weights do not marginalise",
+                             "give --tolerances too")
         chosen = replace(chosen, baseline=tuple(read_baseline(one) for one in self.baseline))
         discrepancy = self.discrepancy
         if discrepancy is None:

@@ -28,7 +28,9 @@ from probupdate.updating.settings import CONSTANTS, SamplerSettings
 from probupdate.updating.surrogate import Density, GaussianApproximation, Proposal
 
 # steps between looks at convergence, and the unit that is written to disk
-SEGMENT = 200
+SEGMENT = 100
+# walkers of an ensemble at least: a step of few costs as much as one of a dozen
+LEAST_WALKERS = 12
 # rounds in which walkers that begin where the model has no modes are drawn anew
 START_ROUNDS = 100
 R_HAT_LIMIT = CONSTANTS.r_hat_limit
@@ -36,8 +38,8 @@ AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
 BURN_IN, SPREAD_ESS = CONSTANTS.burn_in, CONSTANTS.spread_ess
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
-# share of proposals from the surrogate
-SURROGATE_SHARE = 0.5
+# share of proposals from the surrogate, and where its weighted draws serve by themselves
+SURROGATE_SHARE, TRUSTED_SHARE = 0.5, 0.8
 # proposals that do not depend on the walkers are drawn so many at once
 POOL = 2000
 # share of proposals of one or two parameters from their prior
@@ -78,19 +80,23 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(parameters: Parameters, surrogate: Density) -> list[tuple[emcee.moves.Move, float]]:
+def moves(
+    parameters: Parameters, surrogate: Density, trusted: bool = False
+) -> list[tuple[emcee.moves.Move, float]]:
     """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
-    the surrogate; one or two parameters from their prior.
+    the surrogate, mostly where that is trusted; one or two parameters from their prior.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
+    share = TRUSTED_SHARE if trusted else SURROGATE_SHARE
+    others = (1 - share) / (1 - SURROGATE_SHARE)
     return [
-        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
-        (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
-        (SurrogateMove(surrogate), SURROGATE_SHARE),
-        (PriorMove(parameters), PRIOR_SHARE),
-        (SubsetMove(), SUBSET_SHARE),
+        (emcee.moves.DEMove(), others * (1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE)),
+        (emcee.moves.DEMove(gamma0=1.0), others * JUMP_SHARE),
+        (SurrogateMove(surrogate), share),
+        (PriorMove(parameters), others * PRIOR_SHARE),
+        (SubsetMove(), others * SUBSET_SHARE),
     ]
 
 
@@ -153,17 +159,27 @@ class SurrogateMove(emcee.moves.RedBlueMove):
         super().__init__()
         self._proposal = Proposal(approximation=surrogate) if isinstance(surrogate,
                                                                          GaussianApproximation) else surrogate
-        self._pool = None
+        self._pool = np.empty((0, 0))
+        self._known: dict[bytes, float] = {}
 
     def get_proposal(self, sample, complement, random):
         n = len(sample)
-        if self._pool is None or len(self._pool) < n:
+        if len(self._pool) < n:
             # thousands at once cost little more than one
             self._pool = self._proposal.draw(max(n, POOL), random)
+            self._known = {}
+            self._remember(self._pool)
         theta, self._pool = self._pool[:n], self._pool[n:]
-        density = self._proposal.log_density(np.concatenate([sample, theta]))
+        # most walkers stand where one of these moves took them
+        unknown = [k for k, row in enumerate(sample) if row.tobytes() not in self._known]
+        if unknown:
+            self._remember(sample[unknown])
+        before, after = (np.array([self._known[row.tobytes()] for row in rows]) for rows in (sample, theta))
         # a draw outside the bounds has no density, and no posterior either: it is refused
-        return theta, density[:n] - np.where(np.isfinite(density[n:]), density[n:], 0.0)
+        return theta, before - np.where(np.isfinite(after), after, 0.0)
+
+    def _remember(self, theta: np.ndarray) -> None:
+        self._known |= zip([row.tobytes() for row in theta], self._proposal.log_density(theta).tolist(), strict=True)
 
 
 def sample(
@@ -172,14 +188,16 @@ def sample(
     folder: str | Path,
     settings: SamplerSettings,
     *,
+    trusted: bool = False,
     parts: Mapping[str, str] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Chain:
     """Draw from the posterior of `problem`, keeping segments in `folder`.
 
-    `parts` stands for the problem where it differs from problem.parts() (a reduced model built with settings of its
-    own). jobs: processes, or an executor, on which the ensembles run side by side; the numbers are the same on any.
+    trusted: weighted draws of the surrogate serve by themselves, so that most moves are its. `parts` stands for the
+    problem where it differs from problem.parts() (a reduced model built with settings of its own). jobs: processes, or
+    an executor, on which the ensembles run side by side; the numbers are the same on any.
     Raises InputError where the folder holds a chain of another problem or other settings, and says which differ.
     """
     parameters = problem.parameters
@@ -203,7 +221,7 @@ def sample(
             # those that a killed run finished of this round are kept
             kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
             done = {k: segment for k, segment in kept.items() if segment is not None}
-            tasks = [(k, problem, surrogate, states[k], n_more) for k in kept if k not in done]
+            tasks = [(k, problem, surrogate, trusted, states[k], n_more) for k in kept if k not in done]
             for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
                 store.append(segment, len(rounds), k)
                 done[k] = segment
@@ -233,7 +251,9 @@ def _run_numbered(number: int, *segment: Any) -> tuple[int, Segment]:
     return number, _run_segment(*segment)
 
 
-def _run_segment(problem: Problem, surrogate: Density, state: emcee.State, n_step: int) -> Segment:
+def _run_segment(
+    problem: Problem, surrogate: Density, trusted: bool, state: emcee.State, n_step: int
+) -> Segment:
     """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
     counts = {"evaluated": 0, "fallback": 0}
 
@@ -247,7 +267,7 @@ def _run_segment(problem: Problem, surrogate: Density, state: emcee.State, n_ste
     # stopped between them goes on with the same numbers
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,
-        moves=moves(problem.parameters, surrogate),
+        moves=moves(problem.parameters, surrogate, trusted),
     )
     # emcee's wrapper of it prints a traceback of whatever ends it, also of a signal
     sampler.log_prob_fn = log_probability
@@ -257,7 +277,7 @@ def _run_segment(problem: Problem, surrogate: Density, state: emcee.State, n_ste
 
 
 def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
-    n_walker = max(2 * len(parameters) + 2, settings.walkers_per_parameter * len(parameters))
+    n_walker = max(2 * len(parameters) + 2, LEAST_WALKERS, settings.walkers_per_parameter * len(parameters))
     return n_walker + n_walker % 2
 
 

@@ -1,9 +1,9 @@
 """The evidence ln p(data), by two estimators with their errors, and whether the Laplace approximation may be used.
 
 Bridge sampling (Meng & Wong 1996) joins the chain's draws with draws of a proposal that is normalised within the
-bounds: those of importance sampling. Its error is that of Frühwirth-Schnatter (2004), with the chain's autocorrelation.
-Importance sampling by the same draws stands beside it; the shape k of the generalised
-Pareto distribution that fits the largest weights (Vehtari et al., 2024) shows whether they can be averaged at all.
+bounds: those of importance sampling. Its error is that of Frühwirth-Schnatter (2004), with the chain's
+autocorrelation. Importance sampling by the same draws stands beside it; the shape k of the generalised Pareto
+distribution that fits the largest weights (Vehtari et al., 2024) shows whether they can be averaged at all.
 """
 
 from __future__ import annotations

@@ -336,7 +336,8 @@ def sample_posterior(
     # numbers of their own, so that a chain's length changes none of the others
     weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
                                  evaluated=prepared.solved, progress=progress)
-    chain = sample(fast, prepared.proposal, folder, settings, parts=parts, jobs=jobs, progress=progress)
+    chain = sample(fast, prepared.proposal, folder, settings, trusted=weighted.good, parts=parts, jobs=jobs,
+                   progress=progress)
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)

@@ -73,7 +73,7 @@ def hyper_scales(problem: Problem) -> tuple[float, float, float]:
     """Of the half-Cauchy hyper-priors of frequencies, components and mixing: beside stated tolerances of the structure
     what its form misses is all that is left; of sensors' alone no error of the structure is stated. What mixes modes
     changes frequencies too: both together are as large a priori as the one of frequencies alone."""
-    structural = any(s.group != "sensors" for s in problem.error_sources)
+    structural = any(s.group not in ("sensors", "theory") for s in problem.error_sources)
     frequency, shape = ((FORM_FREQUENCY_COV, FORM_SHAPE_STD) if problem.weights.tolerances and structural else
                         (CONSTANTS.frequency_discrepancy, CONSTANTS.shape_discrepancy))
     if problem.mixing is not None:

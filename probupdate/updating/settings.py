@@ -37,7 +37,8 @@ class SamplerSettings:
     ensembles, each with its own start and random numbers, show that they agree."""
 
     seed: int = stated(1, "-", "of the random numbers: same seed, same numbers")
-    walkers_per_parameter: int = stated(2, "-", "walkers over parameters; never fewer than two of each and two")
+    walkers_per_parameter: int = stated(2, "-", "walkers over parameters; never fewer than two of each and two, "
+        "nor than twelve")
     target_ess: int = stated(1000, "draws", "effective size of the worst parameter at which the chain ends")
     max_steps: int = stated(20000, "steps", "the run gives up after these, and says so")
     ensembles: int = stated(4, "-", "independent ensembles, judged together")

@@ -26,7 +26,7 @@ from probupdate.updating.problem import Problem
 # importance weights, which would single out few points at first
 ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), *4 * ((1.1, 0.5),))
 # effective share of the draws from which no further round is needed
-SERVES = 0.9
+SERVES = 0.95
 # points per coefficient of the quadratic
 POINTS_PER_COEFFICIENT = 8
 # of the fitted coefficients, as a share of the points

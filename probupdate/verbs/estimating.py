@@ -87,7 +87,8 @@ class Case:
         refuse_other_kinds(model, modes)
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
         data = compared_modes(modes, set_id, every_mode, likelihood.modes)
-        model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix)
+        model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix,
+                           alternatives=likelihood.alternatives)
         joint = joint_set(data, covariance=likelihood.joint_covariance) if set_id is None else single_set(data, set_id)
         weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
         return cls(data=data, joint=joint, model_at=model_at, weights=weights)

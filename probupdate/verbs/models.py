@@ -10,6 +10,7 @@ from typing import TypeGuard
 
 import numpy as np
 
+from probupdate.effects.alternatives import AlternativeModels
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.io.files import read_bytes
@@ -72,7 +73,7 @@ def open_model(
 class ModelAt:
     """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then. `felt`:
     what the modal sets state of gravity in their channels' readings; `fix`: parameters that are held at a value;
-    `sensors`: the model's own where None."""
+    `sensors`: the model's own where None; `alternatives`: other models of the same structure."""
 
     model: GivenModel
     parameters: str | Path | None
@@ -80,6 +81,7 @@ class ModelAt:
     felt: Mapping[str, bool] = field(default_factory=dict)
     fix: Mapping[str, float] | None = None
     sensors: tuple[Sensor, ...] | None = None
+    alternatives: tuple[GivenModel, ...] = ()
 
     def angle_deg(self, modal_set: ModalSet) -> float:
         """0 for models that cannot be turned."""
@@ -96,7 +98,8 @@ class ModelAt:
         angle = self.angle_deg(modal_set)
         if angle not in self._open_models:
             opened = open_model(self.model, self.parameters, self.sensors, nacelle_angle_deg=angle, fix=self.fix)
-            self._open_models[angle] = reading(self.with_uncertainty(opened, angle), self.felt)
+            known = self.with_alternatives(self.with_uncertainty(opened, angle), angle)
+            self._open_models[angle] = reading(known, self.felt)
         return self._open_models[angle]
 
     def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
@@ -112,6 +115,19 @@ class ModelAt:
             known = TurbineUncertainty.of(path, opened, None, angle_deg)
         else:
             known = SensorUncertainty(model=opened)
+        return replace(opened, uncertainty=known)
+
+    def with_alternatives(self, opened: Model, angle_deg: float) -> Model:
+        """The model with what other models of the structure have and it has not among the sources of its error."""
+        if not self.alternatives:
+            return opened
+        if not is_dataclass(opened):
+            raise InputError("alternatives", f"a {type(opened).__name__} has no place for sources of its error",
+                             "give the model's file, or a FunctionModel")
+        others = [open_model(one, self.parameters, self.sensors, nacelle_angle_deg=angle_deg) for one in self.alternatives]
+        named = tuple((Path(given).stem if isinstance(given, str | Path) else other.name, other)
+                      for given, other in zip(self.alternatives, others, strict=True))
+        known = AlternativeModels(model=opened, others=named, known=getattr(opened, "uncertainty", None))
         return replace(opened, uncertainty=known)
 
     @cached_property

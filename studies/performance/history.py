@@ -27,8 +27,8 @@ RATIOS = {
                             r"^with deviations of all poles: .*ratio ([\d.]+)"),
     "reduced basis": ("modes a second: reduced basis, 1000 points at once, over the full model",
                       r"^reduced basis, 1000 at once +[\d.]+ +([\d.]+)"),
-    "sampler": ("effective draws a second: this package's moves over emcee's stretch move",
-                r"^without surfaces over stretch: ([\d.]+)"),
+    "sampler": ("effective draws a second over emcee's stretch move; later, all of `sample` over its evolution moves",
+                r"^all of sample over emcee, ten parameters: ([\d.]+)"),
     "report": ("a report's sections: matplotlib's own layout over ticks found once",
                r"^a page of .*? ratio ([\d.]+); .*pages are the same"),
 }

@@ -1,0 +1,91 @@
+"""A proposal that bends: its density integrates to one, and thin curved posteriors are drawn as quadrature has them."""
+
+import numpy as np
+import pytest
+from updating_cases import modal_set
+
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.functions import FunctionModel
+from probupdate.updating.importance import fitted_proposal, importance_sample
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.surrogate import Proposal, fit_surrogate, from_laplace
+from probupdate.updating.transport import fit_transport
+
+SHAPE = np.linalg.qr(np.random.default_rng(5).standard_normal((6, 6)))[0]
+# of (a, b): two springs in series, in parallel with a mass on them, a product
+FUNCTIONS = {"series": lambda a, b: 2 / (1 / a + 1 / b), "product": lambda a, b: a * b,
+             "ratio": lambda a, b: (1 + a * a) / (1 + b)}
+
+
+def ridge(kind: str, sigma: float, prior: str = "normal"):
+    """One frequency, sharp to `sigma`, that two parameters share."""
+    parameters = Parameters(tuple(Parameter(name=name, unit="-", initial=1.0, std=0.4, lower=0.05, upper=4.0,
+                                            prior=prior) for name in "ab"))
+
+    def function(theta):
+        return np.concatenate([[np.sqrt(FUNCTIONS[kind](*theta))], 100.0 * 1.5 ** np.arange(5)]), SHAPE
+
+    model = FunctionModel(name=kind, parameters=parameters, channels=tuple(f"c{k}" for k in range(6)),
+                          function=function, version="1")
+    data = ModalData(channels=model.channels, sets=(modal_set([1.0], SHAPE[:, :1], std=np.array([sigma])),))
+    return build_problem(model, data, weights=Weights(shapes="none"))
+
+
+def by_quadrature(problem, kind: str, sigma: float):
+    """ln Z, means and standard deviations: for each a, fine steps of b across the ridge."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    a = 2.025 + 1.975 * nodes
+    b = np.linspace(0.05, 4.0, 12_001)
+    total, moments = 0.0, np.zeros((2, 2))
+    for one, weight in zip(a, weights, strict=True):
+        response = np.sqrt(FUNCTIONS[kind](one, b))
+        density = np.exp(-0.5 * ((response - 1.0) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+        density *= np.exp(problem.parameters.log_density(np.column_stack([np.full(b.size, one), b]))) * weight
+        total += density.sum()
+        moments += [[one * density.sum(), b @ density], [one**2 * density.sum(), b**2 @ density]]
+    mean = moments[0] / total
+    return np.log(total * 1.975 * (b[1] - b[0])), mean, np.sqrt(moments[1] / total - mean**2)
+
+
+@pytest.mark.parametrize(("kind", "sigma", "prior"), [
+    ("series", 2e-3, "normal"), ("product", 1e-3, "lognormal"), ("ratio", 2e-3, "normal"),
+    ("product", 1e-3, "uniform")])
+def test_a_thin_curved_ridge_is_drawn_as_it_is(kind, sigma, prior, validation):
+    row = validation(what="thin curved ridges of two parameters: ln Z, means, standard deviations",
+                     reference="quadrature", unit="standard errors")
+    problem = ridge(kind, sigma, prior)
+    rng = np.random.default_rng(3)
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    approximation = fit_surrogate(problem, top, rng)[0]
+    proposal, solved = fitted_proposal(problem, [Proposal(approximation=approximation)], rng)
+    found = importance_sample(problem, proposal, rng)
+    log_evidence, mean, std = by_quadrature(problem, kind, sigma)
+    assert found.effective > 800 and found.pareto_k < 0.7 and solved < 25_000
+    # four standard errors, and what the grid across the ridge leaves
+    row.error((found.log_evidence - log_evidence) / (found.log_evidence_std + 1e-3), below=4, of="ln Z")
+    row.error((found.mean - mean) / found.mean_error, below=4, of="means")
+    row.error((found.std - std) / found.std_error, below=4, of="standard deviations")
+
+
+@pytest.mark.parametrize("lower", [0.05, -4.0])
+def test_the_maps_density_integrates_to_one(lower):
+    parameters = Parameters(tuple(Parameter(name=n, unit="-", initial=1.0, std=0.4, lower=lower, upper=9.0)
+                                  for n in "ab"))
+    problem = ridge("product", 0.05)
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    rng = np.random.default_rng(1)
+    a = np.exp(0.2 * rng.standard_normal(4000))
+    theta = np.column_stack([a, np.exp(0.05 * rng.standard_normal(4000)) / a])
+    found = fit_transport(theta, np.full(4000, 1 / 4000), from_laplace(top, parameters))
+    grid = np.linspace(0.0503, 6.0, 1500)
+    both = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1).reshape(-1, 2)
+    density = np.exp(found.log_density(both)) * (grid[1] - grid[0]) ** 2
+    assert density.sum() == pytest.approx(1.0, abs=5e-3)
+    drawn = found.draw(20_000, np.random.default_rng(2))
+    value = np.exp(-np.abs(drawn - 1).sum(axis=1))
+    expected = density @ np.exp(-np.abs(both - 1).sum(axis=1))
+    assert value.mean() == pytest.approx(expected, abs=4 * value.std() / np.sqrt(len(value)) + 2e-3)
+    # it bends: a straight Gaussian of these draws has them farther from the ridge
+    assert np.std(np.log(drawn[:, 0] * drawn[:, 1])) < 0.1
