@@ -215,8 +215,8 @@ def _solve_block(block: Block, cK, cM, n_mode):
     for row in range(len(K)):
         # the largest 1 / lambda: a mass may be singular, and the lowest modes keep their digits. A symmetric C-ordered
         # matrix is its own Fortran-ordered transpose: no copy
-        w, z, found, _, info = lapack.dsygvx(M[row].T, K[row].T, range="I", il=size - n_mode + 1, iu=size, overwrite_a=1,
-                                             overwrite_b=1)
+        w, z, found, _, info = lapack.dsygvx(M[row].T, K[row].T, range="I", il=size - n_mode + 1, iu=size,
+                                             overwrite_a=1, overwrite_b=1)
         if info != 0 or found != n_mode or w[0] <= 0:
             raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
         value[row] = 1 / w[n_mode - 1 :: -1]

@@ -25,10 +25,24 @@ class UpdateSettings:
     iterations: int = stated(50, "-", "at most so many iterations")
 
     def __post_init__(self):
-        if isinstance(self.iterations, bool) or not isinstance(self.iterations, int | np.integer):
-            raise InputError("iterations", f"{self.iterations!r} is no whole number", "give one, such as 50")
-        if self.iterations < 0:
-            raise InputError("iterations", f"{self.iterations} is negative", "give how many at most")
+        _refuse_no_whole_number("iterations", self.iterations, 0, 50)
+        if not isinstance(self.alpha, str) and not _is_number(self.alpha):
+            raise InputError("alpha", f"{self.alpha!r} is no number and no rule",
+                             "give one from 0 on, or a rule's name")
+        if not isinstance(self.method, str):
+            raise InputError("method", f"{self.method!r} is no word", "give 'gauss-newton' or 'levenberg-marquardt'")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and bool(
+        np.isfinite(value))
+
+
+def _refuse_no_whole_number(name: str, value: object, least: int, example: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(name, f"{value!r} is no whole number", f"give one, such as {example}")
+    if value < least:
+        raise InputError(name, f"{value} is {f'below {least}' if least else 'negative'}", f"give {least} or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +58,10 @@ class SamplerSettings:
     ensembles: int = stated(4, "-", "independent ensembles, judged together")
 
     def __post_init__(self):
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
-            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
-        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
-            if getattr(self, name) < 1:
-                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
+        _refuse_no_whole_number("seed", self.seed, 0, 1)
+        for name, example in (("walkers_per_parameter", 2), ("target_ess", 1000), ("max_steps", 20000),
+                              ("ensembles", 4)):
+            _refuse_no_whole_number(name, getattr(self, name), 1, example)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -124,7 +124,8 @@ class ModelAt:
         if not is_dataclass(opened):
             raise InputError("alternatives", f"a {type(opened).__name__} has no place for sources of its error",
                              "give the model's file, or a FunctionModel")
-        others = [open_model(one, self.parameters, self.sensors, nacelle_angle_deg=angle_deg) for one in self.alternatives]
+        others = [open_model(one, self.parameters, self.sensors, nacelle_angle_deg=angle_deg)
+                  for one in self.alternatives]
         named = tuple((Path(given).stem if isinstance(given, str | Path) else other.name, other)
                       for given, other in zip(self.alternatives, others, strict=True))
         known = AlternativeModels(model=opened, others=named, known=getattr(opened, "uncertainty", None))
