@@ -18,18 +18,18 @@ from probupdate.campaign.mounting import LOWEST_HZ
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import (
     WrongGain,
+    gain_finding,
     natural_groups,
     rigid_candidates,
     rigid_motions,
     smaller_parts,
-    words_of,
     wrong_gains,
 )
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding, std_left_out
 from probupdate.campaign.spectra import SEGMENT_S, mean_products, segment_lines, to_acceleration
 from probupdate.errors import InputError
 from probupdate.evidence.directions import chosen
-from probupdate.evidence.gains import Explanation, explanations, outside_share
+from probupdate.evidence.gains import Explanation, explanations
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.progress import Progress, silent
@@ -52,8 +52,6 @@ ONE_MODE = 0.8
 MOST_BYTES = 128 * 2**20
 # a peak is an average over segments: its direction counts as two of one drawn once
 COUNT = 2.0
-# natural logarithm of a likelihood by which one of two explanations is taken
-DECIDED = 5.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -310,14 +308,13 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list
         setup = max((k for k, choice in enumerate(named) if choice),
                     key=lambda k: tried[k][named[k][0]].log - tried[k][0].log)
         options = [tried[setup][k] for k in named[setup]]
-        scores = [_misfit(shapes, references, setup, {references[t.members[0]]: t.gain}, gains) for t in options]
-        order = np.argsort([score for score, _ in scores], kind="stable")
-        decided = len(options) == 1 or scores[order[1]][0] - scores[order[0]][0] > DECIDED
-        first, *others = (options[k] for k in order)
+        logs = [t.log + _log_rigid(shapes, references, setup, {references[t.members[0]]: t.gain}, gains)
+                for t in options] if len(options) > 1 else [0.0]
+        first, *others = (options[k] for k in chosen(logs, [True] * len(options)))
         channel, gain = references[first.members[0]], float(first.gain)
         gains[setup][channel] = gain
-        found.append(_Differs(setup=setup, channel=channel, gain=gain, std=float(first.std), alternatives=() if decided
-                              else tuple(references[t.members[0]] for t in others)))
+        found.append(_Differs(setup=setup, channel=channel, gain=gain, std=float(first.std), alternatives=tuple(
+            references[t.members[0]] for t in others)))
     return sorted(found, key=lambda c: c.setup)
 
 
@@ -335,35 +332,41 @@ def _against_others(
     if not usable.any() or not free:
         return []
     value, noise = value[:, usable], noise[:, usable]
-    mean = value[np.argmax(np.isfinite(size[:, usable]) & others[:, None], axis=0), np.arange(usable.sum())]
-    for _ in range(3):
-        factor = np.einsum("kpr,pr->kp", value[others], mean)
-        mean = np.nanmedian(value[others] * factor[:, :, None], axis=0)
+    mean = _median_shape(value[others])
     spread = np.sqrt(noise[setup] ** 2 + np.nanmedian(noise[others], axis=0) ** 2)
     return explanations(value[setup], mean[:, :, None], [(i,) for i in free], count=COUNT, noise=spread)
 
 
-def _misfit(
+def _log_rigid(
     shapes: Sequence[SetupShapes], references: Sequence[str], setup: int, change: Mapping[str, float],
     gains: Sequence[Mapping],
-) -> tuple[float, int]:
-    """-ln of the likelihood that the rigid parts with rovers of a setup are rigid, its references divided by `change`;
-    an unknown size of errors is marginalised. Parts of all setups as they are known by now."""
+) -> float:
+    """ln evidence that the rigid parts with rovers of a setup are rigid, its references divided by `change`; parts of
+    all setups as they are known by now."""
     now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
-    now[setup] = shapes[setup].divided(change)
-    total, number = 0.0, 0
+    now[setup] = shapes[setup].divided({**gains[setup], **change})
+    total = 0.0
     for samples, sensors, owner in _parts(now, references):
         # a reference may be wrong in all setups alike: rovers only
         rovers = [i for i, o in enumerate(owner) if o >= 0]
-        if setup not in owner or len({owner[i] for i in rovers}) < 2:
-            continue
-        motion = rigid_motions([sensors[i] for i in rovers])
-        if np.linalg.matrix_rank(motion) < len(rovers):
-            share = outside_share(samples[:, rovers], motion)
-            count = len(samples) * max(len(sensors) - 6, 1) / 2
-            total += 0.5 * count * np.log(max(share, 1e-6))
-            number += 1
-    return total, number
+        motion = rigid_motions([sensors[i] for i in rovers]) if rovers else np.zeros((0, 6))
+        if setup in owner and len({owner[i] for i in rovers}) > 1 and np.linalg.matrix_rank(motion) < len(rovers):
+            total += explanations(samples[:, rovers], motion, [])[0].log
+    return total
+
+
+def _median_shape(each: np.ndarray) -> np.ndarray:
+    """(n_peak, n) median of shapes (n_setup, n_peak, n) of any size and sign, NaN where a setup has none."""
+    mean = each[np.argmax(np.isfinite(each).all(axis=2), axis=0), np.arange(each.shape[1])]
+    for _ in range(3):
+        factor = _factors(each, mean)
+        mean = np.nanmedian(each * factor[:, :, None], axis=0)
+    return mean
+
+
+def _factors(each: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """(n_setup, n_peak) by what shapes are multiplied to be as large as the mean shape (n_peak, n)."""
+    return np.sum(each * mean, axis=2) / np.maximum(np.sum(each**2, axis=2), 1e-300)
 
 
 def _parts(shapes: Sequence[SetupShapes], references: Sequence[str]):
@@ -376,11 +379,8 @@ def _parts(shapes: Sequence[SetupShapes], references: Sequence[str]):
         return
     shapes = [replace(s, shape=s.shape[clean], std=s.std[clean]) for s in shapes]
     at = np.array([s.shape[:, r] for s, r in zip(shapes, rows, strict=True)])
-    mean = at[0]
-    for _ in range(3):
-        factor = np.einsum("kpr,pr->kp", at, mean) / np.maximum(np.einsum("kpr,kpr->kp", at, at), 1e-300)
-        mean = np.median(at * factor[:, :, None], axis=0)
-    factor = np.einsum("kpr,pr->kp", at, mean) / np.maximum(np.einsum("kpr,kpr->kp", at, at), 1e-300)
+    mean = _median_shape(at)
+    factor = _factors(at, mean)
     sensors = [shapes[0].sensors[i] for i in rows[0]]
     owner = [-1] * len(sensors)
     columns = [mean]
@@ -423,21 +423,11 @@ def _constant(
 
 
 def _finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Sequence[str]) -> SensorFinding:
-    names = [s.channel for s in sensors]
-    channel = words_of(one.members, names)
-    others = words_of([i for i in range(len(names)) if i not in one.members], names)
-    alternatives = tuple(words_of(r, names) for r, _ in one.alternatives)
     owners = {owner[i] for i in one.members}
     alone = len(owners) == 1 and -1 not in owners and sum(o in owners for o in owner) == len(one.members)
-    if alone:
-        alternatives = (*alternatives, f"all references of that setup by {1 / one.gain:.3g}")
-    reference = all(names[i] in references for i in one.members)
     wrong = "scale and direction are" if one.gain < 0 and abs(abs(one.gain) - 1) > SIGMA * one.std else (
         "direction is" if one.gain < 0 else "scale is")
-    return SensorFinding(
-        name="reference" if reference else "gain", channel=channel, size=one.gain, std=one.std,
-                         alternatives=alternatives,
-        message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times "
-        f"what {others} say of the rigid part that they share: the stated {wrong} wrong"
-        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "")
-        + f": {_advice(one.gain)}, or that of the others")
+    return gain_finding(
+        one, sensors, "reference" if all(sensors[i].channel in references for i in one.members) else "gain",
+        f": the stated {wrong} wrong", f"{_advice(one.gain)}, or that of the others",
+        (f"all references of that setup by {1 / one.gain:.3g}",) if alone else ())

@@ -126,7 +126,7 @@ def gain_steps(
     ids, density, known = prepared
     steps: list[_Change] = []
     place = same_place([sensors[k] for k in known], range(len(known)))
-    series, weight = _gains(density), _weights(density)
+    series, weight = _gains(density)
     able = np.all(np.isfinite(series), axis=0)
     judged = [int(c) for c in np.flatnonzero(able)]
     if not judged:
@@ -212,41 +212,30 @@ def _regressed(mean: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.nd
     return own, np.einsum("bcc->bc", product).real, np.einsum("bcj,cj->bc", product, a).real
 
 
-def _gains(density: np.ndarray) -> np.ndarray:
-    """(n_piece, n) gain of every channel over its mean, NaN where it is not predicted."""
+def _gains(density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n_piece, n) gain of every channel over its mean, NaN where it is not predicted; and its weight, mean 1: one over
+    the variance that what its piece leaves unexplained gives the gain (calm pieces are noise) and the typical one, as
+    no piece is without error."""
     mean = density.mean(axis=0)
     n_line, n = mean.shape[:2]
-    top, bottom = np.zeros((2, len(density), n))
+    top, bottom, noise = np.zeros((3, len(density), n))
     best = np.zeros(n)
     for q in range(n_line):
         own, together, predicted = _regressed(mean[q], density[:, q])
-        left = own - 2 * together.mean(axis=0) + predicted.mean(axis=0)
-        best = np.maximum(best, 1 - left / own)
+        left = np.einsum("bcc->bc", density[:, q]).real - 2 * together + predicted
+        usual = left.mean(axis=0)
+        best = np.maximum(best, 1 - usual / own)
         # with the regression as it is the gain of least squares: weighted by what is left unexplained
-        weight = 1 / np.maximum(left, RIDGE * own)
+        weight = 1 / np.maximum(usual, RIDGE * own)
         top += weight * together
         bottom += weight * predicted
+        noise += weight**2 * np.maximum(left, 0) * np.maximum(predicted, 0)
     gain = top / np.where(bottom > 0, bottom, 1.0)
     middle = gain.mean(axis=0)
     good = (best > PREDICTED) & (np.abs(middle) > 0.05)
-    return np.where(good, gain / np.where(good, middle, 1.0), np.nan)
-
-
-def _weights(density: np.ndarray) -> np.ndarray:
-    """(n_piece, n) weight of every piece in a channel's series, mean 1: one over the variance that what its piece
-    leaves unexplained gives the gain (calm pieces are noise) and the typical one, as no piece is without error."""
-    mean = density.mean(axis=0)
-    n = mean.shape[1]
-    noise, bottom = np.zeros((2, len(density), n))
-    for q in range(len(mean)):
-        own, together, predicted = _regressed(mean[q], density[:, q])
-        left = np.einsum("bcc->bc", density[:, q]).real - 2 * together + predicted
-        weight = 1 / np.maximum(left.mean(axis=0), RIDGE * own)
-        noise += weight**2 * np.maximum(left, 0) * np.maximum(predicted, 0)
-        bottom += weight * np.maximum(predicted, 0)
     variance = noise / np.maximum(bottom, 1e-300) ** 2
     weight = 1 / (np.median(variance, axis=0) + variance + 1e-300)
-    return weight / weight.mean(axis=0)
+    return np.where(good, gain / np.where(good, middle, 1.0), np.nan), weight / weight.mean(axis=0)
 
 
 def _step(series: np.ndarray, weight: np.ndarray, at: int | None = None) -> _Step:
@@ -322,7 +311,7 @@ def _undone(
             for c in members:
                 now[at:, :, c, :] /= more
                 now[at:, :, :, c] /= more
-            series = _gains(now)
+            series, _ = _gains(now)
         size = float(np.mean([_step(series[:, c], weight[:, c], at).size for c in members]))
         if not abs(size) >= 0.05 * ALIKE or abs(1 + size) < 0.02:
             break

@@ -7,7 +7,7 @@ rigid."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -163,10 +163,6 @@ def _independent(groups: Sequence[tuple[int, ...]], n_channel: int) -> bool:
     return int(np.linalg.matrix_rank(chosen)) == len(groups)
 
 
-def words_of(members: Sequence[int], names: Mapping[int, str] | Sequence[str]) -> str:
-    return ", ".join(names[i] for i in members)
-
-
 # One campaign -------------------------------------------------------------------------------------------------------
 
 
@@ -193,7 +189,10 @@ def campaign_gains(
             if channels & covered:
                 continue
             covered |= channels
-            found.append(_campaign_finding(one, own))
+            several = len(channels) > 1
+            check = "their logger and its unit" if several else "its scale, sign and unit"
+            found.append(gain_finding(one, own, "common gain" if several else "gain", "",
+                                      f"check {check}, or those of the others"))
     words = "; ".join(f"{', '.join(s.channel for s in own)} (gains from "
                       f"{100 * SIGMA * np.hypot(ALIKE, np.sqrt(share)):.0f} % show)" for own, share in rigid)
     return found, f"rigid by position and record: {words}" if words else None
@@ -210,16 +209,17 @@ def motions(density: np.ndarray) -> np.ndarray:
     return np.array(found).reshape(-1, density.shape[-1])
 
 
-def _campaign_finding(one: WrongGain, sensors: Sequence[Sensor]) -> SensorFinding:
-    names = [s.channel for s in sensors]
-    channel = words_of(one.members, names)
-    alternatives = tuple(words_of(r, names) for r, _ in one.alternatives)
-    several = len(one.members) > 1
-    others = words_of([i for i in range(len(names)) if i not in one.members], names)
+def gain_finding(
+    one: WrongGain, sensors: Sequence[Sensor], name: str, wrong: str, advice: str, more: tuple[str, ...] = ()
+) -> SensorFinding:
+    """What is `wrong` besides the size, and what to do; `more` alternatives."""
+    def words(members: Sequence[int]) -> str:
+        return ", ".join(sensors[i].channel for i in members)
+
+    channel, others = words(one.members), words([i for i in range(len(sensors)) if i not in one.members])
+    alternatives = (*(words(r) for r, _ in one.alternatives), *more)
     return SensorFinding(
-        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std,
-                         alternatives=alternatives,
-        message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} "
-        "say of the rigid part that they share"
-        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "")
-        + f": check {'their logger and its unit' if several else 'its scale, sign and unit'}, or those of the others")
+        name=name, channel=channel, size=one.gain, std=one.std, alternatives=alternatives,
+        message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times "
+        f"what {others} say of the rigid part that they share{wrong}"
+        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "") + f": {advice}")

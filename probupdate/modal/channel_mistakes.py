@@ -17,7 +17,7 @@ from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 
 # probabilities before, of a reversed channel, of an exchange and of another order among all, of a channel that moves by
 # something of its own (its place, a motion that the model lacks): over that of channels as they should be
-REVERSED, EXCHANGED, REORDERED, OWN_MOTION = 0.05, 0.05, 0.01, 0.05
+REVERSED, EXCHANGED, REORDERED, OWN_MOTION = 0.2, 0.1, 0.01, 0.01
 # a model's errors are alike in its modes: each counts for so much of one by itself
 INDEPENDENT = 0.7
 # turns in which order and signs of the modes are found
