@@ -1,5 +1,5 @@
 """Plans drawn at random of what is written as matrices or as a SubDyn file: buildings, trusses, girder bridges, lattice
-towers, monopiles, bare jackets."""
+towers, monopiles, bare jackets, tripods."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def draw(kind: str, rng: np.random.Generator, extent: float, *, bars: bool = Tru
     """A plan of that kind whose largest measure is about `extent` metres; bars: braces are bars and not beams."""
     if kind in ("lattice", "jacket"):
         return {"lattice": lattice, "jacket": jacket}[kind](rng, extent, bars)
-    return {"building": building, "truss": truss, "bridge": bridge, "monopile": monopile}[kind](rng, extent)
+    return {"building": building, "truss": truss, "bridge": bridge, "monopile": monopile, "tripod": tripod}[kind](
+        rng, extent)
 
 
 def _read(at, axes, label, level=None) -> list[Reading]:
@@ -287,3 +288,35 @@ def jacket(rng, extent, bars) -> Plan:
     return Plan(kind="jacket", parameters=tuple(parameters), readings=tuple(readings), n_mode=5,
                 skeleton=Skeleton(place=place, members=tuple(members), bodies=bodies, springs=springs),
                 anchors=((f"{n}.1", 0), ("mid", 1), (f"{max(1, n - 1)}.0", 1)))
+
+
+def tripod(rng, extent) -> Plan:
+    """A central column on three legs and three lower braces, a tower on it; names that read alike, or differ in case,
+    blank or hyphen. As designed its heave moves no horizontal sensor; feet that differ let it be measured."""
+    D, steel, place, members = extent / rng.uniform(22, 28), Steel(), {}, []
+    for name, share in (("low", 0.06), ("mid", 0.18), ("head", 0.36), ("t1", 0.6), ("t2", 0.8), ("top", 1.0)):
+        place[name] = np.array([0.0, 0.0, share * extent])
+    angles = [2 + 2 * math.pi * k / 3 for k in range(3)]
+    place |= {f"foot{k}": 0.28 * extent * np.array([math.cos(x), math.sin(x), 0.0]) for k, x in enumerate(angles)}
+    for a, b, wide, tags in (("low", "mid", 1.2, {"column": "A"}), ("mid", "head", 1.2, {"column": "a"}),
+                             ("head", "t1", 1.1, {"tower": 0}), ("t1", "t2", 1.0, {"tower": 1}),
+                             ("t2", "top", 0.8, {"tower": 1}),
+                             *((f"foot{k}", "mid", 0.6, {"leg": k}) for k in range(3)),
+                             *((f"foot{k}", "low", 0.5, {"brace": k}) for k in range(3))):
+        members.append(Member(a=a, b=b, diameter=wide * D, wall=D / 55, steel=steel, tags=tags))
+    mass = steel.density * math.pi * D * D / 60 * extent
+    bodies = (Body(node="top", mass=0.5 * mass, inertia=(0.08 * mass * D * D,) * 3, tags={"top": 1}),
+              Body(node="head", mass=0.15 * mass, tags={"deck": 1}))
+    k = 2 * steel.E * math.pi * D * D / 40 / extent * float(rng.uniform(0.7, 1.4))
+    springs = tuple(Spring(node=f"foot{i}", tags={"foot": i}, stiffness=(0.3 * k, 0.3 * k, k, *(0.02 * k * D * D,) * 3))
+                    for i in range(3))
+    parameters = [_row(name, {"column": name}) for name in ("A", "a")]
+    parameters += [_row(name, {"leg": i}, 0.1) for i, name in enumerate(("A 1", "A-1", "A_1"))]
+    parameters += [_row(name, {"foot": i}, 0.2, "spring") for i, name in enumerate(("foot 1", "foot_1", "FOOT 1"))]
+    parameters += [_row("tower", {"tower": 0}, 0.03), _row("Tower", {"tower": 1}, 0.03),
+                   _row("face AB, bay 1", {"top": 1}, 0.03, "mass"), _row("deck", {"deck": 1}, 0.2, "mass")]
+    readings = [r for node in ("mid", "head", "t1", "top") for r in _read(node, (0, 1), node)]
+    readings += [*_read("foot0", (0,), "foot 0", "feet"), *_read("foot1", (1,), "foot-0", "feet")]
+    return Plan(kind="tripod", parameters=tuple(parameters), readings=tuple(readings), n_mode=5,
+                skeleton=Skeleton(place=place, members=tuple(members), bodies=bodies, springs=springs),
+                anchors=(("head", 0), ("t1", 1)))

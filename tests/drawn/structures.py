@@ -16,7 +16,7 @@ from drawn.skeleton import Change, State, in_state
 PLANS = ("building", "truss", "bridge", "lattice", "monopile", "jacket")
 # the kinds that are drawn, in turn
 KINDS = ("turbine", *(f"matrices {k}" for k in PLANS), "subdyn lattice", "subdyn jacket", "subdyn monopile",
-         "subdyn building", "turbine monopile")
+         "subdyn building", "turbine monopile", "subdyn tripod")
 UNITS_OF_LENGTH_M = (1e-3, 1e5)
 # elements of a member in OpenSees, whose mass is lumped
 TRUE_PIECES = 8
@@ -189,7 +189,7 @@ def _matrices(rng, kind: str, designed: bool) -> Drawn:
 
 def _subdyn(rng, kind: str, designed: bool) -> Drawn:
     extent = {"monopile": rng.uniform(80, 160), "jacket": rng.uniform(50, 140), "lattice": rng.uniform(20, 120),
-              "building": rng.uniform(10, 80)}[kind]
+              "building": rng.uniform(10, 80), "tripod": 90.0}[kind]
     plan = plans.draw(kind, rng, float(extent), bars=False)
     frame = plan.skeleton
     # water's mass has no table in the file; the truth's mesh is finer than the file's
