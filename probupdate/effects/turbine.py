@@ -92,11 +92,6 @@ def _in_soil(d: Description) -> str:
     return "all legs" if isinstance(d, OnJacket) else d.stands_on
 
 
-def _faces(d: OnJacket) -> dict[str, tuple[str, str]]:
-    names = d.jacket.leg_names
-    return {a + b: (a, b) for a, b in zip(names, (*names[1:], names[0]), strict=True)}
-
-
 def _bays(d: OnJacket) -> range:
     return range(1, len(d.jacket.bay) + 1)
 
@@ -115,11 +110,11 @@ def _joint(name: str, location: str, on: dict) -> Effect:
 
 def _jacket(d: OnJacket) -> Iterator[Effect]:
     for bay in _bays(d):
-        for face in _faces(d):
+        for face in d.jacket.faces:
             yield _brace(f"brace_{face}_{bay}", f"face {face}, bay {bay}", {"group": "brace", "face": face, "bay": bay})
     if joint_law(d.jacket.joints.law) is not None:
         for bay in _bays(d):
-            for face in _faces(d):
+            for face in d.jacket.faces:
                 yield _joint(f"joint_{face}_{bay}", f"face {face}, bay {bay}", {"face": face, "bay": bay})
     for bay in _bays(d):
         for leg in d.jacket.leg_names:
@@ -130,15 +125,16 @@ def _jacket(d: OnJacket) -> Iterator[Effect]:
 
 def _single_members(d: OnJacket) -> Iterator[Effect]:
     for bay in _bays(d):
-        for face, legs in _faces(d).items():
+        for face, legs in d.jacket.faces.items():
             for first, second in (legs, legs[::-1]):
-                part = f"brace {first}{second}-{bay}"
-                yield _brace(f"brace_{first}{second}_{bay}_alone", f"{part}, face {face}, bay {bay}", {"part": part})
+                name = d.jacket.between(first, second)
+                part = f"brace {name}-{bay}"
+                yield _brace(f"brace_{name}_{bay}_alone", f"{part}, face {face}, bay {bay}", {"part": part})
                 if joint_law(d.jacket.joints.law) is None:
                     continue
                 for leg in legs:
                     where = f"{part} at leg {leg}, face {face}, bay {bay}"
-                    yield _joint(f"joint_{first}{second}_{bay}_at_{leg}", where, {"part": part, "leg": leg})
+                    yield _joint(f"joint_{name}_{bay}_at_{leg}", where, {"part": part, "leg": leg})
 
 
 def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:
@@ -328,7 +324,7 @@ def _water_of_bays(d: OnJacket, growth: dict, flooded: dict) -> Iterator[Effect]
         yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0,
                    on={"level_m": (d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m)},
                    signature="second bending falls", **growth)
-        for face in _faces(d):
+        for face in d.jacket.faces:
             yield _row(f"flood_brace_{face}_{bay}", "flooding", "flooded braces", f"face {face}, bay {bay}",
                        on={"group": "brace", "face": face, "bay": bay}, low=0.0, high=1.0,
                        signature="second bending falls", **flooded)

@@ -81,6 +81,21 @@ class Jacket(Table):
     bay: Annotated[tuple[Bay, ...], Field(min_length=1)]
     joints: Joints
 
+    def between(self, first: str, second: str) -> str:
+        """Name of a face or brace of two legs: "AB"; "A-BC" where legs A, BC, AB and C would have two faces "ABC"."""
+        pairs = list(zip(self.leg_names, (*self.leg_names[1:], self.leg_names[0]), strict=True))
+        # a run of hyphens longer than any name leaves no two alike
+        for dash in ("-" * k for k in range(2 + max(map(len, self.leg_names)))):
+            if len({x for a, b in pairs for x in (a + dash + b, b + dash + a)}) == 2 * len(pairs):
+                break
+        return first + dash + second
+
+    @property
+    def faces(self) -> dict[str, tuple[str, str]]:
+        """Name of each face -> its two legs, in their order."""
+        return {self.between(a, b): (a, b)
+                for a, b in zip(self.leg_names, (*self.leg_names[1:], self.leg_names[0]), strict=True)}
+
 
 class Hydrodynamics(Table):
     added_mass_coefficient: NotNegative

@@ -28,9 +28,8 @@ def faces(d: Description) -> dict[str, str]:
     found: dict[str, str] = {}
     if not isinstance(d, OnJacket):
         return found
-    names = d.jacket.leg_names
-    for first, second in zip(names, (*names[1:], names[0]), strict=True):
-        found |= {first + second: first + second, second + first: first + second}
+    for name, (first, second) in d.jacket.faces.items():
+        found |= {name: name, d.jacket.between(second, first): name}
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
@@ -62,9 +61,9 @@ def _jacket_place(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
     if away.min() < near:
         return f"leg {d.jacket.leg_names[int(np.argmin(away))]}, {level}"
     bay = bay_at(d, z)
-    for (a, first), (b, second) in pairwise([*enumerate(legs), (0, legs[0])]):
+    for face, first, second in zip(d.jacket.faces, legs, (*legs[1:], legs[0]), strict=True):
         way = (second - first)[:2]
         off = np.array([x, y]) - first[:2]
         if bay is not None and abs(way[0] * off[1] - way[1] * off[0]) / np.linalg.norm(way) < near:
-            return f"face {d.jacket.leg_names[a]}{d.jacket.leg_names[b]}, bay {bay}"
+            return f"face {face}, bay {bay}"
     return ""

@@ -12,6 +12,11 @@ from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.part_places import words_of
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.wording import own_response_actions
+from probupdate.effects.turbine import turbine_effects
+from probupdate.structure.description_file import parse_description
+from probupdate.structure.load import reference_model
+from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.turbine_frame import build_frame
 
 
 def scaled(prepared: Prepared, factor: float) -> Prepared:
@@ -65,3 +70,32 @@ def test_what_is_found_does_not_hang_on_the_size_of_the_structure(pictured_frame
     for a, b in zip(*parts, strict=True):
         assert (a["cause"], a["time_profile"]) == (b["cause"], b["time_profile"])
         assert b["size"] == pytest.approx(a["size"])
+
+
+def described(legs: tuple[str, ...]):
+    """The reference turbine with its legs named so, without the effects of its file."""
+    raw = read_toml(reference_model("as_built"))
+    new = dict(zip(raw["jacket"]["leg_names"], legs, strict=True))
+    raw["jacket"]["leg_names"] = list(legs)
+    raw["parameter"] = [p for p in raw["parameter"] if "kind" not in p]
+    for sensor in raw["sensor"]:
+        if sensor["part"].startswith("leg "):
+            sensor["part"] = f"leg {new[sensor['part'].removeprefix('leg ')]}"
+    return parse_description(raw, "model.toml")
+
+
+@pytest.mark.parametrize("legs", [("A", "BC", "AB", "C"), ("A", "a", "A 1", "A-1"), ("A", "A-", "-A", "--")])
+def test_faces_of_legs_of_any_names_are_told_apart(legs):
+    """Legs A and BC, AB and C: two faces were "ABC", one row for both."""
+    d = described(legs)
+    rows = turbine_effects(d, single_members=True)
+    faces = [row for row in rows if row.cause == "brace stiffness lost" and row.location.startswith("face ")]
+    assert len(faces) == 4 * len(d.jacket.bay)
+    assert len({row.adds.name for row in rows}) == len({(row.cause, row.location) for row in rows}) == len(rows)
+    braces = {beam.part for beam in build_frame(d).beams if beam.group == "brace"}
+    assert len(braces) == 8 * len(d.jacket.bay)
+    assert {row.adds.on["part"] for row in rows if "part" in (row.adds.on or {})} >= braces
+
+
+def test_faces_of_the_reference_keep_their_names():
+    assert tuple(described(("A", "B", "C", "D")).jacket.faces) == ("AB", "BC", "CD", "DA")
