@@ -223,10 +223,10 @@ def _mean_factors(each: list[CovarianceFactors], frequency: Mean, shape: Mean, d
 
 
 def _mean_environment(sets: Sequence[ModalSet]) -> dict[str, float]:
-    """Means of numbers, of the nacelle's angle around the circle; words that all have."""
+    """Means of numbers, of the nacelle's angle around the circle; words that all have. None: not known."""
     found = {}
-    for key in dict.fromkeys(key for s in sets for key in s.environment):
-        values = [s.environment[key] for s in sets if key in s.environment]
+    for key in dict.fromkeys(key for s in sets for key, value in s.environment.items() if value is not None):
+        values = [s.environment[key] for s in sets if s.environment.get(key) is not None]
         if isinstance(values[0], str):
             found[key] = values[0]
         elif key == ANGLE:

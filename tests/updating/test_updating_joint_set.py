@@ -81,6 +81,15 @@ def test_joint_covariance_of_equal_sets_is_one_over_their_number():
         factors.ln_frequency @ factors.ln_frequency.T / 9, rel=1e-6)
 
 
+def test_conditions_that_some_sets_do_not_know_are_means_of_the_others():
+    """Null in modes.json, as `identify` writes where one of a pair was not measured; it ended in a traceback."""
+    data = frequency_sets(np.tile([1.0, 3.0], (4, 1)), 0.01)
+    known = ({"state": "idling", "a": None, "b": 0.5}, {"state": "idling", "a": None, "b": None},
+             {"state": "idling", "a": None, "b": 1.0}, {"state": "idling"})
+    data = replace(data, sets=tuple(replace(s, environment=e) for s, e in zip(data.sets, known, strict=True)))
+    assert dict(joint_set(data).data.set().environment) == {"state": "idling", "b": 0.75}
+
+
 @pytest.mark.parametrize(("environment", "words"), (
     ({"state": "rated"}, "1 sets are in other conditions than state idling"),
     ({"state": "idling", "nacelle_angle_deg": 90.0}, "in 1 sets the nacelle looked elsewhere than at 0 deg"),
