@@ -446,7 +446,7 @@ def test_the_page_of_benchmarks_is_that_of_their_table(tmp_path):
     (tmp_path / "printed.txt").write_text(
         "without deviations: 33 ms; 6 projected references 22 ms; plain numpy 0.08 s, ratio 2.4\n"
         "reduced basis, 1000 at once                      1700.0     20.10\n"
-            "all of sample over emcee, ten parameters: 25.8\n"
+        "all of sample over emcee, ten parameters: 25.8\n"
         "a page of 4.3 MB: 3.6 s of it, 3.0 s of that, ratio 1.20; by the clock 3.0; pages are NOT the same\n")
     found = history.found(tmp_path)
     # a page that came out otherwise has no ratio

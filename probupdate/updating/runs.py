@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,6 +58,8 @@ SETTLING_MAC = CONSTANTS.settling_mac
 N_START = 12
 # responses that change by less, in standard deviations, are the same
 SWAPPED = 1e-4
+# pairs of exchanges that are tried at once, and orders of parameters that are counted, at most
+MOST_EXCHANGES, MOST_ORDERS = 2000, 50_000
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -470,11 +472,13 @@ def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None,
     said = []
     if maxima > 1:
         alike = exchangeable(problem, laplace.theta)
+        number = count(alike, problem.parameters.names)
+        words = _exchange_words(alike)
         said.append(f"{maxima} separate maxima of the posterior, found by {N_START} starts and all of them sampled; "
                     "there may be more, and ln evidence counts those found"
-                    + (f"; {' and '.join(' = '.join(names) for names in alike)} may be exchanged without a change of "
-                       f"any response: {count(alike)} maxima by construction, for which ln evidence lacks "
-                       f"{np.log(max(count(alike) / maxima, 1.0)):.2f} where each has the same mass" if alike else ""))
+                    + (f"; {words} may be exchanged without a change of any response: {number} maxima by construction, "
+                       f"for which ln evidence lacks {np.log(max(number / maxima, 1.0)):.2f} where each has the same "
+                       "mass" if alike else ""))
     if likely is not None:
         said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if laplace.misfit > beyond_chance(problem.n_effective):
@@ -483,31 +487,63 @@ def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None,
     return said
 
 
-def exchangeable(problem: Problem, theta: np.ndarray) -> list[list[str]]:
-    """Groups of parameters with the same prior whose exchange leaves all responses as they are, at theta (n_param,)."""
+Exchange = tuple[tuple[str, str], ...]
+
+
+def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
+    """Exchanges of parameters with the same prior that leave all responses as they are, at theta (n_param,): of two
+    parameters, or of two pairs at once, as of substructures that are built alike."""
     parameters = problem.parameters
     if parameters.correlation is not None:
         return []
-    at, groups = np.clip(theta + 0.1 * parameters.std * np.arange(1, len(theta) + 1) / len(theta), parameters.lower,
-                         parameters.upper), []
-    response = problem.predict(at)
-    for k, p in enumerate(parameters):
-        for group in groups:
-            first = parameters.items[group[0]]
-            swapped = at.copy()
-            swapped[[group[0], k]] = swapped[[k, group[0]]]
-            alike = replace(first, name=p.name, description=p.description) == p
-            if alike and np.all(np.abs(problem.weighted(problem.predict(swapped) - response)) < SWAPPED):
-                group.append(k)
-                break
-        else:
-            groups.append([k])
-    return [[parameters.names[k] for k in group] for group in groups if len(group) > 1]
+    # no two parameters at one value, at a bound neither
+    step = 0.1 * parameters.std * np.arange(1, len(theta) + 1) / len(theta)
+    at = np.maximum(np.where(theta + step > parameters.upper, theta - step, theta + step), parameters.lower)
+    names, items = parameters.names, parameters.items
+    pairs = [(i, j) for i, j in combinations(range(len(names)), 2)
+             if replace(items[i], name=names[j], description=items[j].description) == items[j]]
+
+    def unchanged(exchanges: list[tuple[tuple[int, int], ...]]) -> list[tuple[tuple[int, int], ...]]:
+        if not exchanges:
+            return []
+        swapped = np.tile(at, (len(exchanges), 1))
+        for row, exchange in zip(swapped, exchanges, strict=True):
+            for i, j in exchange:
+                row[[i, j]] = at[[j, i]]
+        off = problem.weighted(problem.predict_many(swapped).response - problem.predict(at))
+        return [one for one, apart in zip(exchanges, off, strict=True) if np.all(np.abs(apart) < SWAPPED)]
+
+    single = unchanged([(pair,) for pair in pairs])
+    left = [pair for pair in pairs if (pair,) not in single]
+    both = [(a, b) for a, b in combinations(left, 2) if not {*a} & {*b}]
+    found = [*single, *unchanged(both[:MOST_EXCHANGES])]
+    return [tuple((names[i], names[j]) for i, j in one) for one in found]
 
 
-def count(groups: list[list[str]]) -> int:
-    """In how many orders the groups of exchangeable parameters may stand."""
-    return math.prod(math.factorial(len(group)) for group in groups)
+def _exchange_words(exchanges: Sequence[Exchange]) -> str:
+    """Parameters that any exchange of two reaches side by side, then pairs that go together."""
+    groups: list[set[str]] = []
+    for pair in (one[0] for one in exchanges if len(one) == 1):
+        reached = [g for g in groups if g & {*pair}]
+        groups = [g for g in groups if not g & {*pair}] + [{*pair}.union(*reached)]
+    together = [", ".join(f"{a} with {b}" for a, b in one) + " at once" for one in exchanges if len(one) > 1]
+    return " and ".join([*(" = ".join(sorted(group)) for group in groups), *together])
+
+
+def count(exchanges: Sequence[Exchange], names: Sequence[str]) -> int:
+    """How many orders of the parameters these exchanges lead to, one after another; no more than MOST_ORDERS are
+    counted."""
+    orders = {tuple(names)}
+    fresh = list(orders)
+    while fresh and len(orders) < MOST_ORDERS:
+        order = fresh.pop()
+        for exchange in exchanges:
+            swap = dict(exchange) | {b: a for a, b in exchange}
+            moved = tuple(swap.get(name, name) for name in order)
+            if moved not in orders:
+                orders.add(moved)
+                fresh.append(moved)
+    return len(orders)
 
 
 def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:

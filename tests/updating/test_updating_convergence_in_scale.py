@@ -1,12 +1,14 @@
 """A chain whose means agree and whose widths do not has not converged; exchangeable parameters are counted."""
 
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from updating_cases import LINEAR_PARAMETERS, linear_problem, modal_set
 
+from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
@@ -14,6 +16,7 @@ from probupdate.updating.ensemble import R_HAT_LIMIT, nested_r_hat
 from probupdate.updating.importance import N_DRAW, WeightedDraws, agree
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.runs import count, exchangeable
+from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
 
 def test_an_ensemble_of_another_width_shows_in_folded_draws_alone():
@@ -67,9 +70,46 @@ def test_parameters_that_may_be_exchanged_are_found_and_counted():
     alike = [Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4)]
     other = Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)
     problem = oscillators((*alike, other))
-    groups = exchangeable(problem, problem.parameters.initial)
-    assert groups == [["k0", "k1", "k2", "k3"]] and count(groups) == 24
+    found = exchangeable(problem, problem.parameters.initial)
+    assert {frozenset(pair) for (pair,) in found} == {frozenset(p) for p in combinations(["k0", "k1", "k2", "k3"], 2)}
+    assert count(found, problem.parameters.names) == 24
     # another prior is another parameter
     less = oscillators((*alike[:3], replace(alike[3], std=0.2), other))
-    assert exchangeable(less, less.parameters.initial) == [["k0", "k1", "k2"]]
+    assert count(exchangeable(less, less.parameters.initial), less.parameters.names) == 6
     assert exchangeable(linear_problem(np.array([1.0, 2, 4, 8, 16])), LINEAR_PARAMETERS.initial) == []
+
+
+@pytest.mark.parametrize("n_alike", [2, 3])
+@pytest.mark.parametrize("at_bound", [False, True])
+def test_substructures_built_alike_are_exchanged_with_all_their_parameters(n_alike, at_bound):
+    """Two springs a substructure: neither may be exchanged alone, the substructures may, in every order."""
+    items = tuple(Parameter(name=f"{which}{j}", unit="-", initial=1.0, std=0.3, lower=0.1, upper=2.0)
+                  for j in range(n_alike) for which in ("below", "above"))
+
+    def function(theta):
+        below, above = theta[::2], theta[1::2]
+        own = [np.linalg.eigvalsh([[b + a, -a], [-a, a]]) for b, a in zip(below, above, strict=True)]
+        return np.sqrt(np.sort(np.concatenate(own))), np.eye(2 * n_alike)
+
+    channels = tuple(f"c{k}" for k in range(2 * n_alike))
+    model = FunctionModel(name="alike", parameters=Parameters(items), channels=channels, version="1", function=function)
+    hz = function(np.linspace(0.8, 1.2, 2 * n_alike))[0]
+    problem = build_problem(model, ModalData(channels=channels, sets=(modal_set(hz, np.eye(2 * n_alike)),)),
+                            weights=Weights(shapes="none"), clusters=[(j,) for j in range(2 * n_alike)])
+    found = exchangeable(problem, np.full(2 * n_alike, 2.0 if at_bound else 1.0))
+    assert len(found) == n_alike * (n_alike - 1) // 2 and all(len(one) == 2 for one in found)
+    assert count(found, problem.parameters.names) == {2: 2, 3: 6}[n_alike]
+
+
+@pytest.mark.parametrize("value", [True, "2", float("nan"), 2.5, None, [2], 0, -1])
+@pytest.mark.parametrize("name", ["walkers_per_parameter", "target_ess", "max_steps", "ensembles"])
+def test_settings_that_are_no_positive_whole_numbers_are_refused(name, value):
+    with pytest.raises(InputError, match=f"{name}: .*(is no whole number|is below 1)"):
+        SamplerSettings(**{name: value})
+
+
+@pytest.mark.parametrize("settings", [{"alpha": True}, {"alpha": float("nan")}, {"alpha": None}, {"method": 2},
+                                      {"iterations": True}, {"iterations": "2"}, {"iterations": float("nan")}])
+def test_settings_of_the_update_that_are_no_such_thing_are_refused(settings):
+    with pytest.raises(InputError, match=f"{next(iter(settings))}: .* is no (whole )?(number|word)"):
+        UpdateSettings(**settings)
