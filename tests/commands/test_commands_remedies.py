@@ -342,6 +342,25 @@ MODELS |= {
     "held beyond its bounds": (building("update", *UPDATE, "--fix", "low=9"), "low", lambda f, words, text: [
         w.replace("low=9", "low=0.1") for w in words]),
 }
+
+
+def with_units(made: pd.DataFrame) -> str:
+    head, rest = csv(made).split("\n", 1)
+    return f"{head}\n-{',m/s2' * len(PLACES)}\n{rest}"
+
+
+def without_groups(folder: Path) -> list[str]:
+    np.savez(folder / "given.npz", K=matrices()["K0"], M=matrices()["M0"])
+    return ["matrices", str(folder / "given.npz"), "--parameters", str(folder / "none.toml"), "--out",
+            str(folder / "made" / "model.npz")]
+
+
+RECORDS |= {
+    "line of the names": (record(table(lambda t: "Logger 3\n\n" + csv(t)), UTC), "columns' names in line 3",
+                          into("convert.toml")),
+    "line of the units": (record(table(with_units), UTC), "is a unit", into("convert.toml")),
+}
+MODELS |= {"groups that are not there": (without_groups, "no such file", without("--parameters"))}
 CASES = RECORDS | MODELS | LOOKS | CAMPAIGNS
 
 
