@@ -62,6 +62,10 @@ def against_model(
     """Some blocks are identified without standard deviations, their shapes taken together, and each block asked again.
     Raises InputError where the model has not the campaign's channels."""
     sought = reference_at([campaign], model, where=campaign.path, parameters=parameters)
+    held = 0 if sought.modes is None else int(np.sum(2 * sought.modes.frequency_hz < campaign.sampling_rate_hz))
+    if sought.modes is not None and 0 < held < len(sought.modes.frequency_hz):
+        # what the records cannot hold need not be there to hold the others against it
+        sought = reference_at([campaign], model, where=campaign.path, parameters=parameters, lowest=held)
     chosen, said = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
     held = _shapes_against(campaign, model, parameters, sought, chosen, progress)
     suspected = [text for text in (*sought.notes, *said) if text.startswith("suspect")]

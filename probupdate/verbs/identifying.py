@@ -150,15 +150,16 @@ def ssi_settings(
     campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings,
     reference: ReferenceModes | None = None,
 ) -> tuple[SSISettings, list[str]]:
-    """What is given; the rest as the paper, where the model has members and the paper's rate holds the modes that are
-    looked for, or as the record proposes; and what is to be said of that. Raises InputError where the rate holds not
-    all modes of `reference`, which are looked for."""
+    """What is given; the rest as the paper, where the model has members, the paper's rate holds the modes that are
+    looked for and the records hold that rate, or as the record proposes; and what is to be said of that. Raises
+    InputError where the rate holds not all modes of `reference`, which are looked for."""
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said, units = [], ""
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
-    if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ:
+    recorded = min(c.sampling_rate_hz for c in campaigns)
+    if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ <= recorded:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
@@ -167,7 +168,7 @@ def ssi_settings(
         units = "" if reference is None else _other_units(reference, found.peaks_hz[0])
         said += [f"suspect: {units}"] if units else []
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
-    _refuse_slow(settings.target_rate_hz, highest, min(c.sampling_rate_hz for c in campaigns), units)
+    _refuse_slow(settings.target_rate_hz, highest, recorded, units)
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
