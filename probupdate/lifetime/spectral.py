@@ -21,6 +21,7 @@ METHODS = ("park", "dirlik", "tovo-benasciutti")
 ORDERS = (0, 1, 2, 4, 0.54, 1.08, 0.93, 1.86, 0.95, 1.9, 1.95, 3.9, 1.97, 3.94)
 # a spectrum with an irregularity factor above it is narrow: the fits divide zero by zero there
 NARROW = 0.9999
+LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,13 +125,20 @@ def park(m: np.ndarray) -> Ranges:
     irregular = m2 / (np.sqrt(m0) * np.sqrt(m4))
     narrow = irregular.real > NARROW
     g = np.where(narrow, 0.5, irregular)
+    one, zero = np.ones_like(g), np.zeros_like(g)
     second, third = bandwidth[2] * bandwidth[4], bandwidth[0] * bandwidth[1] * bandwidth[3]
     c1, c2 = (second - third) / (g**2 * (1 - g)), (third - g * second) / (1 - g)
-    c0 = 1 - c1 - c2
-    # of next to no cycles it may come out below zero, where only its modulus has a meaning
-    rest = np.pi / 2 * (g - c1 * g - c2) / np.where(narrow, 1.0, c0)
+    # far from the fit's spectra shares come out below zero or above one in all, and what is left of the mean with next
+    # to no cycles: a half-Gaussian of all cycles has the scale pi g / 2, and none is wider than the whole process
+    c1, c2 = (np.where(c.real < 0, zero, c) for c in (c1, c2))
+    both = c1 + c2
+    c1, c2 = (np.where(both.real > 1, c / np.where(both.real > 1, both, one), c) for c in (c1, c2))
+    c0 = np.where((1 - c1 - c2).real < LEAST_SHARE, zero, 1 - c1 - c2)
+    rest = np.pi / 2 * (g - c1 * g - c2) / np.where(c0 == 0, one, c0)
     rest = np.where(rest.real < 0, -rest, rest)
-    two, one, zero = 2 * np.sqrt(m0), np.ones_like(g), np.zeros_like(g)
+    widest = np.where(np.pi / 2 * g.real > 1, one, np.pi / 2 * g)
+    rest = np.where(rest.real > widest.real, widest, rest)
+    two = 2 * np.sqrt(m0)
     return Ranges(
         rate=np.sqrt(m4 / m2),
         kind=("g", "r", "r"),

@@ -101,6 +101,25 @@ def test_damage_of_swell_beside_a_resonance_and_slow_wind(variances, validation)
     row.error(park(moments(f, spectrum)).damage(T_CURVE) / counted - 1, below=0.17)
 
 
+def test_shares_of_cycles_are_none_below_zero_for_any_spectrum():
+    """Slopes, resonances and humps of any variance between 1/600 and 3 Hz; no range above those of a narrow band."""
+    rng, f = np.random.default_rng(0), np.geomspace(1 / 600, 3, 600)
+    for _ in range(400):
+        spectrum = np.zeros_like(f)
+        for kind in rng.integers(3, size=rng.integers(1, 5)):
+            at = np.exp(rng.uniform(np.log(f[0]), np.log(f[-1])))
+            ratio, width = 10 ** rng.uniform(-2.3, -0.5), rng.uniform(0.02, 1)
+            part = (f ** rng.uniform(-4, 3), 1 / ((1 - (f / at) ** 2) ** 2 + (2 * ratio * f / at) ** 2),
+                    np.exp(-0.5 * (np.log(f / at) / width) ** 2))[kind]
+            spectrum += 10 ** rng.uniform(-6, 2) * part / np.trapezoid(part, f)
+        m = moments(f, spectrum)
+        one = park(m)
+        assert min(map(float, one.weight)) >= 0
+        for k, rayleigh in ((3, 1.329340388), (5, 3.323350970)):
+            highest = np.sqrt(m[3] / m[2]) * (2 * np.sqrt(2 * m[0])) ** k * rayleigh
+            assert 0 < one.moment(k) <= 1.001 * highest
+
+
 def test_dirliks_moment_is_the_integral_of_his_density(validation):
     row = validation(what="moments of Dirlik's density, two slopes", reference="quadrature", why="quadrature")
     one = dirlik(moments(F, SPECTRA["two peaks"]))
