@@ -72,6 +72,14 @@ def test_a_reversed_channel_is_named(building, capsys, number):
     assert "so say 4 of 4 blocks alone" in first
 
 
+def test_a_reversed_channel_is_named_beside_a_model_that_is_far_off(building, capsys):
+    """Storeys 8 to 14 of the model half as stiff: the shapes agree by 0.88 at best."""
+    softer = matrices()["K0"] - 0.45 * storey_matrix(GROUPS[1])
+    folder = campaign(building, "reversed beside another", reversed_channel(3))
+    first, _ = against(folder, placed(building, "softer", K0=softer), capsys)
+    assert f"channel {CHANNELS[3]} with the opposite sign would explain it" in first and "would be 0.88" in first
+
+
 def test_exchanged_channels_are_named(building, capsys):
     folder = campaign(building, "exchanged", lambda data: data[:, [0, 3, 2, 1, 4]])
     first, _ = against(folder, building / "model.npz", capsys)
