@@ -55,8 +55,7 @@ N_HUNG_DIRECTION, TUNED_APART, FAR_APART = 8, 2 * TUNING_STD, 0.36
 SHARE, MOST, MOST_HUNG = 0.1, 100.0, 10.0
 # parts that are scored at once, and how many of a kind are fitted
 CHUNK, FITTED = 160, 3
-# ln by which first order may err where the other parameters were bent to follow what a part does: a fender promised 13
-# less than two scours, and was, fitted, 6 ahead of them
+# ln by which first order may err where the other parameters were bent to follow what a part does
 FIRST_ORDER_ERRS = 20.0
 # score correlation from which a part does what the row itself does: a mass on the nacelle is the nacelle's
 SAME = 0.98

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 SEEN_TILT = 0.001
 # how much parameters of a group change together, in any unit from shares to N/m
 LEAST_CHANGE, MOST_CHANGE = 1e-9, 1e9
-# of what a model usually leaves out, tried for a record that is unexplained
-LARGER_ERRORS = (2.0, 4.0)
+# of what a model usually leaves out, tried for a record that is unexplained, the largest first
+LARGER_ERRORS = (4.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,7 +182,9 @@ def _with_larger_error(
     prepared: Prepared, data: ModalData, seed: int, runs: Executor, progress: Progress
 ) -> list[str]:
     """What to say where the least of a few larger errors of the model explains the record, and what is found beside it:
-    what begins within the record is there whatever the model misses throughout."""
+    what begins within the record is there whatever the model misses throughout. What the largest leaves unexplained no
+    smaller one explains."""
+    said: list[str] = []
     for scale in LARGER_ERRORS:
         share = scale * DISCREPANCY_LOG
         try:
@@ -191,10 +193,11 @@ def _with_larger_error(
         except ConvergenceError:
             # of a model that far off nothing is said
             continue
-        if found.verdict != "unexplained":
-            findings = [asdict(f) | {"since": f.time_profile_start} for f in found.findings]
-            return [larger_error_words(share, scale * DISCREPANCY_SHAPE, found.verdict, findings)]
-    return []
+        if found.verdict == "unexplained":
+            break
+        findings = [asdict(f) | {"since": f.time_profile_start} for f in found.findings]
+        said = [larger_error_words(share, scale * DISCREPANCY_SHAPE, found.verdict, findings)]
+    return said
 
 
 def _unknown_cause(
