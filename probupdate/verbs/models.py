@@ -140,6 +140,9 @@ class ModelAt:
         said = {"gravity": gravity_said(self(modal_set), channels, self.felt, modal_set)}
         if self.fix:
             said["held"] = ", ".join(f"{name} at {value:g}" for name, value in self.fix.items())
+        if self.alternatives:
+            names = (Path(one).stem if isinstance(one, str | Path) else one.name for one in self.alternatives)
+            said["alternatives"] = f"the truth may lie anywhere from this model to {', '.join(names)}"
         if not self.turns:
             return said
         text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
