@@ -11,8 +11,8 @@ from probupdate.campaign.stated import NOT_A_NUMBER, known_unit
 
 # of columns, where it is not the stated one
 SEPARATORS = (";", "\t", "|", ",")
-# lines that are looked at
-MOST_LINES = 200
+# lines that are looked at, and characters of each
+MOST_LINES, LONGEST = 200, 100_000
 # a table of Campbell's loggers begins with this word, then come its names, units and kinds of processing
 TOA5 = "TOA5"
 # cells of a row that are no numbers at most: date and time
@@ -40,7 +40,7 @@ def first_lines(path: Path, encoding: str | None = None) -> tuple[list[str], str
     for name in tried:
         try:
             with path.open(encoding=name, newline="") as stream:
-                return list(islice(stream, MOST_LINES)), name.removesuffix("-sig")
+                return list(islice(iter(lambda: stream.readline(LONGEST), ""), MOST_LINES)), name.removesuffix("-sig")
         except UnicodeError:
             continue
     return [], tried[-1]
@@ -54,8 +54,7 @@ def table_layout(path: Path) -> TableLayout | None:
 
 
 def _by(lines: list[str], separator: str, encoding: str) -> TableLayout | None:
-    cells = [tuple(c.strip() for c in row) for row in
-             (next(csv.reader([line], delimiter=separator, skipinitialspace=True), []) for line in lines)]
+    cells = [_cells(line, separator) for line in lines]
     # with a separator of its own a comma within a cell is the decimal sign
     decimal = "," if separator != "," and any("," in c and is_number(c, ",") for row in cells for c in row) else "."
     width = len(cells[-1]) if cells else 0
@@ -70,6 +69,14 @@ def _by(lines: list[str], separator: str, encoding: str) -> TableLayout | None:
         separator=separator, decimal=decimal, encoding=encoding, skip_rows=first if names is None else names,
         names=() if names is None else cells[names], units_row=None if of_units is None else of_units + 1,
         units=() if of_units is None else cells[of_units], rows=tuple(rows))
+
+
+def _cells(line: str, separator: str) -> tuple[str, ...]:
+    try:
+        return tuple(c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True), []))
+    except csv.Error:
+        # binary, or a cell without an end: no table's line
+        return ()
 
 
 def _is_row(row: tuple[str, ...], decimal: str) -> bool:

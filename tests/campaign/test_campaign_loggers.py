@@ -484,3 +484,11 @@ def test_a_described_campaign_is_not_written_over(job, tmp_path, capsys):
 def test_convert_without_its_paths_says_what_to_give(words, capsys):
     assert main(["convert", *words]) == 2
     assert "--describe RAW --out campaign.toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"a,b\n\x00\x01,\x02\n", b'a,b\n"' + b"x" * 200_000 + b"\n", b"", b"\n\n"])
+def test_a_text_that_is_no_table_is_not_described(tmp_path, capsys, content):
+    (tmp_path / "raw.csv").write_bytes(content)
+    out = tmp_path / "c" / "campaign.toml"
+    assert main(["convert", "--describe", str(tmp_path / "raw.csv"), "--out", str(out)]) == 2
+    assert "has no rows of numbers" in capsys.readouterr().err
