@@ -16,8 +16,9 @@ from probupdate.identification.free_decay import SAID, DecayRecord, decay_of
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
 from probupdate.identification.order_average import ModePoles, alone, averages, twins
-from probupdate.identification.preprocessing import filter_reach, resampled
+from probupdate.identification.preprocessing import PASS_SHARE, filter_reach, resampled
 from probupdate.identification.record import IdentifiedRecord, references_within
+from probupdate.identification.refinement import refined
 from probupdate.identification.ssi import Poles
 from probupdate.identification.steadiness import amplitude_kurtosis
 from probupdate.modal.modes import Sensor
@@ -101,11 +102,12 @@ def common_quantity(sensors: tuple[Sensor, ...]) -> str:
 class BlockFactors:
     """Some poles of a block averaged over model orders (`order_average`), with covariance factors: `key` names them by
     the chosen pole's model order and index within the order's poles; kurtosis (n_pole,) of their amplitudes
-    (`steadiness`), NaN where samples are lost."""
+    (`steadiness`), NaN where samples are lost; by_likelihood (n_pole,) bool: those that `refinement` replaced."""
 
     key: tuple[tuple[int, int], ...]
     poles: ModePoles
     kurtosis: np.ndarray
+    by_likelihood: np.ndarray = field(default_factory=lambda: frozen_array(np.zeros(0, bool), bool))
 
     @property
     def std(self) -> dict[tuple[int, int], tuple[float, float]]:
@@ -145,8 +147,8 @@ def identify_factors(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
     rotor_rpm: tuple[float, float] | None, known: BlockPoles, keys: tuple[tuple[int, int], ...],
 ) -> BlockFactors:
-    """The poles `keys` (model order, index) of a block whose poles are known, averaged over orders, with their
-    covariance factors.
+    """The poles `keys` (model order, index) of a block whose poles are known, averaged over orders and then at the
+    greatest likelihood of the block's spectra (`refinement`), with their covariance factors.
 
     The record is read once more: only poles that stand for modes are worth the time, and which ones do is known when
     the whole campaign is.
@@ -162,7 +164,14 @@ def identify_factors(
     again = [[(n, _same(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
     poles = averages(found, again)
     whole = isinstance(record, WholeRecord)
-    return BlockFactors(key=keys, poles=poles, kurtosis=frozen_array(amplitude_kurtosis(
+    by_likelihood = np.zeros(len(keys), bool)
+    if whole:
+        thinned = settings.target_rate_hz < block.sampling_rate_hz * (1 - 1e-9)
+        poles, by_likelihood = refined(
+            record.data, record.target_hz, poles, quantity=common_quantity(campaign.sensors),
+            highest_hz=(PASS_SHARE if thinned else 1.0) * record.target_hz / 2,
+            fixed=np.array([k < 0 for _, k in keys]))
+    return BlockFactors(key=keys, poles=poles, by_likelihood=by_likelihood, kurtosis=frozen_array(amplitude_kurtosis(
         record.data, record.target_hz, poles.frequency_hz, poles.damping_ratio, poles.shape)
         if whole else np.full(len(keys), np.nan)))
 

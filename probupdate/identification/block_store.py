@@ -37,7 +37,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, completed
 from probupdate.runtime.progress import Progress, silent
 
-FORMAT = 4
+FORMAT = 5
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the covariance factors of some of them
 POLES, FACTORS = ".poles.npz", ".deviations.npz"
@@ -194,21 +194,20 @@ class BlockStore:
         self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]], *, jobs: int | Executor = 1,
         shard: Shard | None = None, progress: Progress = silent,
     ) -> int:
-        """Covariance factors of the poles (model order, index within it) of each block, where they are not stored
-        yet."""
+        """Covariance factors of the poles (model order, index within it) of each block, where those of just these are
+        not stored yet: what the spectra say of a mode depends on the modes beside it."""
         tasks = []
         for start in self._of_shard(list(wanted), shard):
-            stored = self._factors_there(start)
-            if set(wanted[start]) - stored:
-                keys = tuple(sorted(set(wanted[start]) | stored))
+            if set(wanted[start]) != self._factors_there(start):
+                keys = tuple(sorted(wanted[start]))
                 poles, path = (self.folder / (self._stem(start) + ending) for ending in (POLES, FACTORS))
                 tasks.append((path, poles, *self._task(start), keys))
         self._run("standard deviations of modes", _make_factors, tasks, len(wanted), jobs, progress)
         return len(tasks)
 
     def without_factors(self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]]) -> int:
-        """How many blocks lack the covariance factors of a wanted pole."""
-        return sum(bool(set(some) - self._factors_there(start)) for start, some in wanted.items())
+        """How many blocks lack the covariance factors of just the wanted poles."""
+        return sum(set(some) != self._factors_there(start) for start, some in wanted.items())
 
     def _factors_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
         path = self.folder / (self._stem(start) + FACTORS)
@@ -360,7 +359,7 @@ def _make_poles(
 def _make_factors(
     path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
-    if path.exists() and _is_whole(path) and set(keys) <= _stored_keys(path):
+    if path.exists() and _is_whole(path) and set(keys) == _stored_keys(path):
         return
     known = read_block_poles(poles)
     write_block_factors(path, identify_factors(campaign, start, files, settings, rotor_rpm, known, keys))
@@ -378,6 +377,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
         "damping_ratio": poles.damping_ratio, "shape": poles.shape.astype(np.complex64), "kurtosis": found.kurtosis,
         "ln_frequency_factor": factors.ln_frequency.astype(np.float32),
         "damping_factor": factors.damping_ratio.astype(np.float32), "shape_factor": factors.shape.astype(np.complex64),
+        "by_likelihood": found.by_likelihood,
     }
     write_arrays(path, content | {CHECKSUM: _checksum(content)})
 
@@ -386,6 +386,7 @@ def read_block_factors(path: Path) -> BlockFactors:
     with of_file(path), _opened(path) as content:
         return BlockFactors(
             key=tuple((int(a), int(b)) for a, b in content["key"]), kurtosis=frozen_array(content["kurtosis"]),
+            by_likelihood=frozen_array(content["by_likelihood"], bool),
             poles=ModePoles(
                 frequency_hz=content["frequency_hz"], damping_ratio=content["damping_ratio"],
                 shape=frozen_array(content["shape"], complex), factors=CovarianceFactors(

@@ -39,6 +39,13 @@ class IdentificationConstants:
     same_estimate: float = stated(
         3.0, "std", "a mode's pole at another order is averaged with the chosen one if they differ by less than this",
         "standard deviations of the difference")
+    overlap: float = stated(
+        2.0, "-", "modes whose bands of so many half-power half-widths meet are fitted to the spectra together")
+    largest_misfit: float = stated(
+        1.6, "-", "spectra whose errors' mean square is larger leave the mode as SSI-cov has it", "1 where the model holds")
+    same_mode_std: float = stated(
+        5.0, "std", "a mode stays as SSI-cov has it where its spectra would move it farther",
+        "and by more than its band, or 70 % of its damping")
     range_margin: float = stated(
         0.05, "ln f", "a pole farther outside the range of a mode's poles over the campaign is none of it")
     model_mac: float = stated(0.15, "-", "standard deviation of 1 - MAC that a poor model may miss")

@@ -1,0 +1,125 @@
+"""A block's modes at the greatest likelihood of its spectra, begun from SSI-cov (`spectral_likelihood`).
+
+Single modes and groups of close ones alike. What the likelihood does not bear stays as SSI-cov has it: a group beyond
+three modes, a search that does not end, an estimate outside its own band, and spectra that the model does not fit, such
+as a machine's line or a force far from white beside the mode.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from probupdate.identification.order_average import ModePoles
+from probupdate.identification.settings import CONSTANTS
+from probupdate.identification.spectral_likelihood import GroupFit, Spectrum, Start, fit
+from probupdate.identification.uncertainty import scaled_change
+from probupdate.modal.modes import CovarianceFactors, unit_largest
+from probupdate.runtime.arrays import frozen_array
+
+OVERLAP, MISFIT, SAME = CONSTANTS.overlap, CONSTANTS.largest_misfit, CONSTANTS.same_mode_std
+# modes of one group, and with their neighbours: S has their square of elements
+LARGEST, TOGETHER = 3, 5
+# power of the frequency that a record's spectra have over those of accelerations
+POWER = {"acceleration": 0, "velocity": -1, "displacement": -2}
+
+
+def refined(
+    data: np.ndarray, rate_hz: float, poles: ModePoles, *, highest_hz: float, quantity: str = "acceleration",
+    fixed: np.ndarray | None = None,
+) -> tuple[ModePoles, np.ndarray]:
+    """The modes with what the spectra of their record say of them, and which were replaced (n_mode,) bool.
+
+    data (n_sample, n_channel) at rate_hz, without its mean, its spectra as they were measured up to highest_hz; fixed
+    (n_mode,) bool: modes that stay. The real part of a replaced shape is the likelihood's, its imaginary part SSI-cov's
+    outside the group's plane.
+    """
+    taken = np.zeros(len(poles.frequency_hz), bool)
+    parts, power = poles.factors.n_column, POWER.get(quantity)
+    known = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0) & (poles.frequency_hz < highest_hz)
+    if power is None or parts < 2 or not known.any():
+        return poles, taken
+    spectrum = _spectrum(data, rate_hz, highest_hz, power)
+    real = poles.shape.real
+    level = np.array([spectrum.force_level(f, z, shape) if one else np.nan for one, f, z, shape in zip(
+        known, poles.frequency_hz, poles.damping_ratio, real.T, strict=True)])
+    known &= np.nan_to_num(level) > 0
+    found = []
+    for group in groups(poles.frequency_hz, poles.damping_ratio, np.flatnonzero(known)):
+        if len(group) > min(LARGEST, len(real)) or (fixed is not None and fixed[group].any()):
+            continue
+        away = np.abs(np.log(poles.frequency_hz / np.exp(np.log(poles.frequency_hz[group]).mean())))
+        near = [k for k in np.argsort(away) if known[k] and k not in group][: TOGETHER - len(group)]
+        place = np.array([*group, *near])
+        one = fit(spectrum, Start(
+            n_group=len(group), frequency_hz=poles.frequency_hz[place], damping_ratio=poles.damping_ratio[place],
+            shape=real[:, place], level=level[place]), parts)
+        if one is not None and _bears(one, poles, group):
+            found.append((group, one))
+            taken[group] = True
+    return _with(poles, found), frozen_array(taken, bool)
+
+
+def _spectrum(data: np.ndarray, rate_hz: float, highest_hz: float, power: int) -> Spectrum:
+    """Of accelerations: velocities and displacements take factors of the frequency."""
+    n = len(data)
+    line = fft.rfftfreq(n, 1 / rate_hz)
+    inside = slice(1, int(np.searchsorted(line, highest_hz)))
+    value = fft.rfft(np.ascontiguousarray(data.T), axis=1).T[inside] * np.sqrt(2 / (n * rate_hz))
+    if power:
+        value = value * line[inside, None] ** (-power)
+    return Spectrum(line_hz=line[inside], value=value, seconds=n / rate_hz)
+
+
+def groups(frequency_hz: np.ndarray, damping_ratio: np.ndarray, modes: np.ndarray) -> list[list[int]]:
+    """Modes whose bands of `OVERLAP` half-power half-widths meet are of one group."""
+    found: list[list[int]] = []
+    half = OVERLAP * damping_ratio * frequency_hz
+    for k in modes[np.argsort(frequency_hz[modes])]:
+        if found and frequency_hz[k] - frequency_hz[found[-1][-1]] < half[k] + half[found[-1][-1]]:
+            found[-1].append(int(k))
+        else:
+            found.append([int(k)])
+    return found
+
+
+def _bears(one: GroupFit, poles: ModePoles, group: list[int]) -> bool:
+    """Whether the likelihood's modes may stand for those that the search began from."""
+    f, zeta = poles.frequency_hz[group], poles.damping_ratio[group]
+    f_std, zeta_std = (np.linalg.norm(factor[group], axis=1) for factor in (
+        poles.factors.ln_frequency, poles.factors.damping_ratio))
+    moved = np.abs(np.log(one.frequency_hz / f)) > np.maximum(np.maximum(zeta, one.damping_ratio), SAME * f_std)
+    changed = np.abs(one.damping_ratio - zeta) > np.maximum(0.7 * zeta, SAME * zeta_std)
+    return bool(one.converged and one.misfit < MISFIT and np.all(one.damping_ratio > 0)
+                and not np.any(moved | changed) and np.all(np.isfinite(one.ln_frequency_std)))
+
+
+def _with(poles: ModePoles, found: list[tuple[list[int], GroupFit]]) -> ModePoles:
+    """The modes of each group replaced, with their covariance factors."""
+    if not found:
+        return poles
+    f, zeta, shape = (np.array(a) for a in (poles.frequency_hz, poles.damping_ratio, poles.shape))
+    of_f, of_zeta, of_shape = (np.array(a) for a in (
+        poles.factors.ln_frequency, poles.factors.damping_ratio, poles.factors.shape))
+    for group, one in found:
+        f[group], zeta[group] = one.frequency_hz, one.damping_ratio
+        of_f[group] = _at_least(one.ln_frequency, one.ln_frequency_std)
+        of_zeta[group] = _at_least(one.damping, one.damping_std)
+        scale = one.shape[np.argmax(np.abs(one.shape), axis=0), np.arange(len(group))]
+        real, moved = one.shape / scale, one.shape_change / scale[:, None]
+        plane = np.linalg.qr(real)[0]
+        outside = np.eye(len(real)) - plane @ plane.T
+        together = real + 1j * outside @ shape[:, group].imag
+        moved = moved + 1j * np.tensordot(outside, of_shape[:, group].imag, axes=1)
+        of_shape[:, group] = scaled_change(together, moved)
+        shape[:, group] = unit_largest(together)
+    return ModePoles(frequency_hz=f, damping_ratio=zeta, shape=shape, factors=CovarianceFactors(
+        ln_frequency=of_f, damping_ratio=of_zeta, shape=of_shape))
+
+
+def _at_least(change: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Factors whose standard deviations are those of the information where the record's parts scatter less: these are
+    not quite independent where a mode's memory is as long as a part. Under forces that grow and fade they scatter more.
+    """
+    own = np.linalg.norm(change, axis=1)
+    return change * np.maximum(1.0, std / np.where(own > 0, own, np.inf))[:, None]
