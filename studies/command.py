@@ -79,9 +79,11 @@ STUDIES = {
         question="Which braces of the IASC-ASCE benchmark frame does the diagnosis name?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="1 to 20", takes="hours"),
     "identification": Study(
-        question="How well are modes found, beside the paper's classifier?",
-        runs=(("run.py", OUT, "--days", "1"),), quick=(("run.py", OUT, "--days", "0.1"),), seeds="1, 3",
-        takes="minutes"),
+        question="How well are modes found, beside the paper's classifier, and how near to the bound of their scatter?",
+        runs=(("run.py", OUT, "--days", "1"), ("limit.py", f"{OUT}/limit")),
+        quick=(("run.py", OUT, "--days", "0.1"),
+               ("limit.py", f"{OUT}/limit", "--seeds", "101", "101", "--records", "4")),
+        seeds="1, 3; 101 to 110", takes="minutes"),
     "lifetime": Study(
         question="From a posterior to remaining life: is its uncertainty calibrated?",
         runs=(("calibration.py", OUT), ("time_domain.py", f"{OUT}/time")),

@@ -7,6 +7,6 @@ which pole stands for each mode in each block, `naming` what the modes are calle
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "block_poles", "block_store", "classification", "counterparts", "criteria", "environment", "hand_picked",
-    "harmonics", "identify", "imported_modes", "proposal", "reference", "regression", "roving", "selection", "settings",
-    "setups", "ssi", "summary", "uncertainty",
+    "harmonics", "identify", "imported_modes", "proposal", "reference", "refinement", "regression", "roving",
+    "selection", "settings", "setups", "spectral_likelihood", "ssi", "summary", "uncertainty",
 ]

@@ -72,14 +72,16 @@ class JudgedBlock:
 class ChosenPoles:
     """What is kept of a block's poles: the choice; of the poles that stand for modes, or of their averages over model
     orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; kurtosis (n_mode,) of
-    their amplitudes, where it was asked (`steadiness`); keys: (model order, index within its poles) -> place in the
-    block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+    their amplitudes, where it was asked (`steadiness`); by_likelihood (n_mode,): those whose values
+    are of `refinement`; keys: (model order, index within its poles) -> place in the block's stack; key_of: mode -> key;
+    rows of the table of poles, the mode as its number."""
 
     choice: Choice
     frequency_hz: np.ndarray
     damping_ratio: np.ndarray
     shape: np.ndarray
     kurtosis: np.ndarray
+    by_likelihood: np.ndarray
     keys: dict[tuple[int, int], int]
     rows: dict[str, np.ndarray]
 
@@ -191,8 +193,8 @@ def _picked(
     if hand is not None:
         rows["reason"] = hand.reasons(start, poles)
     return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
-                       kurtosis=np.full(n_mode, np.nan),
-                   rows={name: value[shown] for name, value in rows.items()})
+                       kurtosis=np.full(n_mode, np.nan), by_likelihood=np.zeros(n_mode, bool),
+                       rows={name: value[shown] for name, value in rows.items()})
 
 
 def without_uncertain(
@@ -263,7 +265,8 @@ def covariance_factors_of(blocks: BlockStore, start: pd.Timestamp,
 
 
 def averaged_over_orders(blocks: BlockStore, start: pd.Timestamp, stands: ChosenPoles) -> ChosenPoles:
-    """The same with the averages over model orders in the place of the chosen poles."""
+    """The same with the modes of the stored factors, averages over model orders or of greatest likelihood, in the place
+    of the chosen poles."""
     if not stands.keys:
         return stands
     kept = blocks.read_factors(start)
@@ -273,7 +276,10 @@ def averaged_over_orders(blocks: BlockStore, start: pd.Timestamp, stands: Chosen
         np.array(a) for a in (stands.frequency_hz, stands.damping_ratio, stands.shape, stands.kurtosis))
     frequency[there], damping[there] = kept.poles.frequency_hz[row], kept.poles.damping_ratio[row]
     shape[:, there], kurtosis[there] = kept.poles.shape[:, row], kept.kurtosis[row]
-    return replace(stands, frequency_hz=frequency, damping_ratio=damping, shape=shape, kurtosis=kurtosis)
+    by_likelihood = np.zeros(len(frequency), bool)
+    by_likelihood[there] = kept.by_likelihood[row]
+    return replace(stands, frequency_hz=frequency, damping_ratio=damping, shape=shape, kurtosis=kurtosis,
+                   by_likelihood=by_likelihood)
 
 
 def modal_set(one: StoredBlock, stands: ChosenPoles | None, reference: ReferenceModes) -> ModalSet:

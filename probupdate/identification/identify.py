@@ -44,7 +44,7 @@ from probupdate.identification.physical import (
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.steadiness import of_steady_modes
-from probupdate.identification.summary import summarise
+from probupdate.identification.summary import of_likelihood, summarise
 from probupdate.identification.tracking import Tracked
 from probupdate.io.files import write_table
 from probupdate.io.result_table import table_of
@@ -60,8 +60,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
     """data: a modal set a block, NaN where a mode was not found, with a record of each mode: where it was found and
-    what it is in the model; with standard deviations, of each mode the average over model orders (`order_average`)
-    rather than its pole. poles: every pole with its criterion.
+    what it is in the model; with standard deviations, of each mode the value at the greatest likelihood of the block's
+    spectra (`refinement`), or where these do not bear one the average over model orders, rather than its pole.
+    poles: every pole with its criterion.
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
     MAC to the model's modes of interest and that mode; for a kept pole the mode it was taken for), similarity (to the
@@ -305,7 +306,9 @@ def classified(
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
     said = (*physical.notes, *named.notes, *of_steady_modes(
         named.names, *(np.array([getattr(p, of) for p in picked.values()])
-                       for of in ("kurtosis", "frequency_hz", "damping_ratio")), 60 * campaign.block_minutes))
+                       for of in ("kurtosis", "frequency_hz", "damping_ratio")), 60 * campaign.block_minutes),
+            *of_likelihood(named.names, np.array([p.by_likelihood for p in picked.values()]),
+                           np.array([np.isfinite(p.frequency_hz) for p in picked.values()])))
     centre = np.median(followed.centre_hz, axis=0)
     return Identification(
         data=data, poles=poles, settings=settings,

@@ -42,7 +42,8 @@ class IdentificationConstants:
     overlap: float = stated(
         2.0, "-", "modes whose bands of so many half-power half-widths meet are fitted to the spectra together")
     largest_misfit: float = stated(
-        1.6, "-", "spectra whose errors' mean square is larger leave the mode as SSI-cov has it", "1 where the model holds")
+        1.6, "-", "spectra whose errors' mean square is larger leave the mode as SSI-cov has it",
+        "1 where the model holds")
     same_mode_std: float = stated(
         5.0, "std", "a mode stays as SSI-cov has it where its spectra would move it farther",
         "and by more than its band, or 70 % of its damping")

@@ -1,11 +1,11 @@
 """Maximum likelihood of a group of close modes on the spectra of a record, in a band about them.
 
-The lines of a record's Fourier transform are independent complex Gaussian vectors (Whittle 1953) of covariance E = A H S
-H^H A^T + s W W^T: responses H of oscillators under forces of spectral matrix S, seen through the shapes A, and noise s.
-Frequencies, damping, shapes, S and s are found by Fisher scoring, all at once, from the modes of another method. Au
-(2011, 2012), Fast Bayesian FFT method for ambient modal identification, is the same likelihood for the group alone; here
-neighbouring modes stand beside it in S with their tails, so that a wide band can be taken. Matrices are of the size of
-the modes taken together, not of the channels.
+The lines of a record's Fourier transform are independent complex Gaussian vectors (Whittle 1953) of covariance
+E = A H S H^H A^T + s W W^T: responses H of oscillators under forces of spectral matrix S, seen through the shapes A,
+and noise s. Frequencies, damping, shapes, S and s are found by Fisher scoring, all at once, from the modes of another
+method. Au (2011, 2012), Fast Bayesian FFT method for ambient modal identification, is the same likelihood for the group
+alone; here neighbouring modes stand beside it in S with their tails, so that a wide band can be taken. Matrices are of
+the size of the modes taken together, not of the channels.
 """
 
 from __future__ import annotations
@@ -147,7 +147,8 @@ def _band(spectrum: Spectrum, start: Start) -> _Band:
     return _Band(
         start=start, line=line, value=value, coordinate=coordinate, first=first, count=count, sample=sample,
         middle=middle, basis=basis, colour=inverse @ inverse.T, free=(row[free], column[free]),
-        tails=responses(middle, f[m:], zeta[m:]), distance=np.log(middle / np.exp(np.log(f[:m]).mean())), noise=float(np.log(max(noise, 1e-9 * start.level.mean()))),
+        tails=responses(middle, f[m:], zeta[m:]), distance=np.log(middle / np.exp(np.log(f[:m]).mean())),
+        noise=float(np.log(max(noise, 1e-9 * start.level.mean()))),
         wider=wider[:m])
 
 
@@ -217,7 +218,8 @@ def _fitted(band: _Band, state: _State) -> _Fitted | None:
 
 def _derivatives(band: _Band, state: _State, now: _Fitted) -> np.ndarray:
     """Whitened derivatives of E, real (n_parameter, n_bin, r, r) as `_real` has Hermitian matrices: by ln f, ln damping
-    (n_group each), free elements of the shapes, S (root of S: diagonal, real and imaginary parts below it), ln noise."""
+    (n_group each), free elements of the shapes, root of S (ln of the diagonal, real and imaginary parts below it), its
+    slope, ln noise."""
     m, ratio = band.start.n_group, state.frequency / band.middle
     own = responses(band.middle, state.frequency, state.damping) * now.h[:, :m]
     shape = now.white @ state.shape  # (n_bin, r, p)
@@ -352,13 +354,13 @@ def _result(band: _Band, state: _State, now: _Fitted, converged: bool, parts: in
         shape_change += in_time.products(weighed.T[None], outside.T[:, None])
     std = np.sqrt(np.diag(inverse)[: 2 * m])
     # the estimate of a decay rate is too large by its relative variance (1 / T for a single mode)
-    unbiased = 1 / (1 + std[m:] ** 2)
+    scale = state.damping / (1 + std[m:] ** 2)
     wide = np.einsum("kij,kji->k", now.error, now.error).real
     return GroupFit(
-        frequency_hz=state.frequency, damping_ratio=state.damping * unbiased - band.wider, shape=shape,
-        ln_frequency_std=std[:m] * state.damping, damping_std=std[m:] * state.damping * unbiased,
+        frequency_hz=state.frequency, damping_ratio=scale - band.wider, shape=shape,
+        ln_frequency_std=std[:m] * state.damping, damping_std=std[m:] * scale,
         misfit=float(band.count @ wide / (len(wide) * r**2 - len(derivative))), converged=converged,
-        ln_frequency=change[:m] * state.damping[:, None], damping=change[m: 2 * m] * (state.damping * unbiased)[:, None],
+        ln_frequency=change[:m] * state.damping[:, None], damping=change[m: 2 * m] * scale[:, None],
         shape_change=shape_change)
 
 

@@ -83,6 +83,17 @@ def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:
     return f"{label}: in {plural(len(f), 'block')}, {text}"
 
 
+def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) -> list[str]:
+    """How many modes have values of greatest likelihood (`refinement`), and which seldom have; both (n_block, n_mode)
+    bool."""
+    if not taken.any():
+        return []
+    seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True) if 2 * n < of]
+    return [f"{taken.sum()} of {found.sum()} modes of blocks are at the greatest likelihood of the spectra, the others "
+            "as SSI-cov has them" + (
+                f", most of {', '.join(seldom)}: a line, a force far from white, weak motion there" if seldom else "")]
+
+
 def _of_scada(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
     """Turbine states, rated power and what fore-aft is."""
     lines = []

@@ -1,12 +1,12 @@
 """Scatter of identified modes over the smallest that any unbiased estimate can have, on drawn structures.
 
-    python studies/identification/limit.py OUT [--seeds 101 112] [--records 20] [--peers PYTHON]
+    python studies/identification/limit.py OUT [--seeds 101 110] [--records 16] [--peers PYTHON]
 
 The bound is Cramer and Rao's for Whittle's likelihood of the record's spectral matrix (all modes at once, their forces'
 spectral matrix, complete shapes and every channel's noise unknown); for a single mode alone it becomes Au's uncertainty
 law. Records are white noise through each mode's oscillator (scipy's zero-order hold, no equation of the package), the
-forces of the modes correlated, noise of another size in each channel. The package runs as a user would run it; `--peers`
-names a Python with pyOMA2 and koma, which get the same records, and the true frequencies to pick at.
+forces of the modes correlated, noise of another size in each channel. The package runs as a user would run it;
+`--peers` names a Python with pyOMA2 and koma, which get the same records, and the truth to pick by.
 """
 
 from __future__ import annotations
@@ -315,8 +315,8 @@ def main() -> int:
         return 0
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(101, 112), metavar=("FIRST", "LAST"))
-    parser.add_argument("--records", type=int, default=20)
+    parser.add_argument("--seeds", type=int, nargs=2, default=(101, 110), metavar=("FIRST", "LAST"))
+    parser.add_argument("--records", type=int, default=16)
     parser.add_argument("--peers", default="", metavar="PYTHON")
     a = parser.parse_args()
     every = []
