@@ -89,9 +89,12 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
     if not taken.any():
         return []
     seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True) if 2 * n < of]
-    return [f"{taken.sum()} of {found.sum()} modes of blocks are at the greatest likelihood of the spectra, the others "
-            "as SSI-cov has them" + (
-                f", most of {', '.join(seldom)}: a line, a force far from white, weak motion there" if seldom else "")]
+    said = f"{taken.sum()} of {found.sum()} modes of blocks are at the greatest likelihood of the spectra"
+    if taken.sum() < found.sum():
+        said += ", the others as SSI-cov has them"
+    if seldom:
+        said += f", most of {', '.join(seldom)}: a line, a force far from white, weak motion there"
+    return [said]
 
 
 def _of_scada(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
