@@ -206,7 +206,11 @@ def test_ranges_are_flifes(validation):
                      reference="FLife 2.3, where installed", why="rounding")
     for spectrum in SPECTRA.values():
         data, m = flife.SpectralData(input={"PSD": spectrum, "f": F}), moments(F, spectrum)
-        for method, own in ((flife.Park, park), (flife.Dirlik, dirlik), (flife.TovoBenasciutti, tovo_benasciutti)):
+        pairs = [(flife.Dirlik, dirlik), (flife.TovoBenasciutti, tovo_benasciutti)]
+        if flife.Park(data).parameters["C_r1"] > 0:
+            # of a resonance alone its first share is below zero there, and none here
+            pairs.append((flife.Park, park))
+        for method, own in pairs:
             for k in (3.0, 5.0):
                 # of amplitudes there
                 row.error(2**k / method(data).get_life(C=1.0, k=k) / float(own(m).moment(k)) - 1, 1e-9)
