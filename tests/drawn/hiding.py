@@ -116,7 +116,8 @@ def _logger(rng, sensors) -> tuple[list[int], str]:
         levels.setdefault(s["level"] if s.get("states_level", True) else str(s["position_m"]), []).append(k)
     level = str(rng.choice(sorted(levels)))
     rows = levels[level]
-    own = [p for p in places(sensors) if p == rows]
+    # exactly: sensors of a small structure are millimetres apart
+    own = len({str(sensors[k]["position_m"]) for k in rows}) == 1
     return rows, common([sensors[k]["channel"] for k in rows]) if own else f"all of {level}"
 
 
