@@ -180,8 +180,10 @@ def _same(before: Poles, index: int, now: Poles, where: str) -> int:
     f, zeta = before.frequency_hz[index], before.damping_ratio[index]
     found = same_pole(now, f, zeta)
     if found is None:
-        raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is not found again",
-                         "do not change records meanwhile")
+        raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is another when the record is read once more: it was "
+                         "changed meanwhile, or its channels are exact copies of one another",
+                         "do not change records meanwhile, and leave out channels that copy others (leave_out in "
+                         "campaign.toml)")
     return found
 
 

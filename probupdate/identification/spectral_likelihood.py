@@ -168,7 +168,6 @@ def _lines(line_hz: np.ndarray, f: np.ndarray, zeta: np.ndarray, m: int) -> np.n
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
     """frequency, damping (n_group,), the latter with what the record's end adds; shape (r, p); root (p, p): lower, of
-of
     S over the roots of the levels; slope: power of the frequency by which S changes; noise: ln."""
 
     frequency: np.ndarray
@@ -269,7 +268,15 @@ def _moved(band: _Band, state: _State, step: np.ndarray) -> _State:
 
 
 def fit(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
-    """The group at the greatest likelihood; None where the band is too short or no step leads anywhere."""
+    """The group at the greatest likelihood; None where the band is too short, no step leads anywhere, or a shape tells
+    nothing (its information is singular)."""
+    try:
+        return _search(spectrum, start, parts)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
     band = _band(spectrum, start)
     m = start.n_group
     if len(band.first) < len(band.colour) + 4:

@@ -88,7 +88,8 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
     bool."""
     if not taken.any():
         return []
-    seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True) if 2 * n < of]
+    seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True)
+              if name and 2 * n < of]
     said = f"{taken.sum()} of {found.sum()} modes of blocks are at the greatest likelihood of the spectra"
     if taken.sum() < found.sum():
         said += ", the others as SSI-cov has them"

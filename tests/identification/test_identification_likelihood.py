@@ -174,3 +174,11 @@ def test_displacements_and_fixed_modes():
     np.testing.assert_allclose(other.damping_ratio, one.damping_ratio, rtol=1e-4)
     kept, which = refined(y, RATE, poles, highest_hz=2.25, fixed=np.array([True, False]))
     assert which.tolist() == [False, True] and kept.damping_ratio[0] == 0.01
+
+
+def test_a_shape_that_tells_nothing_leaves_the_group_as_it_is():
+    shape = np.array([[1.0, 0.0], [0.5, 0.0]])
+    drawn = spectrum(np.random.default_rng(2), np.array([1.0, 1.03]), np.full(2, 0.01), shape, seconds=600.0, noise=0.1)
+    start = Start(n_group=2, frequency_hz=np.array([1.0, 1.03]), damping_ratio=np.full(2, 0.01), shape=shape,
+                  level=np.ones(2))
+    assert fit(drawn, start, 20) is None
