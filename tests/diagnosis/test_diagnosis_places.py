@@ -117,17 +117,17 @@ def test_a_sensor_that_reads_another_node_is_named_with_its_place(
 
 
 def test_channels_of_matrices_stand_where_their_nodes_do(tmp_path):
-    """One node's two translations, one of them the other way round; a channel that reads two degrees of freedom has no
-    place."""
+    """One node's two translations, one of them the other way round, and a channel oblique to both."""
     row = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.8, 0.0]])
     np.savez(tmp_path / "model.npz", K0=np.zeros((3, 3)), M0=np.eye(3), K_a=np.diag([1.0, 2.0, 3.0]),
              channel=np.array(["A", "B", "C"]), channel_row=row, node_position_m=np.array([[0.0, 0.0, 5.0]]),
              dof_node=np.zeros(3, int), dof_direction=np.arange(3))
     parameter = Parameter(name="a", unit="-", initial=1.0, std=0.1, lower=0.5, upper=2.0)
-    a, b = channel_places(load_matrices(tmp_path / "model.npz", Parameters((parameter,))))
-    assert (a.channel, b.channel) == ("A", "B")
+    a, b, c = channel_places(load_matrices(tmp_path / "model.npz", Parameters((parameter,))))
+    assert (a.channel, b.channel, c.channel) == ("A", "B", "C")
     assert np.array_equal(a.direction, [1, 0, 0]) and np.array_equal(b.direction, [0, -1, 0])
-    assert np.array_equal(a.position_m, [0, 0, 5])
+    np.testing.assert_allclose(c.direction, [0.6, 0.8, 0.0], atol=1e-15)
+    np.testing.assert_allclose([x.position_m for x in (a, b, c)], [[0, 0, 5]] * 3, rtol=1e-14)
 
 
 def test_stiffness_that_follows_the_temperature_is_named_with_its_slope(frame_file, record, validation):
