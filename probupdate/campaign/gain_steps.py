@@ -348,7 +348,7 @@ def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[s
                    + (f"; that of {inverse[0]} by the inverse, as if the two were exchanged"
                       if len(inverse) == 1 == len(names) else "")
                    + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
-                   "identify the records before and after apart")
+                   "leave it out (leave_out in campaign.toml)")
         one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], alternatives=others,
                             message=message)
         found.append(one if size > 0 else replace(one, message=message.replace("the gain of", "the sign or gain of")))

@@ -242,7 +242,7 @@ def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
 def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
     """The number, from 0, of a column that convert.toml names or counts from 1."""
     if isinstance(wanted, int):
-        if wanted > len(names):
+        if not 1 <= wanted <= len(names):
             raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
         return wanted - 1
     # "F1x [mg]" is the column F1x, its unit is read beside
@@ -250,7 +250,8 @@ def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
     if wanted not in names and bare.count(wanted) == 1:
         return bare.index(wanted)
     if wanted not in names:
-        known = tuple(map(str, names[:40]))
+        # without a line of names pandas counts from 0, convert.toml from 1
+        known = tuple(str(n + 1 if isinstance(n, int) else n) for n in names[:40])
         if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
             raise InputError(f"{path}, {what}",
                              f"there is no column '{wanted}': the whole line '{known[0]}' is one column",

@@ -347,8 +347,8 @@ def _detectable_sizes(content: Mapping) -> list[Element]:
 
 
 def _unseen(static: Sequence[Mapping]) -> list[Notice]:
-    """Candidates that no size they can have would show."""
-    names = sorted({wording.name_of(x) for x in static if not x.get("size")})
+    """Candidates that no size they can have would show; the model's own parameters are estimated, not sought."""
+    names = sorted({wording.name_of(x) for x in static if not x.get("size") and x["cause"] != "parameter"})
     if not names:
         return []
     return [Notice(level="plain", text=(

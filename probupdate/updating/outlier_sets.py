@@ -7,6 +7,7 @@ one mode drawn from a normal WIDE as wide, whichever: a mixture with a stated sh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,8 @@ SHARE, WIDE, SURE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide, CONSTANTS.o
 FEWEST, PASSES = 4, 4
 # of ln f, where nothing is stated and all sets agree to the last digit
 LEAST = 1e-6
+# so many sets that are off alike are said one by one
+MOST_SINGLE = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,10 +45,24 @@ class OutlierSets:
 
     @property
     def sentences(self) -> list[str]:
-        return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its frequency of "
-                f"{self.labels[self.mode[k]]} is {100 * abs(np.expm1(self.off[k])):.2g} % "
-                f"{'above' if self.off[k] > 0 else 'below'} the other sets'; the population is what the others say"
-                for k in self.numbers]
+        alike: dict[tuple[int, bool], list[int]] = {}
+        for k in self.numbers:
+            alike.setdefault((int(self.mode[k]), bool(self.off[k] > 0)), []).append(k)
+        return [sentence for (mode, above), own in alike.items() for sentence in self._said(own, mode, above)]
+
+    def _said(self, own: Sequence[int], mode: int, above: bool) -> list[str]:
+        """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
+        def off(some: Sequence[int]) -> str:
+            return (f"{100 * np.mean(np.abs(np.expm1(self.off[list(some)]))):.2g} % {'above' if above else 'below'} the "
+                    "other sets'; the population is what the others say")
+
+        label = self.labels[mode]
+        if len(own) <= MOST_SINGLE:
+            return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its frequency of "
+                    f"{label} is {off([k])}" for k in own]
+        return [f"{len(own)} of {len(self.ids)} sets, {self.ids[own[0]]} to {self.ids[own[-1]]}, are outliers with "
+                f"probability {self.probability[own].min():.3f} and more: their frequency of {label} is {off(own)}. So "
+                "many that differ alike are a change: `diagnose` says of what, and since when"]
 
 
 def outlier_sets(data: ModalData) -> OutlierSets:

@@ -79,3 +79,10 @@ def test_the_population_is_what_the_others_say():
     for a, b in zip(found.rows, clean.rows, strict=True):
         assert a.joint_mean == pytest.approx(b.joint_mean, abs=0.3 * b.joint_cov * abs(b.joint_mean))
     assert ("varies between sets by" in found.summary) == ("varies between sets by" in clean.summary)
+
+
+def test_many_sets_that_differ_alike_are_one_sentence():
+    y = measured(4, 16)
+    y[12:, 1] *= 0.95
+    (one,) = outlier_sets(linear_data(y, cov=NOISE)).sentences
+    assert "4 of 16 sets, set 12 to set 15" in one and "5.1 % below" in one and "`diagnose`" in one
