@@ -174,9 +174,10 @@ def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
 
 
 def _real_shapes(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
-    """Real shapes (n_channel, n) of the modes that have three components, and which of them are close."""
+    """Real shapes (n_channel, n) of the modes that have three components and move, and which of them are close."""
     shape = np.real(rotate_to_real(modal_set.shape))
-    used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2]
+    used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2
+            and np.nanmax(np.abs(shape[:, j])) > 0]
     clusters = [[used.index(j) for j in c if j in used] for c in close_clusters(modal_set.frequency_hz)]
     return shape[:, used], [c for c in clusters if c]
 

@@ -121,21 +121,18 @@ def test_without_shapes_only_frequencies_count():
     assert problem.predict(CHAIN_TRUTH) == pytest.approx(chain_model().solve(CHAIN_TRUTH, 4).frequency_hz)
 
 
-def test_as_components_close_modes_stand_alone_and_turned_ones_are_refused():
+def test_as_components_close_modes_stand_alone_and_turned_ones_are_left_out():
     data = measured_chain(noise=COV)
     problem = build_problem(chain_model(), data, weights=weights_of({"shapes": "components"}))
     assert problem.matching.pairs == () and problem.n_effective == 4 + 4 * 9
-    one, refused = data.sets[0], 0
+    one, left_out = data.sets[0], 0
     for angle in np.linspace(0, np.pi, 24, endpoint=False):
         bent = replace(data, sets=(replace(one, shape=turned(one.shape, (0, 1), angle)),))
         assert build_problem(chain_model(), bent, weights=weights_of({})).matching.pairs
-        try:
-            build_problem(chain_model(), bent, weights=weights_of({"shapes": "components"}))
-        except InputError as error:
-            assert "as planes" in str(error)
-            refused += 1
+        alone = build_problem(chain_model(), bent, weights=weights_of({"shapes": "components"})).matching
+        left_out += any("as planes" in sentence for sentence in alone.left_out)
     # where a shape stands at 45 degrees to the computed ones; elsewhere it is paired
-    assert 1 <= refused <= 9
+    assert 1 <= left_out <= 9
 
 
 def test_the_joint_weights_are_the_inverse_covariance_across_the_planes():
