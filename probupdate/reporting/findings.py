@@ -121,10 +121,14 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
     named = "; ".join(found_words(content))
     actions = [] if run.included else _extension_advice(content)
     actions += [full_sentence(one) for one in own_response_actions(content)]
+    of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
     if not actions:
-        actions.append("Find what is missing in the model before the parameters are read as properties of the "
+        actions.append("Mend the sensor, and update again on the sets that `diagnose` corrected (diagnosis.modes.json)."
+                       if of_sensors else
+                       "Find what is missing in the model before the parameters are read as properties of the "
                        "structure: the section on the diagnosis shows where model and measurement part.")
-    return [Finding(level="warning", short="the diagnosis found what the model does not describe",
+    return [Finding(level="warning", short="a sensor's fault is in the sets of this update" if of_sensors else
+                    "the diagnosis found what the model does not describe",
                     text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
                     action=" ".join(actions))]
 

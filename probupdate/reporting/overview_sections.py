@@ -47,7 +47,7 @@ from probupdate.reporting.updating_sections import fit_level, meaning, scheme_na
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, blunt, misses
+from probupdate.updating.update_file import SETS, UpdateRecord, blunt, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
@@ -166,6 +166,8 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     columns += [Column(name="truth")] if known else []
     left = [p.name for p in update.parameters if p.name not in used]
     note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
+    if of_sets := update.settings.get(SETS, "").split(";")[0]:
+        note = f"{full_sentence(of_sets)} {note}".strip()
     refused = bool(found) and found[0].level == "warning"
     return [Table(caption="Parameters, provisional" if refused else "Parameters to use, with their intervals",
                   columns=tuple(columns), rows=tuple(rows), note=note, width="half")]

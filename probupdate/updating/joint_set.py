@@ -59,7 +59,7 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
         only = single_set(data, ids[0])
         return replace(only, notes=(f"set {ids[0]} has no comparable one", *others, *outliers))
     together, scatter = _mean_set(kept, f"{len(ids)} of {len(data.sets)} sets", covariance)
-    first = (f"these numbers are of {len(ids)} of {len(data.sets)} sets together, their mean and what they scatter; "
+    first = (f"these numbers are of {len(ids)} of {len(data.sets)} sets together, their mean with its scatter; "
              "--set takes one alone")
     joint = replace(kept, sets=(together,), reference_set=None)
     return JointSet(data=joint, ids=ids, notes=(first, *others, *outliers, *scatter))

@@ -195,8 +195,7 @@ def summary(record: UpdateRecord) -> str:
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     lines += [record.settings[key] for key in (SETS, BASELINE) if key in record.settings]
-    if "held" in record.settings:
-        lines.append(f"held: {record.settings['held']}")
+    lines += [f"{key}: {record.settings[key]}" for key in ("gravity", "held") if key in record.settings]
     for key in ("step", "prior"):
         s = record.scheme(key)
         ended = f"{len(s.theta) - 1} iterations"

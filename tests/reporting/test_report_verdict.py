@@ -101,12 +101,27 @@ def test_the_parameters_open_the_first_screen_with_their_intervals(taken_in):
     assert to_use(replace(taken_in, mean=None)).caption == "Parameters, provisional"
 
 
+def test_the_parameters_say_of_which_sets_they_are(taken_in):
+    update = replace(taken_in.update, settings={**taken_in.update.settings, "sets": "these are of 20 of 32 sets; more"})
+    (table,) = (i for i in verdict_section(replace(taken_in, update=update)).items
+                if isinstance(i, Table) and i.caption.startswith("Parameters"))
+    assert table.note.startswith("These are of 20 of 32 sets.")
+
+
 def test_the_screen_says_what_the_page_says(taken_in):
     said = conclusion(taken_in)
     section = verdict_section(taken_in)
     assert said[0] == section.headline and said[1] == section.lead
     names = [row[0].replace(":", "").split()[0] for row in to_use(taken_in).rows]
     assert [line.split()[0] for line in said[3:]] == names
+
+
+def test_a_sensor_s_fault_alone_does_not_blame_the_model(sound):
+    one = {"kind": "measurement", "cause": "sensor gain", "location": "TP-A-x", "size": 0.08, "size_std": 0.001,
+           "unit": "-", "posterior_probability": 0.999, "time_profile": "constant", "alternatives": [], "gain": {}}
+    named = replace(sound, diagnosis=dict(sound.diagnosis, verdict="named", findings=[one], extended_model=None))
+    (said,) = (f for f in findings(named) if f.level == "warning")
+    assert "sensor's fault" in said.short and "diagnosis.modes.json" in said.action and "model" not in said.short
 
 
 def test_how_many_modes_were_compared_stands_with_the_error(sound):
