@@ -114,7 +114,7 @@ class Diagnosis:
             said = ", ".join([*score, wording.cause_probability_words(f)])
             lines.append(f"  {wording.finding_words(f)}; {said}")
             lines_of = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]),
-                        ("gain", wording.gain_words(f)))
+                        ("on held-out blocks", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in lines_of if text]
         lines += [f"  to split them: {s}" for s in self.splits]
         nearest = self.details.get("nearest")

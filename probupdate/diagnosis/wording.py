@@ -256,7 +256,8 @@ def gain_words(finding: Mapping) -> str:
     else:
         text = f"log score better by {elpd:.1f} +- {se:.1f}"
     before, after = gain.get("max_frequency_error_before"), gain.get("max_frequency_error_after")
-    if before is not None and after is not None:
+    # sensors change no frequency
+    if before is not None and after is not None and finding.get("kind") != "measurement":
         text += f", largest frequency error {100 * before:.2g} % before, {100 * after:.2g} % after"
         # a mode that is hardly known may move away while those that are well known come nearer
         text += " (larger: the log score weighs every number by how well it is known)" if after > before else ""

@@ -471,7 +471,7 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
             kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, prior_scale=3 * p.std,
             lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
             time_profiles=("constant", "step", "ramp"),
-            signature=p.description or f"that of {p.name}", check=f"look into what {p.name} stands for",
+            signature=p.description or f"that of {p.name}", check=f"inspect the part that {p.name} describes",
         )
         for p in parameters
     )

@@ -94,8 +94,8 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
     if taken.sum() < found.sum():
         said += ", the others as SSI-cov has them"
     if seldom:
-        said += (f", most of {', '.join(seldom)}: their spectra hold more than these modes under a smooth force (lines, "
-                 "tails of other modes), or too little")
+        said += (f", most of {', '.join(seldom)}: their spectra hold more than these modes under a smooth force "
+                 "(lines, tails of other modes), or too little")
     return [said]
 
 

@@ -69,7 +69,7 @@ class Matching:
     with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
     absent: measured modes of a pair of which the model has the other one alone. uncertain: of modes that are
-    left out as either of two computed ones may be theirs, or none that the prior allows, what is to be said. least_motion: over the measured channels,
+    left out as either of two computed ones may be theirs, what is to be said. least_motion: over the measured channels,
     for unit modal mass: a computed mode that moves them less is none of the measured ones.
     """
 
@@ -590,12 +590,10 @@ def _within_prior(x: _Compared, found: _Grouped, n_used: int,
     rest = tuple(g for g, here in zip(found.groups, found.places, strict=True) if not np.any(beyond[here]))
     if not np.any(beyond) or sum(len(group.measured) for group in rest) < max(2.0, 0.5 * n_used):
         return found
-    errors = [InputError(f"{x.name[j]} of set {x.set_id}", "the computed mode of like shape is at "
-                         f"{x.computed_hz[i]:.4g} Hz, {z:.0f} prior standard deviations from the measured "
-                         f"{x.measured_hz[j]:.4g} Hz", "check the channels, or widen the prior")
-              for j, i, z, out in zip(found.rows, order, share, beyond, strict=True) if out]
-    return replace(found, groups=rest, uncertain=found.uncertain or errors[0],
-                   left_out=(*found.left_out, *(f"{e.where}: {e.problem}" for e in errors)))
+    said = [f"{x.name[j]} of set {x.set_id}: the computed mode of like shape is at {x.computed_hz[i]:.4g} Hz, "
+            f"{z:.0f} prior standard deviations from the measured {x.measured_hz[j]:.4g} Hz"
+            for j, i, z, out in zip(found.rows, order, share, beyond, strict=True) if out]
+    return replace(found, groups=rest, left_out=(*found.left_out, *said))
 
 
 def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:

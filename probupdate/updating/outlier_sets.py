@@ -53,8 +53,9 @@ class OutlierSets:
     def _said(self, own: Sequence[int], mode: int, above: bool) -> list[str]:
         """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
         def off(some: Sequence[int]) -> str:
-            return (f"{100 * np.mean(np.abs(np.expm1(self.off[list(some)]))):.2g} % {'above' if above else 'below'} the "
-                    "other sets'; the population is what the others say")
+            size = 100 * np.mean(np.abs(np.expm1(self.off[list(some)])))
+            return (f"{size:.2g} % {'above' if above else 'below'} the other sets'; the population is what the others "
+                    "say")
 
         label = self.labels[mode]
         if len(own) <= MOST_SINGLE:

@@ -1,6 +1,7 @@
 """What an error advises where channels are reversed, exchanged or point elsewhere is done as it says, and works."""
 
 import json
+import re
 
 import h5py
 import numpy as np
@@ -54,9 +55,9 @@ def test_a_reversed_channel_of_matrices_is_mended_by_its_sign_in_the_model(tmp_p
 
 def test_exchanged_channels_are_mended_by_their_names_in_the_modes(tmp_path):
     model = write_model(tmp_path)
-    with pytest.raises(InputError, match=r"A[14] and A[14] exchanged.*`channels` of the modes' file"):
-        update(model, write_modes(tmp_path, channels=("A4", "A2", "A3", "A1")))
-    update(model, write_modes(tmp_path))
+    said = update(model, write_modes(tmp_path, channels=("A4", "A2", "A3", "A1"))).suspected
+    assert re.search(r"A[14] and A[14] exchanged.*`channels` of the modes' file", said)
+    assert not update(model, write_modes(tmp_path)).suspected
 
 
 def write_campaign(folder, directions):
