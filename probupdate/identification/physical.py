@@ -312,7 +312,8 @@ def physical_modes(
     groups, doubles = _grouped(candidates, found, block_seconds,
                                turns=angle is not None and bool(np.isfinite(angle).any()))
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
-              "few of its blocks and orders or here and there beside it: left out as its double"
+              "few of its blocks and orders or here and there beside it: no mode of its own, but its double, or that "
+              "mode after a change"
               for one, twin in doubles]
     if not groups:
         raise _nothing(where, n_block)

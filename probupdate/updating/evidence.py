@@ -68,7 +68,7 @@ class LaplaceCheck:
     def sentence(self) -> str:
         text = f"Laplace approximation: Pareto k {self.pareto_k:.2f}, effective share of its draws {self.share:.2f}"
         if self.pareto_k > TRUSTED_K:
-            return f"{text}: not valid here, its standard deviations and intervals are not the posterior's"
+            return f"{text}: its tails are not the posterior's, take intervals from the draws"
         return f"{text}: {'close to the posterior' if self.share > 0.5 else 'usable when its draws are weighted'}"
 
 

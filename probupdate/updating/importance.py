@@ -390,7 +390,7 @@ class Agreement:
             text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
                      "allow what is no structure, such as a negative stiffness")
         if self.pareto_k >= TRUSTED_K:
-            return f"{text}: it confirms nothing"
+            return f"{text}: a few draws carry its weights, so that it is no check of the chain"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
                  f"({self.parameter}, {self.z:.1f} standard errors), its standard deviations within "
                  f"{100 * abs(self.spread_apart):.0f} % ({self.spread_parameter})")
