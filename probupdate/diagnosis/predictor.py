@@ -22,7 +22,8 @@ from probupdate.diagnosis.mode_numbers import (
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
-from probupdate.modal.matching import assign, pair_in_order
+from probupdate.modal.frequency_pairs import pair_in_order
+from probupdate.modal.matching import assign
 from probupdate.modal.modes import within_plane
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array

@@ -19,7 +19,7 @@ from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_p
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.channel_mistakes import channel_mistake
-from probupdate.modal.matching import common_factor_words, refuse_another_unit
+from probupdate.modal.frequency_pairs import common_factor_words, refuse_another_unit
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array

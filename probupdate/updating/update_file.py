@@ -13,7 +13,7 @@ from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json_table, write_json
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
-from probupdate.modal.matching import common_factor_words
+from probupdate.modal.frequency_pairs import common_factor_words
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components

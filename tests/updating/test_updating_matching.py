@@ -18,7 +18,8 @@ from updating_cases import (
 )
 
 from probupdate.errors import InputError
-from probupdate.modal.matching import ALIKE_OVER, SPARE, assign, channel_rows, close_clusters, match, pair_in_order
+from probupdate.modal.frequency_pairs import ALIKE_OVER, pair_in_order
+from probupdate.modal.matching import SPARE, assign, channel_rows, close_clusters, match
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution
 from probupdate.model.parameters import Parameter, Parameters
