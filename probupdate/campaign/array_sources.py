@@ -127,7 +127,7 @@ def _two_sizes(size: Sequence[int], turned: bool) -> tuple[int, int]:
     return (size[1], size[0]) if turned else (size[0], size[1])
 
 
-def _in_memory(path: Path, d: Description, found: Mapping[str, np.ndarray], texts: Mapping | None = None,
+def _describe_arrays(path: Path, d: Description, found: Mapping[str, np.ndarray], texts: Mapping | None = None,
                unread: Sequence[str] = ()) -> Arrays:
     arrays = {n: a for n, a in found.items() if a.dtype.kind in "iuf" and a.ndim <= 2}
     turned = d.orientation == ROWS
@@ -151,7 +151,7 @@ def read_npy(path: Path, d: Description) -> Iterator:
     with parsing(str(path), "is no array of numbers", "save it by numpy.save, without objects"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     found = {name: array[name] for name in array.dtype.names} if array.dtype.names else {"data": array}
-    yield from _from_arrays(_in_memory(path, d, found), d)
+    yield from _from_arrays(_describe_arrays(path, d, found), d)
 
 
 def read_npz(path: Path, d: Description) -> Iterator:
@@ -267,11 +267,11 @@ def read_mat(path: Path, d: Description) -> Iterator:
     with parsing(*said):
         found = loadmat(path, variable_names=wanted)
         for name in wanted:
-            _sorted_out(name, found[name], arrays, texts, unread)
-    yield from _from_arrays(_in_memory(path, d, arrays, texts, unread), d)
+            _collect_values(name, found[name], arrays, texts, unread)
+    yield from _from_arrays(_describe_arrays(path, d, arrays, texts, unread), d)
 
 
-def _sorted_out(name: str, value: Any, arrays: dict, texts: dict, unread: list, depth: int = 0) -> None:
+def _collect_values(name: str, value: Any, arrays: dict, texts: dict, unread: list, depth: int = 0) -> None:
     """Numbers and texts of a variable, those in fields of structures under such names as 's.acc' or 's(2).acc'."""
     plain = type(value) is np.ndarray
     if plain and value.dtype.names and depth < DEEPEST:
@@ -280,7 +280,7 @@ def _sorted_out(name: str, value: Any, arrays: dict, texts: dict, unread: list, 
                 if len(arrays) + len(texts) + len(unread) > MOST_FIELDS:
                     return
                 number = f"({k})" if value.size > 1 else ""
-                _sorted_out(f"{name}{number}.{key}", one[key], arrays, texts, unread, depth + 1)
+                _collect_values(f"{name}{number}.{key}", one[key], arrays, texts, unread, depth + 1)
     elif plain and value.dtype.kind in "iuf":
         arrays[name] = value
     elif plain and value.dtype.kind == "U":

@@ -196,8 +196,8 @@ def _shapes(
     for k in peaks:
         band = slice(max(k - 1, 0), k + 2)
         whole = total[band].sum(axis=0)
-        one = _on_references(whole, rows)
-        left = [_on_references(whole - part.density[g, band].sum(axis=0), rows) for g in range(n_group)]
+        one = _regress_on_references(whole, rows)
+        left = [_regress_on_references(whole - part.density[g, band].sum(axis=0), rows) for g in range(n_group)]
         left = [x if x @ one >= 0 else -x for x in left]
         if _explained_share(whole, rows) < ONE_MODE:
             one = np.full(len(one), np.nan)
@@ -206,7 +206,7 @@ def _shapes(
     return SetupShapes(name=name, sensors=campaign.sensors, shape=np.array(values), std=np.array(errors))
 
 
-def _on_references(density: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+def _regress_on_references(density: np.ndarray, rows: Sequence[int]) -> np.ndarray:
     """(n_channel,) regression on the references' first principal component, of unit size at the references; normal
     modes are real."""
     together, own = _with_references(density, rows)

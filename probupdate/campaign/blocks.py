@@ -235,7 +235,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             notes.append(f"{plural(int(at.sum()), 'sample')} of {name} at {value:.6g}, a number for lost ones: "
                          f"{COUNTED_AS_LOST}")
     missing = lost.mean(axis=0)
-    again, drawn = _not_measured(data, lost, campaign.sampling_rate_hz)
+    again, drawn = _mark_not_measured(data, lost, campaign.sampling_rate_hz)
     repeated, line = again.mean(axis=0), drawn.mean(axis=0)
     data[again | drawn] = np.nan
     notes += _unmeasured_notes(campaign.channels, missing, repeated, line)
@@ -247,7 +247,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     )
 
 
-def _not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def _mark_not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """(n_sample, n_channel) bool each: samples that repeat the one before, and those on lines drawn over gaps."""
     again, drawn = np.zeros_like(lost), np.zeros_like(lost)
     repeating, straight = gaps.suspected(data)

@@ -119,7 +119,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         if number % stride == 0:
             found = compare_block(campaign, block, state, conditions, rows, pieces=pieces, n_compared=n_compared)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
-                               suspicion=_named(campaign, found))
+                               suspicion=_suspicions_by_channel(campaign, found))
             compared += [] if found is None else [found]
             if campaign.scada is not None and len(lines) < MOST_ROWS:
                 lines += line_scores(block, campaign.scada)
@@ -197,7 +197,7 @@ def _rotor_bands(conditions: Mapping) -> np.ndarray:
     return np.array([[n * low / 60 - 0.05, n * high / 60 + 0.05] for n in (1, *range(3, 19, 3))])
 
 
-def _named(campaign: Campaign, found: Compared | None) -> list[str]:
+def _suspicions_by_channel(campaign: Campaign, found: Compared | None) -> list[str]:
     """(n_channel,) what one block suspects of each channel."""
     if found is None:
         return [""] * len(campaign.sensors)

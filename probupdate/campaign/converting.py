@@ -65,7 +65,7 @@ def convert(
     sources, campaign = Path(sources), Path(campaign)
     head = read_head(campaign / "campaign.toml")
     described = read_description(description or campaign / "convert.toml", head.channels)
-    found = _found(sources, described)
+    found = _group_sources(sources, described)
     folder = campaign / "acceleration"
     folder.mkdir(exist_ok=True)
     remove_stale(folder)
@@ -111,7 +111,7 @@ def convert(
     return Conversion(files=tuple(written), kept=tuple(kept), samples=samples, notes=tuple(notes))
 
 
-def _found(sources: Path, described: Description) -> list[tuple[Path, ...]]:
+def _group_sources(sources: Path, described: Description) -> list[tuple[Path, ...]]:
     """The described files, in order of their names, those that join_pattern joins together; none may lie outside
     through a link."""
     if sources.is_file():

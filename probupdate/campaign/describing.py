@@ -32,7 +32,7 @@ MOST_FILES = 200
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
+class _FileChannel:
     """A channel as its file calls it: column of convert.toml, rate and start where the file has them."""
 
     column: str | int
@@ -80,7 +80,7 @@ def _files(raw: Path) -> list[Path]:
     return [path for kind, path in found if kind == usual][:MOST_FILES]
 
 
-def _channels(kind: str, paths: Sequence[Path]) -> list[_Seen]:
+def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
     first = paths[0]
     if kind in ("tdms", "mdf"):
         with (tdms_channels if kind == "tdms" else mdf_channels)(first) as (found, utc):
@@ -89,13 +89,13 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_Seen]:
         found = (wav_channels(first) if kind == "wav" else miniseed_channels(paths) if kind == "miniseed" else
                  sac_channels(paths))
         seen = [_logger_channel(c, found, True) for c in found]
-        return [_Seen(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
+        return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
     if kind == "table":
-        return _of_table(_layout_of(first))
+        return _table_channels(_layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
-        return [_Seen(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
+        return [_FileChannel(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
                 for name, place, stated in zip(records.names, records.places, records.stated, strict=True)]
     raise InputError(str(first), f"a file of this kind ({kind}) does not say what its columns are",
                      "write campaign.toml and convert.toml by hand, as docs/formats/convert.md has them")
@@ -115,7 +115,7 @@ def _time_column(found: TableLayout) -> str | int:
     return found.names[at] if found.names else at + 1
 
 
-def _of_table(found: TableLayout) -> list[_Seen]:
+def _table_channels(found: TableLayout) -> list[_FileChannel]:
     time, columns = _time_column(found), found.names or range(1, len(found.rows[0]) + 1)
     step = _step_s([row[list(columns).index(time)].replace(found.decimal, ".") for row in found.rows])
     seen = []
@@ -125,7 +125,7 @@ def _of_table(found: TableLayout) -> list[_Seen]:
             continue
         name = without_unit(column) if isinstance(column, str) else column
         unit = found.units[k] if found.units else unit_in(str(column))
-        seen.append(_Seen(column=name, stated=Stated(unit=unit or None), rate_hz=step and 1 / step, start=None))
+        seen.append(_FileChannel(column=name, stated=Stated(unit=unit or None), rate_hz=step and 1 / step, start=None))
     return seen
 
 
@@ -153,7 +153,7 @@ def _table_text(found: TableLayout) -> list[str]:
     return lines + ([f"units_row = {found.units_row}"] if found.units_row else [])
 
 
-def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc: bool) -> _Seen:
+def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc: bool) -> _FileChannel:
     one = channel.segments[0]
     start, rate = one.start_ns, one.rate_hz
     if one.moments is not None and len(one.moments) > 1:
@@ -162,10 +162,10 @@ def _logger_channel(channel: LoggerChannel, others: Sequence[LoggerChannel], utc
     short = channel.names[-1]
     column = short if sum(short in c.names for c in others) == 1 else channel.name
     text = None if start is None else pd.Timestamp(start, tz="UTC" if utc else None).isoformat()
-    return _Seen(column=column, stated=channel.stated, rate_hz=rate, start=text)
+    return _FileChannel(column=column, stated=channel.stated, rate_hz=rate, start=text)
 
 
-def _campaign_text(raw: Path, seen: Sequence[_Seen], rates: Sequence[str]) -> str:
+def _campaign_text(raw: Path, seen: Sequence[_FileChannel], rates: Sequence[str]) -> str:
     rate = f"{float(rates[0])}" if len(rates) == 1 else json.dumps(BLANK)
     unequal = f"  # the files have {', '.join(rates)} Hz" if len(rates) > 1 else ""
     lines = [f'# From what the files of {raw.name} say. Fill in every "{BLANK}"; `probupdate check` names those left.',
@@ -186,11 +186,11 @@ def _campaign_text(raw: Path, seen: Sequence[_Seen], rates: Sequence[str]) -> st
     return "\n".join(lines) + "\n"
 
 
-def _name(s: _Seen) -> str:
+def _name(s: _FileChannel) -> str:
     return s.column if isinstance(s.column, str) else f"channel {s.column}"
 
 
-def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_Seen], rates: Sequence[str]) -> str:
+def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_FileChannel], rates: Sequence[str]) -> str:
     suffixes = {p.suffix for p in paths}
     lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
     if kind == "table":

@@ -84,7 +84,7 @@ def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str
     for sensor in sensors:
         rows = table[table["channel"] == sensor.channel]
         found += _own_samples(sensor.channel, rows, n_block, common)
-    return found + _wandering(table, sensors, n_block) + _beside(table, sensors)
+    return found + _wandering(table, sensors, n_block) + _compare_neighbours(table, sensors)
 
 
 def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
@@ -147,7 +147,7 @@ def _wandering(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> 
     return found
 
 
-def _beside(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
+def _compare_neighbours(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
     """Channels of one level, direction and quantity, by the size of their motion."""
     rms = table.groupby("channel")["rms"].median()
     found, sensors = [], levelled(sensors)

@@ -69,19 +69,19 @@ def markers(column: np.ndarray) -> list[float]:
     low, high = float(known.min()), float(known.max())
     middle = float(np.median(some))
     spread = 1.4826 * float(np.median(np.abs(some - middle)))
-    found = [x for x in (low, high) if abs(x - middle) > FAR * spread > 0 and _jumps_to(known, x, middle)]
+    found = [x for x in (low, high) if abs(x - middle) > FAR * spread > 0 and _has_repeated_jumps(known, x, middle)]
     value, count = np.unique(some[~np.isin(some, found)], return_counts=True)
     if len(value) < FEWEST or np.diff(value).min() > COARSE * np.std(value):
         return found
     k = int(np.argmax(count))
     usual = count[max(k - 1, 0): k + 2].sum() - count[k]
     if count[k] >= FEWEST and PILE * usual < count[k] <= MOST_MARKED * len(some) and (
-            value[k] not in (low, high) or _jumps_to(known, value[k], middle)):
+            value[k] not in (low, high) or _has_repeated_jumps(known, value[k], middle)):
         found.append(float(value[k]))
     return found
 
 
-def _jumps_to(known: np.ndarray, value: float, middle: float) -> bool:
+def _has_repeated_jumps(known: np.ndarray, value: float, middle: float) -> bool:
     """Whether the record stands at a value several times, coming from near its middle."""
     at = known == value
     starts, _ = runs(at)
@@ -98,7 +98,7 @@ def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
     """
     none = np.zeros(len(column), bool)
     step = np.abs(np.diff(column))
-    if np.count_nonzero(step == 0) < FEWEST or not _beyond_chance(step, 0.0):
+    if np.count_nonzero(step == 0) < FEWEST or not _is_beyond_chance(step, 0.0):
         return none
     same = np.concatenate([[False], step == 0])
     same &= (column != np.nanmax(column)) & (column != np.nanmin(column))
@@ -125,12 +125,12 @@ def filled(column: np.ndarray) -> np.ndarray:
         return none
     on = kink <= tolerance
     count = np.count_nonzero(on)
-    if not FEWEST <= count <= MOST_FILLED * len(column) or not _beyond_chance(kink, tolerance):
+    if not FEWEST <= count <= MOST_FILLED * len(column) or not _is_beyond_chance(kink, tolerance):
         return none
     return np.concatenate([[False], on, [False]])
 
 
-def _beyond_chance(size: np.ndarray, tolerance: float) -> bool:
+def _is_beyond_chance(size: np.ndarray, tolerance: float) -> bool:
     """Whether far more of `size` are within the tolerance of zero than at the smallest size beyond it."""
     known = size[np.isfinite(size)]
     beyond = known[known > tolerance]

@@ -71,7 +71,7 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
             level.append(one)
             if not one.ambiguous_with:
                 mended |= dict.fromkeys(one.channels, one)
-    bending = [s for s in _bent(spectra, sensors, alive, lowest) if not set(s.channels) & set(mended)]
+    bending = [s for s in _cantilever_suspicions(spectra, sensors, alive, lowest) if not set(s.channels) & set(mended)]
     named = {c for s in bending for c in s.channels}
     # what the rigid body leaves open, the bending may have named
     level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
@@ -91,7 +91,9 @@ def _rigid_levels(sensors: tuple[Sensor, ...], alive: list[int]) -> list[list[in
     return [m for m in apart if not whole_line(sensors, m)]
 
 
-def _bent(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int], lowest: float) -> list[Suspicion]:
+def _cantilever_suspicions(
+    spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int], lowest: float
+) -> list[Suspicion]:
     """By the whole height as a cantilever, and by each line of sensors: where modes of both directions and of torsion
     lie close together no level's motion explains the others', but a line's shape has one sign all the same."""
     found, place = _cantilever(spectra, sensors, alive, lowest), {s.channel: s for s in sensors}

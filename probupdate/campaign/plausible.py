@@ -103,8 +103,8 @@ def unit_findings(
         if not apart:
             break
         k = max(apart, key=lambda i: abs(np.log(apart[i])))
-        like = _like(k, sensors, odd)
-        like = _along(k, sensors, like) or like
+        like = _comparable_channels(k, sensors, odd)
+        like = _axis_peers(k, sensors, like) or like
         odd.append(k)
         sensor, middle, other = sensors[k], apart[k], sensors[like[0]].channel
         if any(sensor.channel in m and ("unit" in m or "scale" in m) for m in mentioned):
@@ -113,8 +113,8 @@ def unit_findings(
         which = " or ".join(sensors[i].channel for i in (sorted([k, *like]) if len(like) == 1 else [k]))
         beside = other if len(like) == 1 else "its like"
         found.append(f"suspect: the spectrum of {sensor.channel} is {middle:.2g} times that of {beside} at most "
-                     f"frequencies, which a place on the structure does not explain{_as_unit(middle)}: is {which} in "
-                     f"{sensor.unit}, as campaign.toml says?")
+                     "frequencies, which a place on the structure does not explain"
+                     f"{_unit_of_factor(middle)}: is {which} in {sensor.unit}, as campaign.toml says?")
     loud = [s.channel for s in sensors if s.quantity == "acceleration" and s.unit in ("g", "mg")
             and vibration.get(s.channel, 0.0) > STRONG_MPS2]
     if loud:
@@ -145,7 +145,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
     left_out = {*odd, *np.flatnonzero(np.isnan(spectrum[0]))}
     middles: dict[tuple, np.ndarray] = {}
     for k in range(len(sensors)):
-        like = _like(k, sensors, left_out)
+        like = _comparable_channels(k, sensors, left_out)
         if k in left_out or not like:
             continue
         group = (sensors[k].quantity, abs(sensors[k].direction[2]) > 0.7)
@@ -158,7 +158,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
         away = float(np.median(ratio))
         if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
                 1 - MOST_FREQUENCIES):
-            along = _along(k, sensors, like)
+            along = _axis_peers(k, sensors, like)
             if not along and abs(away) < np.log(ACROSS_FACTOR):
                 continue
             near, beside = (float(np.median(spectrum[:, k] - np.median(spectrum[:, some], axis=1)))
@@ -168,7 +168,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
     return found
 
 
-def _along(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
+def _axis_peers(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
     return [i for i in like if abs(sensors[i].direction @ sensors[k].direction) > PARALLEL]
 
 
@@ -179,13 +179,13 @@ def _nearest(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int
     return [i for i, d in zip(like, distance, strict=True) if d in others] or list(like)
 
 
-def _like(k: int, sensors: Sequence[Sensor], left_out: Collection[int]) -> list[int]:
+def _comparable_channels(k: int, sensors: Sequence[Sensor], left_out: Collection[int]) -> list[int]:
     """Channels to compare one with: of its quantity, upright as it is or level."""
     return [i for i, s in enumerate(sensors) if i != k and i not in left_out and s.quantity == sensors[k].quantity
             and (abs(s.direction[2]) > 0.7) == (abs(sensors[k].direction[2]) > 0.7)]
 
 
-def _as_unit(factor: float) -> str:
+def _unit_of_factor(factor: float) -> str:
     size = max(factor, 1 / factor)
     known = {"g and m/s2": 9.80665, "cm and m": 100.0, "mm and m": 1000.0}
     name, value = min(known.items(), key=lambda item: abs(np.log(size / item[1])))

@@ -158,7 +158,8 @@ def read_pole_tables(
         raise InputError(str(source), "holds no complete pole", "see that frequencies and shapes are numbers")
     _refuse_units(str(source), blocks, described, head)
     minutes = described.block_minutes or (head.block_minutes if head is not None else np.nan)
-    return PoleTables(source=source, channels=channels, blocks=tuple(_in_time(blocks)), block_minutes=float(minutes),
+    return PoleTables(source=source, channels=channels, blocks=tuple(_order_by_time(blocks)),
+                      block_minutes=float(minutes),
                       incomplete=incomplete)
 
 
@@ -230,7 +231,7 @@ def _refuse_units(where: str, blocks: Sequence[BlockOfPoles], described: PoleDes
                          "name the campaign that was measured")
 
 
-def _in_time(blocks: Sequence[BlockOfPoles]) -> list[BlockOfPoles]:
+def _order_by_time(blocks: Sequence[BlockOfPoles]) -> list[BlockOfPoles]:
     names = [b.id for b in blocks]
     for kind in (lambda name: pd.to_datetime(name, utc=True, format="ISO8601").value, float):
         try:
@@ -323,7 +324,7 @@ def _refuse_other_unit(s: _Source, known: Sequence[str]) -> None:
 
 
 def _read_npz(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
-    return _of_arrays(s, archive_arrays(s.path, "is no archive of arrays", "save it by numpy.savez, without objects"))
+    return _read_arrays(s, archive_arrays(s.path, "is no archive of arrays", "save it by numpy.savez, without objects"))
 
 
 def _read_mat(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
@@ -336,7 +337,7 @@ def _read_mat(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
         found: dict[str, np.ndarray] = {}
         for name, value in loadmat(s.path, simplify_cells=True).items():
             _flattened(name, value, found)
-    return _of_arrays(s, found)
+    return _read_arrays(s, found)
 
 
 def _flattened(name: str, value: Any, found: dict[str, np.ndarray], depth: int = 0) -> None:
@@ -347,7 +348,7 @@ def _flattened(name: str, value: Any, found: dict[str, np.ndarray], depth: int =
         found[name] = np.atleast_1d(np.asarray(value))
 
 
-def _of_arrays(s: _Source, arrays: Mapping[str, np.ndarray]) -> tuple[tuple[str, ...], list[_Raw]]:
+def _read_arrays(s: _Source, arrays: Mapping[str, np.ndarray]) -> tuple[tuple[str, ...], list[_Raw]]:
     d, where = s.described, str(s.path)
     names = None if d.frequency is not None else next((one for one in PYOMA if one[0] in arrays), None)
     if names is None:

@@ -188,7 +188,7 @@ def read_campaign(path: str | Path) -> Campaign:
     where = path_inside(path / "campaign.toml", path)
     head = read_head(where)
     written, scada = head.written, path / "scada.csv"
-    left_out = _left_out(where, written.leave_out, head.channels)
+    left_out = _excluded_channels(where, written.leave_out, head.channels)
     columns = tuple(k for k, c in enumerate(head.channels) if c not in left_out)
     return Campaign(
         path=path,
@@ -222,7 +222,7 @@ def _scada(where: Path, written: WrittenCampaign, path: Path) -> pd.DataFrame:
     return read_scada(path, rated_power_kw=written.rated_power_kw, stated=stated)
 
 
-def _left_out(where: Path, names: Sequence[str], channels: tuple[str, ...]) -> tuple[str, ...]:
+def _excluded_channels(where: Path, names: Sequence[str], channels: tuple[str, ...]) -> tuple[str, ...]:
     """Channels that are in the files but not to be used, such as dead ones."""
     for name in names:
         if name not in channels:

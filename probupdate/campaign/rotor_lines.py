@@ -117,11 +117,11 @@ def _score(piece: np.ndarray, rate: float, turning_hz: float, unsteady: float) -
     for n in HARMONICS:
         centre = n * turning_hz * RATIOS
         half = np.maximum(1.5 * step, unsteady * centre)
-        total += _over_neighbours(level, centre / step, half / step)
+        total += _excess_over_neighbours(level, centre / step, half / step)
     return total / len(HARMONICS)
 
 
-def _over_neighbours(level: np.ndarray, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _excess_over_neighbours(level: np.ndarray, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Mean of level within half bins of centre, less that of the bands of twice that width on both sides."""
     summed = np.concatenate([[0.0], np.cumsum(level)])
 

@@ -61,7 +61,7 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
             spread = name.endswith("_std")
             notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
     for column in COMPASS:
-        notes += _across_north(table, column)
+        notes += _check_angle_means(table, column)
     for test in (_power_unit, _rotor_unit, _wind_unit):
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
@@ -105,7 +105,7 @@ def _difference(a, b):
     return (np.asarray(a) - np.asarray(b) + 180.0) % 360.0 - 180.0
 
 
-def _across_north(table: pd.DataFrame, column: str) -> list[str]:
+def _check_angle_means(table: pd.DataFrame, column: str) -> list[str]:
     """A mean of 359 and 1 that is 180: its own extremes lie on both sides of north, or it is far from the rows around
     it, which are north. Such a row has no angle."""
     if column not in table:

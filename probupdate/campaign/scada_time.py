@@ -65,7 +65,7 @@ def time_findings(rows: Sequence[RecordRow], scada: pd.DataFrame | None) -> list
     """A sentence where SCADA fits the records at another time than its own."""
     if scada is None or len(rows) < FEWEST_ROWS or len(scada) < FEWEST_ROWS:
         return []
-    beside = _Beside(rows, scada)
+    beside = _Aligned(rows, scada)
     shifts = np.arange(-LONGEST, LONGEST + 1)
     gain = np.array([beside.likelihood(int(k)) for k in shifts])
     near = np.abs(shifts) < NEAREST
@@ -80,7 +80,7 @@ def time_findings(rows: Sequence[RecordRow], scada: pd.DataFrame | None) -> list
             f"If so, state [scada] shift_minutes = {minutes} in campaign.toml"]
 
 
-class _Beside:
+class _Aligned:
     """Records and SCADA on one grid of ten minutes; `likelihood` of SCADA moved by so many rows of it."""
 
     def __init__(self, rows: Sequence[RecordRow], scada: pd.DataFrame):
@@ -131,7 +131,7 @@ class _Beside:
 
     def is_clear(self, shift: int) -> bool:
         """Whether what is explained there is more than two series have by chance that each follow themselves."""
-        return max((_beyond_chance(*pair) for pair in self._pairs(shift)), default=0.0) > CLEAR
+        return max((_effective_log_likelihood(*pair) for pair in self._pairs(shift)), default=0.0) > CLEAR
 
     def _height(self, rpm: float) -> np.ndarray:
         """(n_row,) mean height of the rotor's lines above what surrounds them."""
@@ -146,7 +146,7 @@ class _Beside:
         return self.heights[rpm]
 
 
-def _known(cause: np.ndarray, effect: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _pair_known_values(cause: np.ndarray, effect: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Both without their means, where both are known and move."""
     good = np.isfinite(cause) & np.isfinite(effect)
     x, y = cause[good] - cause[good].mean() if good.any() else cause[good], effect[good]
@@ -157,7 +157,7 @@ def _known(cause: np.ndarray, effect: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def _explained(cause: np.ndarray, effect: np.ndarray) -> float:
     """ln likelihood ratio of a line that rises, with as many residuals as are independent of the one before."""
-    known = _known(cause, effect)
+    known = _pair_known_values(cause, effect)
     if known is None:
         return 0.0
     x, y = known
@@ -166,9 +166,9 @@ def _explained(cause: np.ndarray, effect: np.ndarray) -> float:
     return -0.5 * len(x) * (1 - follow) / (1 + follow) * _rest(x, y)
 
 
-def _beyond_chance(cause: np.ndarray, effect: np.ndarray) -> float:
+def _effective_log_likelihood(cause: np.ndarray, effect: np.ndarray) -> float:
     """The same with as many values as two series have that follow themselves (Bartlett)."""
-    known = _known(cause, effect)
+    known = _pair_known_values(cause, effect)
     if known is None:
         return 0.0
     x, y = known

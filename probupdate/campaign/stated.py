@@ -148,7 +148,7 @@ def channel_factor(
     needed *= sign
     if given is None:
         return needed, f"{sensor.channel}: {' and '.join(words)}" if words else None
-    return given, _beside_factor(where, sensor, stated, given, needed, unit)
+    return given, _check_factor(where, sensor, stated, given, needed, unit)
 
 
 def _sign(where: str, sensor: Sensor, stated: Stated, overruled: Sequence[str]) -> float:
@@ -162,7 +162,7 @@ def _sign(where: str, sensor: Sensor, stated: Stated, overruled: Sequence[str]) 
     return float(np.sign(cosine))
 
 
-def _beside_factor(where, sensor, stated, given, needed, unit) -> str | None:
+def _check_factor(where, sensor, stated, given, needed, unit) -> str | None:
     """The factor that a user gives is used; the file's own words must not ask for quite another one."""
     if unit is not None and unit[0] == "electrical":
         return None

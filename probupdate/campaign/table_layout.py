@@ -49,11 +49,11 @@ def first_lines(path: Path, encoding: str | None = None) -> tuple[list[str], str
 def table_layout(path: Path) -> TableLayout | None:
     """Of the separators the one that makes most cells of rows of numbers; None where none does."""
     lines, encoding = first_lines(path)
-    found = [one for s in SEPARATORS if (one := _by(lines, s, encoding)) is not None]
+    found = [one for s in SEPARATORS if (one := _split_by(lines, s, encoding)) is not None]
     return max(found, key=lambda one: len(one.rows[0]) * len(one.rows), default=None)
 
 
-def _by(lines: list[str], separator: str, encoding: str) -> TableLayout | None:
+def _split_by(lines: list[str], separator: str, encoding: str) -> TableLayout | None:
     cells = [_cells(line, separator) for line in lines]
     # with a separator of its own a comma within a cell is the decimal sign
     decimal = "," if separator != "," and any("," in c and is_number(c, ",") for row in cells for c in row) else "."

@@ -61,7 +61,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
     with parsing(*said):
         table = pd.read_csv(
             path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
-            chunksize=PIECE, skipinitialspace=True, encoding=d.encoding, low_memory=False, na_values=_lost_words(d),
+            chunksize=PIECE, skipinitialspace=True, encoding=d.encoding, low_memory=False, na_values=_lost_markers(d),
         )
     whole = first = False
     with table:
@@ -95,7 +95,7 @@ def _refuse_other_head(path: Path, d: Description, skipped: set[int]) -> None:
                          f"write skip_rows = {found.skip_rows}{also} into convert.toml")
 
 
-def _lost_words(d: Description) -> list[str]:
+def _lost_markers(d: Description) -> list[str]:
     return ["NAN", *(w for w in d.lost if isinstance(w, str))]
 
 

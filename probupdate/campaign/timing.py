@@ -40,7 +40,7 @@ def file_clock(path: Path, described: Description, rate_hz: float) -> Clock:
         if found is None:
             raise InputError(str(path), f"its name does not hold '{described.start_pattern}'",
                              "mend start_pattern or files")
-        start = _localised(_named(found[1], described, path), described, str(path))
+        start = _localised(_parse_name(found[1], described, path), described, str(path))
     return Clock(path, described, rate_hz, start)
 
 
@@ -54,7 +54,7 @@ def _parsed(text: str, where: str) -> pd.Timestamp:
     return time
 
 
-def _named(text: str, described: Description, path: Path) -> pd.Timestamp:
+def _parse_name(text: str, described: Description, path: Path) -> pd.Timestamp:
     if described.start_format is None:
         return _parsed(text, str(path))
     try:
@@ -64,7 +64,7 @@ def _named(text: str, described: Description, path: Path) -> pd.Timestamp:
                          "see the codes of strptime") from None
 
 
-def _no_zone(where: str, described: Description) -> InputError:
+def _missing_zone(where: str, described: Description) -> InputError:
     return InputError(where, "its time zone is not stated", f'add it to {described.path}, such as zone = "UTC"')
 
 
@@ -72,7 +72,7 @@ def _localised(time: pd.Timestamp, described: Description, where: str) -> pd.Tim
     if time.tzinfo is not None:
         return time.tz_convert("UTC").as_unit("ns")
     if described.zone is None:
-        raise _no_zone(where, described)
+        raise _missing_zone(where, described)
     try:
         return time.tz_localize(described.zone).tz_convert("UTC").as_unit("ns")
     except ValueError as error:
@@ -148,7 +148,7 @@ class Clock:
                                      "beginning of the record, which is not stated",
                                      f'add start to {described.path}, such as start = "2024-05-01T00:00:00Z"')
             if offset is None and described.zone is None:
-                raise _no_zone(where, described)
+                raise _missing_zone(where, described)
             wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit
             if wrong.any():
                 first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is in no century of ours"
@@ -180,7 +180,7 @@ class Clock:
                              "drop the row or mend its time") from None
         if index.tz is None:
             if self.described.zone is None:
-                raise _no_zone(where, self.described)
+                raise _missing_zone(where, self.described)
             try:
                 index = index.tz_localize(self.described.zone)
             except ValueError as error:

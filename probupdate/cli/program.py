@@ -84,7 +84,7 @@ def _os_words(error: OSError, program: str) -> str:
     where = str(error.filename) if error.filename is not None else "a file or the output"
     reason = error.strerror or str(error) or type(error).__name__
     if error.errno in FULL:
-        return f"{where}: {reason}; make room or name another place; {_kept_words(program)}"
+        return f"{where}: {reason}; make room or name another place; {_interruption_text(program)}"
     return f"{where}: {reason}; check the path"
 
 
@@ -94,7 +94,7 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _kept_words(program: str) -> str:
+def _interruption_text(program: str) -> str:
     """Of a command whose parts stand as they are finished, and of the others."""
     return "what was finished is kept" if program.split(" ")[-1] in KEEPING else "nothing of this run is kept"
 
@@ -161,14 +161,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"{program}: interrupted; {_kept_words(program)}")
+        complain(f"{program}: interrupted; {_interruption_text(program)}")
         return 130
     except OSError as error:
         complain(f"{program}: {_os_words(error, program)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"{program}: out of memory; give less at a time, or a machine with more; {_kept_words(program)}")
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; "
+                 f"{_interruption_text(program)}")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
     return 0

@@ -167,7 +167,7 @@ def gather(
     shapes of single modes to compare. `alone`: modes that are compared by themselves whatever they are close to.
     """
     sets, few, notes = _usable(data, where)
-    sets, hours, more = _by_time(sets)
+    sets, hours, more = _order_by_time(sets)
     notes += more
     frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))
     notes += more
@@ -283,7 +283,7 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
     return sets, few, notes
 
 
-def _by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray, list[str]]:
+def _order_by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray, list[str]]:
     """The sets in the order of time, their hours since the first one, and what to say where ids are no times."""
     notes = []
     hours = hours_of(tuple(s.id for s in sets))

@@ -74,9 +74,9 @@ DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0
 # share of that side
 LOST_SHARE, MOSTLY = 0.1, 0.8
 # share of a stiffness from which it is lost altogether
-GONE = 0.9
+TOTAL_LOSS = 0.9
 # standard deviations from zero at which something within its tolerance is said; within which nothing is left of a size
-NOTED_STD, LEFT = 3.0, 2.0
+NOTED_STD, UNCERTAIN_STD = 3.0, 2.0
 # standard deviations of its prior by which a parameter may be shifted in a fit that explains the record
 FARTHEST = 6.0
 # share of days with a larger wave of the temperature, below which it is said
@@ -121,8 +121,8 @@ def examine(
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
-    explored, findings, refuted = _beyond_chance(explored, seed)
-    findings, own_response = _beside_parts(prepared, explored, findings, refuted, runs)
+    explored, findings, refuted = _exclude_chance(explored, seed)
+    findings, own_response = _add_elementary_parts(prepared, explored, findings, refuted, runs)
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -133,13 +133,13 @@ def examine(
         # what no row describes of a single channel is no row's neighbour either
         own_response = own_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
-    silent, lost = _silent(fitted), _lost_from_sight(problem)
+    silent, lost, foreign = _silent(fitted), _missing_numbers_note(problem), _foreign(findings)
     parameters = tuple(_parameters(problem, null, fitted))
     day = _day(problem, fitted) if not findings else ()
-    far, foreign = [*_far(parameters), *([] if day else _no_weather(problem, fitted))], _foreign(findings)
-    beyond, beyond_chance = _beyond_sense(found), not findings and first.p_value < NOT_BY_CHANCE
-    unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or _bent(problem, fitted) or far
-                   or beyond or foreign or not fitted.settled or (lost and not findings))
+    far = _extreme_parameters_note(parameters) + ([] if day else _implausible_temperature_note(problem, fitted))
+    beyond, beyond_chance = _threshold_note(found), not findings and first.p_value < NOT_BY_CHANCE
+    unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or far or beyond or foreign
+                   or _is_distorted_by_others(problem, fitted) or not fitted.settled or (lost and not findings))
     verdict = "unexplained" if unexplained else verdict_of([*findings, *day])
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
     if verdict == "unexplained":
@@ -155,7 +155,7 @@ def examine(
         notes=(
             *lost,
             *problem.notes,
-            *_by_chance(explored),
+            *_chance_note(explored),
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
@@ -165,7 +165,7 @@ def examine(
             *foreign,
             *beyond,
             *_short(fitted, [f.size_std for f in findings]),
-            *_left_open(verdict, prepared, fitted),
+            *_open_questions(verdict, prepared, fitted),
             *(f"modes {problem.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent),
             *_strays(problem, fitted),
         ),
@@ -176,13 +176,13 @@ def examine(
                    first=first, last=found, own_response=own_response)
 
 
-def _left_open(verdict: str, prepared: Prepared, fitted: Fit) -> list[str]:
+def _open_questions(verdict: str, prepared: Prepared, fitted: Fit) -> list[str]:
     """What was not looked for in a record that is unexplained, and whether the fit settled."""
     not_looked_for = verdict == "unexplained" and not prepared.sensors
     return [*([NO_PLACES] if not_looked_for else []), *([] if fitted.settled else [NOT_SETTLED])]
 
 
-def _beside_parts(
+def _add_elementary_parts(
     prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int], runs: Executor
 ) -> tuple[list[Finding], OwnResponse | None]:
     """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
@@ -282,7 +282,7 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
                    blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
-def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
+def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
     these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
     Chance is no explanation where what it leaves is none while the finding explains it, as what theory does not know is
@@ -337,7 +337,7 @@ def findings_of(
             for row in (others, evidence, prior):
                 del row[nothing]
         own_error = model_error_dispersion(z, error_scale(n.effect))
-        dispersion = max(left / directions, own_error, _beside_the_others(problem, best, number))
+        dispersion = max(left / directions, own_error, _shared_error_share(problem, best, number))
         explains = [value / dispersion for value in evidence]
         for one in responses:
             # a signature's error is in its evidence, and factors of their own have no signature
@@ -372,7 +372,7 @@ def _alternatives(others: Sequence[Effect | None], probability: Sequence[float])
                         key=lambda one: -one.posterior_probability))
 
 
-def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:
+def _shared_error_share(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:
     """How much less the record says of one effect of a hypothesis for what theory does not know of the others."""
     if len(best.candidates) == 1:
         return 1.0
@@ -383,7 +383,7 @@ def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int)
     return float(rest.design.information[k] / known[k]) if known[k] > 0 else 1.0
 
 
-def _by_chance(explored: Explored) -> list[str]:
+def _chance_note(explored: Explored) -> list[str]:
     """What to say of a score beyond the threshold that no effect makes probable."""
     last = explored.last
     if explored.one_more or not last.statistic.max() > last.threshold:
@@ -406,7 +406,7 @@ def _silent(fitted: Fit) -> list[int]:
     return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
 
 
-def _lost_from_sight(problem: DiagnosisProblem) -> list[str]:
+def _missing_numbers_note(problem: DiagnosisProblem) -> list[str]:
     """What to say where since a set, or up to it, hardly any has a number of any group of modes although modes were
     identified, and others have: what happened is not followed, and is not nothing. By the hypergeometric probability of
     so many of all such sets on one side, for every set and either side."""
@@ -442,21 +442,22 @@ def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     return result
 
 
-def _at_an_end(included: IncludedEffect) -> bool:
+def _is_at_bound(included: IncludedEffect) -> bool:
     return not included.effect.discrete and bool(np.isclose(included.size, included.bounds, rtol=1e-3).any())
 
 
-def _gone(included: IncludedEffect) -> bool:
+def _is_total_loss(included: IncludedEffect) -> bool:
     """Whether a size at an end is all there can be: a stiffness or a joint that is lost, a member full of water."""
     share = included.effect.unit in ("", "-") and included.time_profile.kind != "covariate"
-    return share and abs(included.size) <= 1 and abs(included.size) >= GONE
+    return share and abs(included.size) <= 1 and abs(included.size) >= TOTAL_LOSS
 
 
-def _bent(problem: DiagnosisProblem, fitted: Fit) -> bool:
+def _is_distorted_by_others(problem: DiagnosisProblem, fitted: Fit) -> bool:
     """Whether something else is bent into a row of the structure: its size stands at an end where a larger one may be
     meant, or is no better known than from zero there."""
     return any(
-        _at_an_end(n) and n.effect.kind != "measurement" and (not _gone(n) or abs(n.size) <= LEFT * std)
+        _is_at_bound(n) and n.effect.kind != "measurement"
+        and (not _is_total_loss(n) or abs(n.size) <= UNCERTAIN_STD * std)
         for n, std in zip(fitted.included, sizes_std(problem, fitted), strict=True)
     )
 
@@ -466,12 +467,12 @@ def _pinned(fitted: Fit) -> list[str]:
     return [
         f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
         f"{n.effect.unit}{n.time_profile.unit}): its interval is not to be trusted"
-        + ("" if _gone(n) else ", a larger size may be meant")
-        for n in fitted.included if _at_an_end(n)
+        + ("" if _is_total_loss(n) else ", a larger size may be meant")
+        for n in fitted.included if _is_at_bound(n)
     ]
 
 
-def _far(parameters: Sequence[dict]) -> list[str]:
+def _extreme_parameters_note(parameters: Sequence[dict]) -> list[str]:
     """What to say of parameters that only a fit bent into something else would need."""
     return [
         f"{p['name']} would be {p['value_after']:.3g} {p['unit']}, {abs(p['prior_shift_after']):.1f} standard "
@@ -519,7 +520,7 @@ def _day(problem: DiagnosisProblem, fitted: Fit) -> tuple[Finding, ...]:
                     key=effect.key),)
 
 
-def _no_weather(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
+def _implausible_temperature_note(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What to say of a temperature that nobody recorded and that no weather has."""
     size, _ = _weather_sizes(problem, fitted)
     if _weather_p(problem, size, range(len(size))) > ADEQUATE:
@@ -576,7 +577,7 @@ def _p_without_findings(first: Search, fits: float, day: Sequence[Finding]) -> f
     return float(min(1.0, 2 * min(first.p_value, fits), *(stats.chi2.sf(f.z**2, 2) for f in day)))
 
 
-def _beyond_sense(found: Search) -> list[str]:
+def _threshold_note(found: Search) -> list[str]:
     """What to say where scores need a threshold beyond sense."""
     if not found.beyond_sense:
         return []

@@ -128,7 +128,7 @@ def extent_of(wire: Wireframe) -> float:
     return float(np.max(np.ptp(wire.node_m, axis=0)))
 
 
-def _at_one_height(z_m: np.ndarray, apart_m: float) -> list[np.ndarray]:
+def _group_heights(z_m: np.ndarray, apart_m: float) -> list[np.ndarray]:
     """Numbers of heights (n,), lowest first: those that follow one another by no more than that are one."""
     order = np.argsort(z_m, kind="stable")
     return [np.sort(one) for one in np.split(order, np.flatnonzero(np.diff(z_m[order]) > apart_m) + 1)]
@@ -139,7 +139,7 @@ def hanging_points(wire: Wireframe, nodes: np.ndarray, most: int) -> list[tuple[
     many horizontal directions: many where nothing else is at that height; of several nodes there those that are
     farthest from one another, as many as directions."""
     place = wire.node_m[nodes]
-    own = _at_one_height(place[:, 2], SAME_PLACE * extent_of(wire))
+    own = _group_heights(place[:, 2], SAME_PLACE * extent_of(wire))
     heights = np.array([[0.0, 0.0, place[k, 2].mean()] for k in own])
     result = []
     for number in sorted(farthest(heights, range(len(own)), most)):
@@ -160,7 +160,7 @@ def elementary(
     value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     tuned_hz = tuple(tuned_hz) or tuple(map(float, tunings(np.sqrt(value) / (2 * np.pi))))
     if small.wire is None:
-        return _of_kinds(_at_channels(small, K, shape, tuned_hz if heights else ()))
+        return _share_odds_by_kind(_channel_parts(small, K, shape, tuned_hz if heights else ()))
     wire, at_nodes = small.picture
     nodes = points(wire)
     flexibility = linalg.cho_factor(K)
@@ -200,7 +200,7 @@ def elementary(
             for hz in tuned_hz:
                 key = PartKey(cause=PART_CAUSES[3], at=(k,), way=way, tuned_hz=hz)
                 result.append(_part(key, f"{there[k]}, {words}", SHARE / most, MOST_HUNG, mass=own))
-    return _of_kinds(result)
+    return _share_odds_by_kind(result)
 
 
 def _apart(own: np.ndarray, ways: Sequence[Direction]) -> list[tuple[Direction, np.ndarray]]:
@@ -218,13 +218,13 @@ def _apart(own: np.ndarray, ways: Sequence[Direction]) -> list[tuple[Direction, 
     return [(ways[k], moved[k]) for k in sorted(chosen)]
 
 
-def _of_kinds(parts: Sequence[Part]) -> list[Part]:
+def _share_odds_by_kind(parts: Sequence[Part]) -> list[Part]:
     """The parts with the odds of one row for all of a kind together."""
     number = Counter(effect.cause for effect, _ in parts)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in parts]
 
 
-def _at_channels(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: Sequence[float]) -> list[Part]:
+def _channel_parts(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz: Sequence[float]) -> list[Part]:
     """Of a model without a picture: parts at its channels, along each, that is a spring to ground, a mass that moves
     that way, and masses on springs of these frequencies. K of the basis, the modes' shapes (r, n) on it."""
     flexibility, result = linalg.cho_factor(K), []

@@ -342,7 +342,9 @@ def _prior_centre(
     return unknowns
 
 
-def _left(problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals):
+def _remaining_residuals(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
+):
     """Residuals less what the unknowns make of them at their most probable. Tolerances of rotor and nacelle turn with
     the heading: they differ from block to block, and in the torsion's small components at the tower many times more
     than the noise does, which differences of blocks would else be taken for."""
@@ -384,7 +386,7 @@ def fitted_without_candidates(
         ended = step < SETTLED
         # far from where the fit ends the noise is not what it is there
         if (ended and not renewed) or (base is None and 0 < number < WARM):
-            left = _left(problem, design, theta, included, here)
+            left = _remaining_residuals(problem, design, theta, included, here)
             noise = with_column_scatter(design, noise_of(problem, left), included, left)
             noise = turning_freely(problem, noise, theta, included)
             renewed = renewed or ended
@@ -488,7 +490,7 @@ def _newton(
     upper = np.concatenate([problem.prior.upper, [high for _, high in ends]]) - here
     beyond = 0.0
     if np.any((step < lower) | (step > upper)):
-        step, beyond = _within(step, design.unknowns_cov(design.held(n_own)), lower, upper)
+        step, beyond = _maximise_within_bounds(step, design.unknowns_cov(design.held(n_own)), lower, upper)
     scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
     move, change[free] = step[:n_own] / scale, step[n_own:]
     relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
@@ -496,7 +498,7 @@ def _newton(
     return _Newton(move=move, scale=scale, change=change, whole=min(1.0, LONGEST / max(longest, 1e-12)), beyond=beyond)
 
 
-def _within(
+def _maximise_within_bounds(
     step: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """The most probable point between bounds under a normal density about `step`, and its squared distance from there:

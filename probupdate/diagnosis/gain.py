@@ -217,7 +217,7 @@ def gains(
     errors = runs.in_order(_sensor_errors, [(f,) for f in lean], shared=(problem, noise, levels))
     progress("held-out blocks", 1, len(fits))
     steps = list(pairwise(zip(lean, errors, strict=True)))
-    found = runs.in_order(_gain_of, steps, shared=(prepared, problem, noise, levels))
+    found = runs.in_order(_finding_gain, steps, shared=(prepared, problem, noise, levels))
     progress("held-out blocks", len(fits), len(fits))
     return tuple(found)
 
@@ -229,7 +229,7 @@ def _sensor_errors(
     return {} if one is None else held_out_sensors(problem, one, noise, levels)
 
 
-def _gain_of(
+def _finding_gain(
     prepared: Prepared, problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]],
     without: tuple[Fit | None, dict], with_it: tuple[Fit | None, dict],
 ) -> dict:

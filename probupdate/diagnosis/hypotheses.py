@@ -140,7 +140,7 @@ def moves_from(
         for k, promise in chosen.items():
             added = _added(problem, base, k, size[k])
             result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
-                               included=(*base.included, added), theta=_given_back(problem, base.theta, added)))
+                               included=(*base.included, added), theta=_restore_parameters(problem, base.theta, added)))
     return sorted(result, key=lambda m: -m.promise)
 
 
@@ -195,7 +195,7 @@ def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) ->
     return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).begun_at(size)
 
 
-def _given_back(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEffect) -> np.ndarray | None:
+def _restore_parameters(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEffect) -> np.ndarray | None:
     """Parameters to begin a fit with beside an effect that changes them: without it they were bent to follow its mean
     over the record, and are taken back by that, but not beyond where the prior expects them. None beside others."""
     if not added.exact or not added.effect.increments:
@@ -292,10 +292,10 @@ def explore(
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
 
-    known = _known_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
+    known = _explore_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
-        key = _next_looked_at(keys, relative, searches, promised if one_more.get(keys[0]) else {})
+        key = _choose_next(keys, relative, searches, promised if one_more.get(keys[0]) else {})
         if key is None and (at_last or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
         if key is None:
@@ -337,7 +337,7 @@ def explore(
                     one_more=one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found))
 
 
-def _known_first(
+def _explore_first(
     problem: DiagnosisProblem, null: Fit, moves: Sequence[Move], runs: Executor
 ) -> dict[frozenset, Hypothesis]:
     """The model as it is, and where these moves from it lead."""
@@ -378,20 +378,20 @@ def _promised_by_one_more(moves: Sequence[Move], number: int) -> float:
     return max([m.promise for m in moves if len(m.candidates) > number], default=0.0)
 
 
-def _next_looked_at(
+def _choose_next(
     keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
     promised: Mapping[int, float],
 ) -> frozenset | None:
     """The most probable hypothesis, else another of the WIDTH of its number of effects that come near it, from which no
-    moves were made, else one `_in_place_of_what_led_nowhere`; None where there is none. `keys` the most probable first,
+    moves were made, else one `_choose_substitute`; None where there is none. `keys` the most probable first,
     with the ln posterior relative to it."""
     levels = [len(k) for k in looked_at]
     near = (k for k, r in zip(keys, relative, strict=True)
             if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH)))
-    return next(near, _in_place_of_what_led_nowhere(keys, relative, looked_at, promised))
+    return next(near, _choose_substitute(keys, relative, looked_at, promised))
 
 
-def _in_place_of_what_led_nowhere(
+def _choose_substitute(
     keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
     promised: Mapping[int, float],
 ) -> frozenset | None:
@@ -413,7 +413,7 @@ def _renewed_with_its_like(
 ) -> dict[frozenset, Hypothesis]:
     """The hypothesis of that key `_renewed`, and with its noise and times those of as many effects that were not."""
     here = _renewed(problem, known[key])
-    return {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
+    return {k: _transfer_noise_and_times(h, known[key], here) for k, h in known.items()
             if len(k) == len(key) and k not in renewed} | {key: here}
 
 
@@ -450,7 +450,7 @@ def _fit_moves(
             continue
         before = known.get(there[number])
         if before is None or fitted.log_posterior > before.log_posterior:
-            known[there[number]] = _of_this_process(fitted, moves[number], base)
+            known[there[number]] = _restore_fit_state(fitted, moves[number], base)
 
 
 def _competing(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
@@ -478,7 +478,7 @@ def _fitted(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move
     return hypothesis_of(problem, move.candidates, move.z, fitted).without_design()
 
 
-def _of_this_process(one: Hypothesis, move: Move, base: Fit | None) -> Hypothesis:
+def _restore_fit_state(one: Hypothesis, move: Move, base: Fit | None) -> Hypothesis:
     """The same with the effects, time profiles and noise that it was fitted with, of which another process returns
     copies: which one is meant is known by the object itself."""
     design = one.fitted.design if base is None else replace(one.fitted.design, noise=base.design.noise)
@@ -507,7 +507,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()
 
 
-def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
+def _transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
     """A competing hypothesis with the noise and the times of steps that were found anew for another one: it is not less
     probable for what it was not offered. An effect of both takes its own time, one in another's place that one's."""
     steps = [n for n in after.fitted.included if n.time_profile.kind == "step"]

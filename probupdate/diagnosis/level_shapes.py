@@ -162,7 +162,7 @@ class LevelReference:
         shapes, scatter = [], []
         for M, s, own in zip(self.seen(effect, size), self.shape, self.scatter, strict=True):
             back = np.linalg.inv(M)
-            shape, scale = _along(back @ s)
+            shape, scale = _rotate_to_real(back @ s)
             shapes.append(shape)
             scatter.append(np.sqrt(np.abs(back) ** 2 @ own**2) / scale)
         return replace(self, shape=tuple(shapes), scatter=tuple(scatter))
@@ -211,14 +211,14 @@ def level_reference(
     upright = len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
     tolerance = {"sensor gain": GAIN_TOLERANCE, "sensor rotation": ROTATION_TOLERANCE_DEG}
     return LevelReference(
-        shape=tuple(_along(m.shape)[0] for m in means), sensors=placed, upright=bool(upright),
+        shape=tuple(_rotate_to_real(m.shape)[0] for m in means), sensors=placed, upright=bool(upright),
         scatter=tuple(np.ones(m.shape.shape) for m in means),
         motions=_level_motions(placed),
         frequency_hz=tuple(float(np.exp(np.trace(m.tensor) / len(m.tensor))) for m in means),
         tolerated=tuple((e, tolerance[e.cause]) for e in effects if e.tolerance and e.cause in tolerance))
 
 
-def _along(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rotate_to_real(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns turned to the real axis, largest component 1, and what that was (k,)."""
     turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
     scale = np.max(np.abs(turned), axis=0)
@@ -300,13 +300,13 @@ def _one_more(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashabl
             score, v, left = levels.scored(e)
             promised[e] = 0.5 * score**2 / v if left > LEAST_LEFT else -np.inf
     order = sorted(promised, key=lambda e: -promised[e] - prior[e.key])[:MOST_TRIED]
-    found = [_put_right(begun, e, prior[e.key]) for e in order]
+    found = [_correct_effect(begun, e, prior[e.key]) for e in order]
     if all(e.cause != OWN_RESPONSE for e in begun.effects):
         found += [_own_response(begun, name, rows, min(prior.values())) for name, rows in levels.motions.places]
     return [one for one in found if one is not None]
 
 
-def _put_right(begun: PutRight, effect: Effect, log_prior: float) -> PutRight | None:
+def _correct_effect(begun: PutRight, effect: Effect, log_prior: float) -> PutRight | None:
     """None where the size ends at a bound, or nothing of its signature is left: what was measured asks for something
     else."""
     def left(size: float) -> tuple[float, float]:
@@ -316,10 +316,10 @@ def _put_right(begun: PutRight, effect: Effect, log_prior: float) -> PutRight | 
     size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left)
     if not np.isfinite(std) or size_at_bound(effect, size):
         return None
-    return _beside(begun, effect, effect, size, std, log_prior + log_weight_of_size(effect, size, std))
+    return _add_effect(begun, effect, effect, size, std, log_prior + log_weight_of_size(effect, size, std))
 
 
-def _beside(
+def _add_effect(
     begun: PutRight, effect: Effect, done: Effect, size: float, std: float, log_prior: float
 ) -> PutRight | None:
     """One effect more, stated with a size; `done`: what it did to the shapes, at its own size."""
@@ -369,7 +369,7 @@ def _own_response(begun: PutRight, place: str, rows: tuple[int, ...], log_prior:
             largest = int(np.argmax(np.abs(phase) / std))
             free = replace(done, discrete=())
             weight = sum(log_weight_of_size(free, float(a), float(s)) for a, s in zip(phase, std, strict=True))
-            return _beside(begun, done, done, float(phase[largest]), float(std[largest]), log_prior + weight)
+            return _add_effect(begun, done, done, float(phase[largest]), float(std[largest]), log_prior + weight)
         phase = phase + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         if np.any(np.abs(phase) > np.pi):
             return None

@@ -110,7 +110,7 @@ def estimate_noise(
     its phases. With `few` blocks it is taken as stated.
     """
     if few:
-        return _as_stated(residuals, used, sizes, relative_std, stated)
+        return _noise_as_stated(residuals, used, sizes, relative_std, stated)
     covariances, precisions, weights, degrees, strays = [], [], [], [], []
     for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
         if np.count_nonzero(ok) < FEWEST:
@@ -133,7 +133,7 @@ def estimate_noise(
         kinds = _kinds(y.shape[1], n_log, std_alone and pattern is not None)
         covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, kinds)
         covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
-        beside = _beside(y, weight, np.linalg.inv(covariance))
+        beside = _excess_variance(y, weight, np.linalg.inv(covariance))
         weight = weight / beside
         strays.append(frozen_array(beside > 1, bool))
         covariances.append(frozen_array(covariance))
@@ -152,7 +152,7 @@ def usual(difference: np.ndarray) -> np.ndarray:
     return difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
 
 
-def _as_stated(residuals, used, sizes, relative_std, stated) -> Noise:
+def _noise_as_stated(residuals, used, sizes, relative_std, stated) -> Noise:
     covariances, precisions, weights = [], [], []
     for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
         estimated = stated[q] is not None
@@ -178,7 +178,7 @@ def _kinds(n_response: int, n_log: int, apart: bool) -> list[slice]:
     return [slice(0, n_log), *([slice(n_log, middle), slice(middle, None)] if apart else [slice(n_log, None)])]
 
 
-def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
+def _excess_variance(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(n_block,) by how much the variance of single blocks exceeds what all scatter by, one where it does not: a block
     far from both its neighbours, and from the next ones, went wrong; one far from those on one side stands at a step.
     How far it is off is one standard deviation of all its responses together: of each of m it would be the square root

@@ -153,7 +153,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
     return Prediction(
         rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
-        std=tuple(map(frozen_array, _std_of(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
+        std=tuple(map(frozen_array, _prediction_std(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
         log_density=float(shares.sum()), squared=squares, n_number=numbers,
         uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
         mean=frozen_array(mean),
@@ -239,7 +239,7 @@ def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
     return size[:, None] * turn[:, kept] * np.sqrt(value[kept])
 
 
-def _std_of(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
+def _prediction_std(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
     """Standard deviation (n_held, n_response) of every predicted number by itself, per group; infinite where not
     measured."""
     result = []

@@ -113,7 +113,7 @@ class ModalPredictor:
         if not len(shape):
             measured = np.array([expected.mean() for expected in self.log_frequency])
             return shape, [(int(i),) for i in pair_in_order(measured, log)]
-        shown, shift = _as_seen(shape, np.exp(log), self.seen)
+        shown, shift = _observed_shapes(shape, np.exp(log), self.seen)
         score = self._scores(shown, log + shift, local.has_tuned)
         chosen = assign(score)
         ends = np.cumsum([0, *(plane.shape[1] for plane in self.planes)])
@@ -199,7 +199,7 @@ class ModalPredictor:
             for j in range(k):
                 change[:, j, j * len(std) : (j + 1) * len(std)] = others
             made = signature(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
-                             _seen_change(reference, change, seen).astype(complex), axes)
+                             _observed_change(reference, change, seen).astype(complex), axes)
             result.append((made, np.tile(std, k)))
         return result
 
@@ -237,7 +237,7 @@ def observed(references: Sequence[Reference], effects: Sequence[tuple[Effect, fl
     """The references as sensors with these effects and sizes see them, each where it stands on the way of a signal."""
     if not effects:
         return list(references)
-    shape, shift = _as_seen(*_side_by_side(references), effects)
+    shape, shift = _observed_shapes(*_side_by_side(references), effects)
     return [Reference(tensor=r.tensor + (r.members[1] * shift[own]) @ r.members[1].T,
                       shape=shape[:, own] @ r.members[1].T)
             for r, own in zip(references, _columns(references), strict=True)]
@@ -254,7 +254,7 @@ def _columns(references: Sequence[Reference]) -> list[slice]:
     return [slice(*pair) for pair in pairwise(ends)]
 
 
-def _as_seen(
+def _observed_shapes(
     shape: np.ndarray, frequency_hz: np.ndarray, effects: Sequence[tuple[Effect, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shapes (n_channel, n) behind all effects, and what they add to ln f (n,)."""
@@ -287,7 +287,7 @@ def effect_signatures(
     result = []
     for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen),
                                                               strict=True):
-        t_change, s_change = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
+        t_change, s_change = tensor @ amounts, (_observed_change(reference, shape, seen) @ amounts).astype(complex)
         if of_sensors:
             turn = reference.members[1]
             s_change[:, :, of_sensors] = np.einsum("cip,ki->ckp", d_shape[:, own], turn)
@@ -307,7 +307,7 @@ def _sensor_changes(
         h, there = effect.step_of_size, any(e is effect for e, _ in seen)
         # a gain on top of a gain of ten does ten times what a larger one does
         (up, more), (down, less) = (
-            _as_seen(shape, frequency,
+            _observed_shapes(shape, frequency,
                      [(e, size + d * (e is effect)) for e, size in seen] if there else [*seen, (effect, d)])
             for d in (h, -h)
         )
@@ -315,14 +315,14 @@ def _sensor_changes(
     return d_shape, d_log
 
 
-def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
+def _observed_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
     """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
     if not seen:
         return shape
     frequency, turn = reference.members
     of_members = np.einsum("ckn,ki->cin", shape, turn)
     flat = of_members.reshape(shape.shape[0], -1)
-    changed = _as_seen(flat, np.repeat(frequency, shape.shape[2]), seen)[0].reshape(of_members.shape)
+    changed = _observed_shapes(flat, np.repeat(frequency, shape.shape[2]), seen)[0].reshape(of_members.shape)
     return np.einsum("cin,ki->ckn", changed, turn)
 
 
@@ -354,7 +354,7 @@ def build_predictor(
     start = replace(_without_axes(small, blocks, blocks.groups), lacked=lacked)
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
-    axes = tuple(_along_alike(blocks, group, _along(plane, shape[:, list(members)]))
+    axes = tuple(_align_alike_pairs(blocks, group, _align_in_plane(plane, shape[:, list(members)]))
                  for group, plane, members in zip(blocks.groups, start.planes, groups, strict=True))
     return replace(start, axes=axes, known={})
 
@@ -469,7 +469,7 @@ def _measured(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[
     return np.ascontiguousarray(np.linalg.eigh(projector)[1][:, -len(members):]), log
 
 
-def _along_alike(blocks: Blocks, group: Sequence[int], axes: np.ndarray) -> np.ndarray:
+def _align_alike_pairs(blocks: Blocks, group: Sequence[int], axes: np.ndarray) -> np.ndarray:
     """Axes (n_channel, k) in which a pair's shapes are apart that are alike and yet not one shape but for noise, as
     where one channel is ten times too large: in others hardly a block would say anything. A few sets show no noise."""
     members = list(group)
@@ -495,7 +495,7 @@ def _nearness(apart: np.ndarray) -> np.ndarray:
     return np.exp(-0.5 * (apart / CLOSENESS) ** 2)
 
 
-def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def _align_in_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1 or -1; of
     more modes than the plane has directions none is its own. Eigenvectors come with either sign, by how they are
     rounded, and draws of the noise would differ with it: the first component of more than half the largest is

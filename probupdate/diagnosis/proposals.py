@@ -107,7 +107,7 @@ class _AtOwnSizes:
         if not t.whole or t.time_profile.kind != "step":
             return t
         best = max((self.at_best_size(replace(t, time_profile=own), [t.size])
-                    for own in _between_neighbours(self.problem, t.time_profile)), key=lambda one: one.gain)
+                    for own in _steps_between_neighbours(self.problem, t.time_profile)), key=lambda one: one.gain)
         return max(best, self.at_best_size(best), key=lambda one: one.gain)
 
 
@@ -138,7 +138,7 @@ def tried_whole(
                      gain=float(linear[k]), whole=False)
 
     shown = _step_shown(problem, candidates, lower)
-    for rows in _by_effect_and_kind(problem, candidates):
+    for rows in _group_by_effect_and_kind(problem, candidates):
         t = at_first(int(rows[np.argmax(lower[rows])]))
         if t.time_profile.kind not in ("constant", "step"):
             result.append(t)
@@ -234,7 +234,7 @@ def _explained(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.nda
     return float(right @ best), best
 
 
-def _by_effect_and_kind(problem: DiagnosisProblem, candidates: np.ndarray) -> list[list[int]]:
+def _group_by_effect_and_kind(problem: DiagnosisProblem, candidates: np.ndarray) -> list[list[int]]:
     """Numbers of the candidates that are the same effect with the same kind of time profile."""
     groups: dict[tuple[int, str], list[int]] = {}
     for k in np.flatnonzero(candidates):
@@ -312,7 +312,7 @@ SHARE_STEP, WITHIN = 0.005, 16.0
 def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile: TimeProfile) -> TimeProfile:
     """The step of effect number `effect` that scores highest among all blocks between the neighbours of `time_profile`
     in the search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
-    tried = _between_neighbours(problem, time_profile)
+    tried = _steps_between_neighbours(problem, time_profile)
     design = replace(fitted.design, time_profiles=(fitted.design.time_profiles[0], *tried),
                      which=np.array([(effect, c + 1) for c in range(len(tried))]))
     information = design.information
@@ -336,14 +336,14 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
 
         # where two leave the same the one that is there
         there = step_profile(len(problem.blocks), n.time_profile.at)
-        best = min([there, *_between_neighbours(problem, n.time_profile)], key=left)
+        best = min([there, *_steps_between_neighbours(problem, n.time_profile)], key=left)
         # what has one size only has no share of it
-        within = best if n.effect.discrete else _within_a_block(best, left)
+        within = best if n.effect.discrete else _step_within_block(best, left)
         included[i] = replace(n, time_profile=within if left(within) < left(best) - WITHIN else best)
     return tuple(included)
 
 
-def _within_a_block(time_profile: TimeProfile, left: Callable[[TimeProfile], float]) -> TimeProfile:
+def _step_within_block(time_profile: TimeProfile, left: Callable[[TimeProfile], float]) -> TimeProfile:
     """The step within the block before it or after it that leaves least. 0.4 for a third is twelve standard
     deviations of a clock that is 45 ms late, and had been bought as a filter."""
     def with_share(block: int, share: float) -> TimeProfile:
@@ -359,7 +359,7 @@ def _within_a_block(time_profile: TimeProfile, left: Callable[[TimeProfile], flo
     return min(found, key=left)
 
 
-def _between_neighbours(problem: DiagnosisProblem, time_profile: TimeProfile) -> list[TimeProfile]:
+def _steps_between_neighbours(problem: DiagnosisProblem, time_profile: TimeProfile) -> list[TimeProfile]:
     """Steps at all blocks between the neighbours of one in the search's grid, or an end of the record."""
     n = len(problem.blocks)
     grid = np.array([1, *(c.at for c in problem.time_profiles if c.kind == "step"), n - 1])

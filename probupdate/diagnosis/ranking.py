@@ -93,10 +93,10 @@ def hypothesis_of(
     own = log_evidence(problem, fitted)
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
                       log_evidence=own, promised=only_promised(problem, fitted),
-                      not_predicted=_not_predicted(problem, fitted, own))
+                      not_predicted=_unpredicted_evidence(problem, fitted, own))
 
 
-def _not_predicted(problem: DiagnosisProblem, fitted: Fit, log_evidence_of: float) -> float:
+def _unpredicted_evidence(problem: DiagnosisProblem, fitted: Fit, log_evidence_of: float) -> float:
     """What the ln evidence of a fit is larger by for what it leaves free and need not explain."""
     noise = fitted.design.noise
     if not noise.free:

@@ -118,16 +118,16 @@ def _one_more(case: Case, begun: PutRight) -> list[PutRight]:
     gain = np.where(np.isfinite(std[:, 0]), np.abs(size[:, 0] / std[:, 0]), 0.0)
     gain = np.where([bool(e.discrete) or e in begun.effects for e in case.catalogue], 0.0, gain)
     starts = {int(k): 0.0 for k in np.argsort(-gain)[: MOST_TRIED // 2] if gain[k] > 0}
-    for k, start in _of_own_size(begun.blocks, case.catalogue, case.profile.at)[:MOST_TRIED]:
+    for k, start in _fit_large_sizes(begun.blocks, case.catalogue, case.profile.at)[:MOST_TRIED]:
         if case.catalogue[k] not in begun.effects:
             starts[k] = start
-    tried = [_put_right(case, begun, seen, case.catalogue[k], start) for k, start in starts.items()]
+    tried = [_correct_effect(case, begun, seen, case.catalogue[k], start) for k, start in starts.items()]
     # what makes some blocks unlike all others, so that they are compared no longer, has not explained them
     there = sum(np.sum(q) for q in seen.empirical.used)
     return [one for one in tried if one is not None and sum(np.sum(q) for q in case.rest(one.blocks)[1]) >= there]
 
 
-def _put_right(
+def _correct_effect(
     case: Case, begun: PutRight, seen: Followed, effect: Effect, start: float
 ) -> PutRight | None:
     """None where the size ends at a bound: what was measured asks for something else."""
@@ -149,7 +149,7 @@ def _put_right(
                     log_prior=begun.log_prior + odds + log_weight_of_size(effect, size, std))
 
 
-def _of_own_size(blocks: Blocks, effects: Sequence[Effect], at: int) -> list[tuple[int, float]]:
+def _fit_large_sizes(blocks: Blocks, effects: Sequence[Effect], at: int) -> list[tuple[int, float]]:
     """Of effects that may be large, as many as are asked for, and the sizes at which the planes of the modes before a
     block, seen through them, come nearest to those from it on; nearest first."""
     planes, identity = [], np.eye(len(blocks.channels), dtype=complex)
@@ -191,12 +191,12 @@ class Judged:
 def _judged(case: Case, hypotheses: Sequence[PutRight]) -> Judged:
     """All on the same numbers: in the directions in which the record scatters once the one is put right that leaves
     nothing, or that is the most probable of those that do."""
-    first = _on_numbers_of(case, case.seen(hypotheses[0].blocks), hypotheses)
+    first = _judge_numbers(case, case.seen(hypotheses[0].blocks), hypotheses)
     best = max(hypotheses, key=lambda one: (first.left[one.keys] < 0, first.of[one.keys]))
-    return first if best is hypotheses[0] else _on_numbers_of(case, case.seen(best.blocks), hypotheses)
+    return first if best is hypotheses[0] else _judge_numbers(case, case.seen(best.blocks), hypotheses)
 
 
-def _on_numbers_of(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -> Judged:
+def _judge_numbers(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -> Judged:
     measured, used = case.rest(case.blocks)
     rests = [case.rest(one.blocks) for one in hypotheses]
     used = [np.all(q, axis=0) for q in zip(used, *(r[1] for r in rests), strict=True)]

@@ -41,7 +41,7 @@ CUTS = (3e-3, 1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 MASSLESS = 1e-14
 
 
-def _harmonics_of(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list[sparse.csc_array]:
+def _term_harmonics(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list[sparse.csc_array]:
     """Harmonics of a term that is known at all TURNS_DEG; what does not turn in it has none but the first."""
     pattern, entry = patterned(terms)
     at = entry.toarray()
@@ -79,7 +79,7 @@ def small_model(
     felt = np.setdiff1d(np.arange(len(first.parameters)), first.of_channels)
     points = _points(first.parameters, felt, effects, reach, rng)
     moved = effects if len(effects) else felt.tolist()
-    points = np.vstack([points, _at_ends(first.parameters, moved, reach)])
+    points = np.vstack([points, _range_points(first.parameters, moved, reach)])
     size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
     check = _points(first.parameters, felt, effects, reach, rng)
     sure = max(1, n_mode - UNSURE)
@@ -184,7 +184,7 @@ def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray,
     return energy, linalg.solve_triangular(root, turn, lower=True, trans="T", overwrite_b=True)
 
 
-def _at_ends(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
+def _range_points(parameters: Parameters, numbers: Sequence[int], reach: np.ndarray) -> np.ndarray:
     """Each of these parameters by itself (n, n_param) where it is all but lost at the end of its reach, and where it is
     many times as large: members of little stiffness and all their mass have modes of their own among the lowest, which
     no other point holds."""
@@ -310,7 +310,7 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
         waves = [list(terms), *([nothing] * len(terms) for _ in models[1:])]
         for number, term in enumerate(terms):
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
-                for wave, part in zip(waves, _harmonics_of([getattr(m, kind)[number] for m in models], turn),
+                for wave, part in zip(waves, _term_harmonics([getattr(m, kind)[number] for m in models], turn),
                                       strict=True):
                     wave[number] = part
         return tuple(ProjectedTerms.of(wave, basis) for wave in waves)

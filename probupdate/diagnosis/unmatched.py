@@ -148,17 +148,17 @@ def _words(one: Unmatched) -> str:
 def _explained(
     known: Outcome, problem: DiagnosisProblem, record: ModeRecord, parts: Sequence[Part], *, seed: int, runs: Executor,
 ) -> Unmatched:
-    profile = _since(problem, record.label)
+    profile = _beginning_profile(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
     stepped = initialise_tuned_mass(problem.taken(there), _noise(problem).taken(there), parts, runs)
     begun = [(parts[k], size) for k in at_different_places(parts, [*stepped], FITTED)
              for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
-    shared = problem, _beside(known), profile
+    shared = problem, _effects_found(known), profile
     found = [one for one in runs.in_order(_fitted, begun, shared=shared) if one is not None]
     if not found:
         return Unmatched(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
     best = max(found, key=lambda one: one.log_evidence)
-    best, instead = _in_place_of_findings(known, problem, best)
+    best, instead = _substitute_for_findings(known, problem, best)
     noise = best.fitted.design.noise
     # one place and direction begun twice is one
     value: dict[PartKey, float] = {}
@@ -166,7 +166,7 @@ def _explained(
         evidence = marginal_evidence(one.problem, one.fitted.theta, one.fitted.included, noise)
         value[one.part[1].key] = max(value.get(one.part[1].key, -np.inf), evidence)
     with_it = float(special.logsumexp([*value.values()]) - np.log(len(parts)))
-    of_mass, of_model, _ = special.softmax([with_it, *_without(known, problem, noise, record.label)])
+    of_mass, of_model, _ = special.softmax([with_it, *_evidence_without_mass(known, problem, noise, record.label)])
     scored = with_candidates(best.problem, best.fitted)
     left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
@@ -176,7 +176,9 @@ def _explained(
                      content=content and {**content, "complete": True, "adequacy_p": p})
 
 
-def _in_place_of_findings(known: Outcome, problem: DiagnosisProblem, best: TunedMassFit) -> tuple[TunedMassFit, bool]:
+def _substitute_for_findings(
+    known: Outcome, problem: DiagnosisProblem, best: TunedMassFit
+) -> tuple[TunedMassFit, bool]:
     """The mass with what was found beside it, or by itself where that is as probable: a row of the catalogue may have
     stood for what the mass does to the other modes."""
     beside = best.fitted.included[:-1]
@@ -194,14 +196,14 @@ def _in_place_of_findings(known: Outcome, problem: DiagnosisProblem, best: Tuned
     return alone, True
 
 
-def _without(known: Outcome, problem: DiagnosisProblem, noise: Noise, label: str) -> tuple[float, float]:
+def _evidence_without_mass(known: Outcome, problem: DiagnosisProblem, noise: Noise, label: str) -> tuple[float, float]:
     """ln evidence of all modes without a mass: where that of this label is the model's own, one that is left by all
     others, and where it is of something else."""
     number = _group(problem, label)
     others = noise.of_groups([q for q in range(len(noise.weight)) if q != number])
     elsewhere = marginal_evidence(known.problem, known.fitted.theta, known.fitted.included, others)
     try:
-        own = fitted_without_candidates(problem, known.fitted.theta, _beside(known))
+        own = fitted_without_candidates(problem, known.fitted.theta, _effects_found(known))
         of_model = marginal_evidence(problem, own.theta, own.included, noise)
     except ConvergenceError:
         of_model = -np.inf
@@ -212,12 +214,12 @@ def _group(problem: DiagnosisProblem, label: str) -> int:
     return next(q for q in range(len(problem.blocks.groups)) if problem.blocks.group_name(q) == label)
 
 
-def _beside(known: Outcome) -> tuple[IncludedEffect, ...]:
+def _effects_found(known: Outcome) -> tuple[IncludedEffect, ...]:
     """What was found beside the mode; what does not explain the record is nothing."""
     return () if known.diagnosis.verdict == "unexplained" else known.fitted.included
 
 
-def _since(problem: DiagnosisProblem, label: str) -> TimeProfile:
+def _beginning_profile(problem: DiagnosisProblem, label: str) -> TimeProfile:
     """The step with which a mode begins, the constant where sets before its first one may have missed it by chance."""
     blocks = problem.blocks
     found = blocks.have((blocks.labels.index(label),))

@@ -72,16 +72,16 @@ def moved_frequencies(followed: Followed, column: int) -> tuple[dict, ...]:
     if len(single) > 1:
         names.append("all modes")
         rows.append(_best_mean(followed, single, column))
-    moved = [_moved(name, *_along(followed, row, column)) for name, row in zip(names, rows, strict=True)]
+    moved = [_moved(name, *_change_along(followed, row, column)) for name, row in zip(names, rows, strict=True)]
     against = [_moved(f"{blocks.group_name(b)} over {blocks.group_name(a)}",
-                      *_along(followed, single[b] - single[a], column))
+                      *_change_along(followed, single[b] - single[a], column))
                for a, b in combinations(range(len(single)), 2)
                if len(blocks.groups[a]) == len(blocks.groups[b]) == 1]
     against = sorted((m for m in against if np.isfinite(m["std_percent"])), key=lambda m: -abs(m["z"]))
     return (*(m for m in moved if np.isfinite(m["std_percent"])), *against[:1])
 
 
-def _along(followed: Followed, row: np.ndarray, column: int) -> tuple[float, float]:
+def _change_along(followed: Followed, row: np.ndarray, column: int) -> tuple[float, float]:
     """Change of a sum of responses by their shares `row`, per unit of the profile, and its standard deviation."""
     share = followed.directions.back.T @ row
     amount, variance = followed.along.amounts
@@ -92,7 +92,7 @@ def _along(followed: Followed, row: np.ndarray, column: int) -> tuple[float, flo
 
 def _best_mean(followed: Followed, rows: Sequence[np.ndarray], column: int) -> np.ndarray:
     """The mean of several by how well each is known."""
-    std = np.array([_along(followed, row, column)[1] for row in rows])
+    std = np.array([_change_along(followed, row, column)[1] for row in rows])
     weight = np.where(np.isfinite(std), 1 / np.where(np.isfinite(std), std, 1.0) ** 2, 0.0)
     return np.array(rows).T @ (weight / max(weight.sum(), 1e-300))
 
@@ -102,7 +102,7 @@ def _moved(mode: str, change: float, std: float) -> dict:
             "z": change / std if 0 < std < np.inf else 0.0}
 
 
-def _by_name(time_profiles: Sequence[TimeProfile], log_odds: np.ndarray) -> dict[str, float]:
+def _profile_probabilities(time_profiles: Sequence[TimeProfile], log_odds: np.ndarray) -> dict[str, float]:
     """How probable it is that what changes goes with a profile of each name, the most probable first."""
     probability, names = np.exp(log_odds - logsumexp(log_odds)), {}
     for time_profile, p in zip(time_profiles, probability, strict=True):
@@ -134,7 +134,7 @@ def _condition(
     followed: Followed, unknown: Unknown, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
 ) -> Change:
     """What no effect of sensors explains: the column that it goes with, or since when it is there."""
-    names = _by_name(followed.profiles, odds.unknown)
+    names = _profile_probabilities(followed.profiles, odds.unknown)
     name = next(iter(names))
     best = int(np.argmax(np.where([c.name == name for c in followed.profiles], odds.unknown, -np.inf)))
     time_profile = _sharpened(followed, followed.profiles[best], known, sensors)
@@ -198,7 +198,8 @@ def diagnose_without_model(
         raise _too_few(blocks)
     # what changes along the record and constant shapes share the false alarms
     share = NOTHING / (2 if placed else 1)
-    changes, blocks, followed, total, left = _taken_out(blocks, time_profiles, rows, whole, placed, share, progress)
+    changes, blocks, followed, total, left = _remove_changes(
+        blocks, time_profiles, rows, whole, placed, share, progress)
     unexplained = [c for c in changes if c.finding is None]
     answer, detectable_sizes = _steady(blocks, placed, (*rows, *whole), share, unexplained) if placed else (None, [])
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
@@ -231,7 +232,7 @@ def _too_few(blocks: Blocks) -> InputError:
                       "give more sets (ten and more), or a model of the structure (--model)")
 
 
-def _taken_out(
+def _remove_changes(
     blocks: Blocks, time_profiles: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
     placed: Sequence[Sensor], share: float, progress: Progress,
 ) -> tuple[list[Change], Blocks, Followed, float, bool]:
@@ -298,7 +299,7 @@ def _steady(
     levels = level_reference(look(blocks, placed, begun).mean, blocks.channels, placed, able)
     answer = judge_levels(levels, able, share)
     return answer, [
-        _within_bounds(DetectableSize(kind=e.kind, cause=e.cause, location=e.location, time_profile="constant",
+        _limit_to_bounds(DetectableSize(kind=e.kind, cause=e.cause, location=e.location, time_profile="constant",
                                       unit=e.unit, size=(t.needed + POWER) * t.size_std, share_left=t.share_left,
                                       z=t.z), e) for e, t in answer.tested]
 
@@ -371,10 +372,10 @@ def _detectable_sizes(followed: Followed, share: float) -> tuple[DetectableSize,
                 add(float(size[e, column] / std[e, column]), column, float(std[e, column] / followed.span[column]),
                     kind=effect.kind, cause=effect.cause, location=effect.location, unit=effect.unit + profile.unit)
     bounds = {(e.cause, e.location): e for e in followed.effects}
-    return tuple(x if (effect := bounds.get((x.cause, x.location))) is None else _within_bounds(x, effect)
+    return tuple(x if (effect := bounds.get((x.cause, x.location))) is None else _limit_to_bounds(x, effect)
                  for x in result)
 
 
-def _within_bounds(x: DetectableSize, effect: Effect) -> DetectableSize:
+def _limit_to_bounds(x: DetectableSize, effect: Effect) -> DetectableSize:
     size = max(x.size, effect.tolerance)
     return replace(x, size=size if size <= max(-effect.lower, effect.upper) else np.inf)

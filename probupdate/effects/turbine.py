@@ -87,7 +87,7 @@ def _legs(d: Description) -> tuple[str, ...]:
     return d.jacket.leg_names if isinstance(d, OnJacket) else ()
 
 
-def _in_soil(d: Description) -> str:
+def _soil_part(d: Description) -> str:
     """What stands in the soil."""
     return "all legs" if isinstance(d, OnJacket) else d.stands_on
 
@@ -237,7 +237,7 @@ def _foundation(d: OnFoundation) -> Iterator[Effect]:
 
 
 def _soil(d: Offshore) -> Iterator[Effect]:
-    yield _row("scour_all", "scour", "scour", _in_soil(d), low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
+    yield _row("scour_all", "scour", "scour", _soil_part(d), low=0.0, high=6.0, tolerance=0.1, prior_scale=1.5,
                time_profiles=("constant", "step", "ramp"), signature="second bending falls, base turns more",
                check="bathymetric survey")
     for leg in _legs(d):
@@ -255,7 +255,7 @@ def _soil(d: Offshore) -> Iterator[Effect]:
                        signature="one side of the base softer or stiffer",
                        check="pile records, cone test at that leg")
         if not _legs(d) and curve != "all":
-            yield _row(f"soil_{curve}", "soil", cause, _in_soil(d), **own, time_profiles=("constant", "step", "ramp"),
+            yield _row(f"soil_{curve}", "soil", cause, _soil_part(d), **own, time_profiles=("constant", "step", "ramp"),
                        signature="base softer or stiffer", check="pile records, cone test")
 
 
@@ -434,7 +434,7 @@ def _environment(d: Description) -> Iterator[Effect]:
 
 
 def _softening(d: Offshore) -> Iterator[Effect]:
-    row, whole = partial(_row, group="environmental"), _in_soil(d)
+    row, whole = partial(_row, group="environmental"), _soil_part(d)
     for curve, where in (("all", whole), ("py", f"{whole}, lateral"), ("tz", f"{whole}, axial")):
         yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
                   settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, prior_scale=0.3,

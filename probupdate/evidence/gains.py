@@ -51,7 +51,7 @@ def explanations(
     gains of sound channels."""
     samples = samples / np.linalg.norm(samples, axis=1)[:, None]
     count = independent_count(samples) / len(samples) if count is None else count
-    seen = _Seen(motion=_orthonormal(motion), count=count, noise=noise)
+    seen = _SeenMotion(motion=_orthonormal(motion), count=count, noise=noise)
     nothing, found = [seen.log(samples)], []
     for group in groups:
         kept = samples.copy()
@@ -79,7 +79,8 @@ def independent_count(samples: np.ndarray) -> float:
 
 def outside_share(samples: np.ndarray, motion: np.ndarray) -> float:
     """Mean share of samples (n_sample, n_channel) outside motion (n_channel, r), each sample of one size."""
-    return float(np.mean(np.sum(_across(samples, _orthonormal(motion)) ** 2, axis=1) / np.sum(samples**2, axis=1)))
+    outside = _reject_motion(samples, _orthonormal(motion))
+    return float(np.mean(np.sum(outside**2, axis=1) / np.sum(samples**2, axis=1)))
 
 
 def _orthonormal(motion: np.ndarray) -> np.ndarray:
@@ -88,14 +89,14 @@ def _orthonormal(motion: np.ndarray) -> np.ndarray:
     return left * (value > LEAST_SEEN * value[..., :1])[..., None, :]
 
 
-def _across(samples: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def _reject_motion(samples: np.ndarray, motion: np.ndarray) -> np.ndarray:
     """(n_sample, n) part of samples outside motion, of all or of each."""
     each = samples[:, None, :]
     return (each - each @ motion @ np.swapaxes(motion, -1, -2))[:, 0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
+class _SeenMotion:
     """motion (..., n, r) orthonormal or zero; for how many independent ones each sample counts; noise of each."""
 
     motion: np.ndarray
@@ -107,16 +108,16 @@ class _Seen:
         return np.rint(np.sum(self.motion**2, axis=(-2, -1)))
 
     def log(self, samples: np.ndarray) -> float:
-        outside = np.sum(_across(samples, self.motion) ** 2, axis=1)
+        outside = np.sum(_reject_motion(samples, self.motion) ** 2, axis=1)
         return float(log_evidence(outside, np.array(samples.shape[1]), self.rank, count=self.count, noise=self.noise))
 
 
 def _gains(
-    seen: _Seen, rest: np.ndarray, own: np.ndarray, group: tuple[int, ...], log_odds: float
+    seen: _SeenMotion, rest: np.ndarray, own: np.ndarray, group: tuple[int, ...], log_odds: float
 ) -> tuple[list[float], list[Explanation]]:
     """ln evidence of a sound gain of the group, and its wrong gains of either sign; samples are the sum of `rest` and
     `own`. Nothing where nothing redundant sees the group."""
-    a, b, c = (np.sum(_across(x, seen.motion) * y, axis=1) for x, y in ((rest, rest), (rest, own), (own, own)))
+    a, b, c = (np.sum(_reject_motion(x, seen.motion) * y, axis=1) for x, y in ((rest, rest), (rest, own), (own, own)))
     d, e = np.sum(rest**2, axis=1), np.sum(own**2, axis=1)
     (m, n), r = rest.shape, seen.rank
     if c.sum() < LEAST_SEEN**2 * e.sum():

@@ -166,7 +166,7 @@ def read_farm(path: str | Path) -> Farm:
     steps = _steps(head.steps, content, path)
     return Farm(name=head.name, steps=steps, seed=head.seed, options=options, months=months,
                 joint=_joint(content, steps, len(turbines), path),
-                left_out=tuple(left for turbine in turbines for left in _left_out(path, turbine)))
+                left_out=tuple(left for turbine in turbines for left in _excluded_folders(path, turbine)))
 
 
 def _steps(given: tuple[str, ...], content: Mapping, path: Path) -> tuple[str, ...]:
@@ -228,7 +228,7 @@ def in_order(name: str) -> list[str | int]:
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"(\d+)", name))]
 
 
-def _left_out(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, str, str]]:
+def _excluded_folders(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, str, str]]:
     root = path.parent.resolve()
     for folder in sorted(_folders(root, turbine.campaigns, turbine.name), key=lambda folder: in_order(folder.name)):
         if not (folder / CAMPAIGN).is_file():

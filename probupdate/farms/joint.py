@@ -68,8 +68,8 @@ def run_joint(
     if len(turbines) < 2:
         return JointRun(found=None, failed="waits until two turbines have their update")
     try:
-        made = _made_of(farm, turbines, out)
-        kept = _kept(out / RESULT, made)
+        made = _input_hash(farm, turbines, out)
+        kept = _stored_result(out / RESULT, made)
         if kept is not None:
             return JointRun(found=kept)
         (out / RESULT).unlink(missing_ok=True)
@@ -82,7 +82,7 @@ def run_joint(
     return JointRun(found=found, run=True)
 
 
-def _kept(path: Path, made: str) -> FarmJoint | None:
+def _stored_result(path: Path, made: str) -> FarmJoint | None:
     if not path.exists():
         return None
     try:
@@ -93,7 +93,7 @@ def _kept(path: Path, made: str) -> FarmJoint | None:
     return found if found.settings.get(MADE_OF) == made else None
 
 
-def _made_of(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path) -> str:
+def _input_hash(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path) -> str:
     content = hashlib.sha256(repr((__version__, asdict(farm.joint), asdict(farm.options.update), farm.seed)).encode())
     for months in turbines.values():
         for month in months:

@@ -41,7 +41,7 @@ def joint_section(joint: JointRun) -> Section:
     return Section(anchor=anchor, title=title, items=tuple(items), lead=lead, shown=len(items))
 
 
-def _between(low: float, high: float) -> str:
+def _interval_text(low: float, high: float) -> str:
     return f"{number(low)} to {number(high)}" if np.isfinite(low) else MISSING
 
 
@@ -50,8 +50,8 @@ def _population(found: FarmJoint) -> Table:
     columns = (*words, *(Column(name=name) for name in (
         "prior", "Tikhonov", "mean", "90 %", "scatter between turbines", "90 %", "a turbine without sensors", "90 %")))
     lines = [(r.parameter, r.unit, r.role, f"{number(r.prior_mean)} ± {number(r.prior_std, 2)}", number(r.tikhonov),
-              number(r.mean), _between(r.low, r.high), number(r.tau, 2), _between(r.tau_low, r.tau_high),
-              number(r.inherited_mean), _between(r.inherited_low, r.inherited_high))
+              number(r.mean), _interval_text(r.low, r.high), number(r.tau, 2), _interval_text(r.tau_low, r.tau_high),
+              number(r.inherited_mean), _interval_text(r.inherited_low, r.inherited_high))
              for r in found.population]
     return Table(caption="What turbines share, and what one without sensors inherits", columns=columns,
                  rows=tuple(lines), note="Of a varying parameter: the mean over turbines, and its scatter (a share of "
@@ -69,7 +69,7 @@ def _turbines(found: FarmJoint) -> Table:
         own = {r.parameter: r for r in found.rows if r.turbine == turbine}
         line = [turbine, f"{odd:.3f}"]
         for name in names:
-            line += [number(own[name].mean), _between(own[name].low, own[name].high)]
+            line += [number(own[name].mean), _interval_text(own[name].low, own[name].high)]
         lines.append(tuple(line))
         if odd >= SURE:
             marked.add(k)

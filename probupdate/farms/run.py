@@ -79,20 +79,20 @@ def farm(
         refuse_other_parameters(read)
     share = Shard.of(shard) if isinstance(shard, str) else shard
     _claim(out, read)
-    known = {month: _known(out / month.folder) for month in read.months}
+    known = {month: _stored_state(out / month.folder) for month in read.months}
     mine = list(read.months) if share is None else share.chunk(read.months)
     # the records of a month that was never begun are read where it is worked on
     todo = [month for month in mine
-            if known[month] is None or not is_done(known[month], read, _made_of(month, read, out / month.folder))]
+            if known[month] is None or not is_done(known[month], read, _input_hashes(month, read, out / month.folder))]
     progress("turbine-months", len(mine) - len(todo), len(mine))
     with executor(jobs) as runs:
-        lost = partial(_lost, farm=read, out=out)
+        lost = partial(_ended_from_outside, farm=read, out=out)
         results = runs.completed(run_one, [(month, read, out) for month in todo], least=1, lost=lost)
         for count, (month, state) in enumerate(results, 1):
             known[month] = state
             progress("turbine-months", len(mine) - len(todo) + count, len(mine))
         # what other shards finished meanwhile
-        known = {month: state if month in todo else _known(out / month.folder) for month, state in known.items()}
+        known = {month: state if month in todo else _stored_state(out / month.folder) for month, state in known.items()}
         # of all turbines: no shard's, which know not of one another
         joint = run_joint(read, known, out, jobs=runs, progress=progress) if read.joint and share is None else None
     rows = farm_rows(read, known, out)
@@ -106,11 +106,11 @@ def run_one(month: Month, farm: Farm, out: Path) -> tuple[Month, MonthState]:
     return month, run_month(month, farm, out)
 
 
-def _lost(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, MonthState]:
+def _ended_from_outside(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, MonthState]:
     return task[0], lost_month(task[0], farm, out)
 
 
-def _made_of(month: Month, farm: Farm, folder: Path) -> dict[str, str]:
+def _input_hashes(month: Month, farm: Farm, folder: Path) -> dict[str, str]:
     try:
         return made_of(month, farm, record_table(month.campaign / "acceleration", read_kept(folder)))
     except (ProbupdateError, OSError):
@@ -118,7 +118,7 @@ def _made_of(month: Month, farm: Farm, folder: Path) -> dict[str, str]:
         return {}
 
 
-def _known(folder: Path) -> MonthState | None:
+def _stored_state(folder: Path) -> MonthState | None:
     try:
         return read_state(folder)
     except InputError as error:

@@ -71,7 +71,7 @@ def farm_rows(farm: Farm, known: Mapping[Month, MonthState | None], out: Path) -
     for month in farm.months:
         row = _row(month, farm, known[month], out / month.folder)
         if row.frequency and month.turbine in before:
-            row = _since(before[month.turbine], row)
+            row = _with_shift_note(before[month.turbine], row)
         if row.frequency:
             before[month.turbine] = row
         rows.append(row)
@@ -119,7 +119,7 @@ def _frequency(values: Sequence[float]) -> Frequency | None:
     return Frequency(hz=middle, std_hz=std, blocks=len(found))
 
 
-def _since(before: MonthRow, row: MonthRow) -> MonthRow:
+def _with_shift_note(before: MonthRow, row: MonthRow) -> MonthRow:
     """Said of a frequency where the medians differ by more than the blocks of both months scatter and by more than
     three standard errors; of a verdict where it is another one; of causes where one is new or gone."""
     change, words = {}, []

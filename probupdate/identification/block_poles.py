@@ -127,7 +127,7 @@ def identify_block(
     block, reason = usable_block(campaign, start, files)
     quantity = common_quantity(campaign.sensors)
     if reason:
-        return _left_out(block, quantity, reason)
+        return _skipped_block(block, quantity, reason)
     variance = np.var if (block.measured == 1).all() else np.nanvar
     rms = float(np.sqrt(np.mean(variance(block.data, axis=0))))
     record, remark = _prepared(block, campaign, settings, rotor_rpm)
@@ -161,7 +161,7 @@ def identify_factors(
     asked = tuple(sorted({order for some in alike for order, _ in some}))
     found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
     before, now = ({p.order: p for p in some} for some in (known.every_order, found.by_order))
-    again = [[(n, _same(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
+    again = [[(n, _find_same_pole(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
     poles = averages(found, again)
     whole = isinstance(record, WholeRecord)
     by_likelihood = np.zeros(len(keys), bool)
@@ -176,7 +176,7 @@ def identify_factors(
         if whole else np.full(len(keys), np.nan)))
 
 
-def _same(before: Poles, index: int, now: Poles, where: str) -> int:
+def _find_same_pole(before: Poles, index: int, now: Poles, where: str) -> int:
     f, zeta = before.frequency_hz[index], before.damping_ratio[index]
     found = same_pole(now, f, zeta)
     if found is None:
@@ -263,7 +263,7 @@ def _level(column: np.ndarray) -> bool:
     return len(known) == 0 or bool(known.min() == known.max())
 
 
-def _left_out(block: Block, quantity: str, reason: str) -> BlockPoles:
+def _skipped_block(block: Block, quantity: str, reason: str) -> BlockPoles:
     nothing = frozen_array(np.zeros(0))
     return BlockPoles(
         id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded=reason, notes=block.notes,

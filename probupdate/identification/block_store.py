@@ -265,7 +265,7 @@ class BlockStore:
 
 def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
     """The block of that id in a folder of blocks; None where there is none, or the id is no time."""
-    path = _path_of(folder, block_id)
+    path = _block_path(folder, block_id)
     return None if path is None else read_block_poles(path)
 
 
@@ -286,7 +286,7 @@ def choice_head(folder: Path, ids: Sequence[str]) -> dict:
     head = _read_head(folder / HEAD)
     blocks = []
     for block_id in ids:
-        path = _path_of(folder, block_id)
+        path = _block_path(folder, block_id)
         if path is None:
             raise InputError(f"block {block_id}", f"is not kept in {folder}", "name another, or identify anew")
         digest, records = _hash_and_sources(path)
@@ -297,7 +297,7 @@ def choice_head(folder: Path, ids: Sequence[str]) -> dict:
 def stored_std(folder: Path, block_id: str) -> dict[tuple[int, int], tuple[float, float]]:
     """(model order, index) -> standard deviations of frequency (Hz) and damping ratio of the poles of a block of which
     they are stored."""
-    poles = _path_of(folder, block_id)
+    poles = _block_path(folder, block_id)
     path = None if poles is None else poles.with_name(poles.name.replace(POLES, FACTORS))
     if path is None or not path.exists():
         return {}
@@ -313,7 +313,7 @@ def start_of(block_id: str) -> pd.Timestamp | None:
     return None if start is pd.NaT else start.tz_localize("UTC") if start.tzinfo is None else start
 
 
-def _path_of(folder: Path, block_id: str) -> Path | None:
+def _block_path(folder: Path, block_id: str) -> Path | None:
     start = start_of(block_id)
     if start is None:
         return None
@@ -443,7 +443,7 @@ def _is_whole(path: Path) -> bool:
 
 def read_block_poles(path: Path) -> BlockPoles:
     with _opened(path) as content:
-        head = _head_of(content)
+        head = _store_head(content)
         every = _split(content)
         return BlockPoles(
             id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
@@ -471,18 +471,18 @@ def _joined(arrays: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.zeros(0)
 
 
-def _head_of(content: Mapping) -> dict:
+def _store_head(content: Mapping) -> dict:
     return json.loads(content["head"].tobytes().decode())
 
 
 def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
     with _opened(path) as content:
-        return content[CHECKSUM].tobytes().hex(), list(_head_of(content)["sources"])
+        return content[CHECKSUM].tobytes().hex(), list(_store_head(content)["sources"])
 
 
 def _read_sources(path: Path) -> list[str]:
     with _opened(path) as content:
-        return list(_head_of(content)["sources"])
+        return list(_store_head(content)["sources"])
 
 
 @contextmanager
@@ -504,12 +504,12 @@ def _refuse_other(folder: Path, found: dict, head: dict) -> None:
               for key in head if key not in ("settings", "channels") and found.get(key) != head[key]]
     there, here = found.get("settings") or {}, head["settings"]
     differ += [f"{key} {there.get(key)} there, {here[key]} here" for key in here if there.get(key) != here[key]]
-    differ += _other_channels(found.get("channels") or [], head["channels"])
+    differ += _channel_difference_text(found.get("channels") or [], head["channels"])
     if differ:
         raise InputError(str(folder), f"holds blocks of another identification: {'; '.join(differ)}", ANEW)
 
 
-def _other_channels(there: list, here: list) -> list[str]:
+def _channel_difference_text(there: list, here: list) -> list[str]:
     if there == here:
         return []
     if len(there) != len(here):

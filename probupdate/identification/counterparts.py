@@ -174,17 +174,17 @@ def _mode_records(
     usable = [s for s in sets if not s.environment.get("excluded")]
     records = []
     for j, name in enumerate(names):
-        found = _where_found(usable, j) | {"label": name, "pair": j in in_pair}
+        found = _detection_values(usable, j) | {"label": name, "pair": j in in_pair}
         if matched is not None:
             chance = matched.probability[j]
             likely = [int(k) for k in np.argsort(-chance) if chance[k] > 0.01]
             found["alternatives"] = tuple((matched.model.labels[k], float(chance[k])) for k in likely[:3])
-            found |= _in_the_model(j, matched, settings.plane_mac if j in in_pair else settings.mac)
+            found |= _model_comparison(j, matched, settings.plane_mac if j in in_pair else settings.mac)
         records.append(ModeRecord(**found))
     return tuple(records)
 
 
-def _where_found(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
+def _detection_values(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
     """Mean, scatter and detection of mode j over the blocks that can be used."""
     here = [s for s in usable if s.measured[j]]
     states = [str(s.environment.get("state", "unknown")) for s in usable]
@@ -199,7 +199,7 @@ def _where_found(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
     }
 
 
-def _in_the_model(j: int, matched: Matched, limit: float) -> dict[str, Any]:
+def _model_comparison(j: int, matched: Matched, limit: float) -> dict[str, Any]:
     """How mode j compares with the model's mode that it is; alike from `limit` of the MAC upwards."""
     i, like, model = matched.partner.get(j), matched.like, matched.model
     if i is None:

@@ -36,7 +36,7 @@ class DecayRecord:
         self, *, limited: int | None, sub_records: int, block_rows: int, **settings
     ) -> IdentifiedRecord:
         """`record.identify_covariances` of sums over the same starts at every lag."""
-        covariance, changes = _same_starts(self.data, 2 * block_rows - 1, sub_records)
+        covariance, changes = _mean_products(self.data, 2 * block_rows - 1, sub_records)
         if limited is not None and limited < self.data.shape[1]:
             projection = reference_projection(covariance, limited)
             covariance = covariance @ projection
@@ -75,7 +75,7 @@ def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> 
     return found if explained > EXPLAINED else None
 
 
-def _same_starts(data: np.ndarray, n_lag: int, sub_records: int) -> tuple[np.ndarray, np.ndarray | None]:
+def _mean_products(data: np.ndarray, n_lag: int, sub_records: int) -> tuple[np.ndarray, np.ndarray | None]:
     """(n_lag + 1, n_channel, n_channel) means of products over the starts from which every lag is measured, and the
     changes (n_sub, ...) of as many parts, as `uncertainty.sub_record_covariances` scales them. What a part has more or
     less of a decay changes G alone, and no pole."""

@@ -75,7 +75,7 @@ def modes_of_poles(tables: PoleTables) -> ImportedModes:
     physical = _physical(tables, settings)
     judged = [_judged(block, physical, settings) for block in tables.blocks]
     choices = track(judged, settings).choices
-    sets = [_set(block, choice, tables) for block, choice in zip(tables.blocks, choices, strict=True)]
+    sets = [_modal_set(block, choice, tables) for block, choice in zip(tables.blocks, choices, strict=True)]
     named = name_modes(sets, physical, None, None, None, settings=settings, highest_hz=np.inf, every=False)
     poles = _pole_table(tables.blocks, choices, named)
     filled, said = _with_scatter(named, physical)
@@ -108,7 +108,7 @@ def _judged(block: BlockOfPoles, physical: PhysicalModes, settings: ClassifierSe
                        verdict=rules.block_criteria(stack, like, physical.modes, settings))
 
 
-def _set(block: BlockOfPoles, choice: Choice, tables: PoleTables) -> ModalSet:
+def _modal_set(block: BlockOfPoles, choice: Choice, tables: PoleTables) -> ModalSet:
     there, taken = choice.pole >= 0, np.maximum(choice.pole, 0)
 
     def of(values: np.ndarray) -> np.ndarray:
@@ -147,7 +147,7 @@ def _with_scatter(named: NamedModes, physical: PhysicalModes) -> tuple[tuple[Mod
         lines.append("standard deviations of frequencies and damping where the table has them: its own, as they are")
     if not given.all():
         lines.append(f"standard deviations of frequencies: the scatter over the blocks, "
-                     f"{_each(named, frequency, spread)}; what changes between blocks, as temperature, is in it")
+                     f"{_range_text(named, frequency, spread)}; what changes between blocks, as temperature, is in it")
     without = [label for label, std in zip(named.labels, of_shapes.T, strict=True) if not np.isfinite(std).any()]
     if without:
         lines.append(f"no standard deviations of the shapes of {', '.join(without)}: in fewer than {FEWEST_FOR_SHAPES} "
@@ -155,7 +155,7 @@ def _with_scatter(named: NamedModes, physical: PhysicalModes) -> tuple[tuple[Mod
     return tuple(filled), tuple(lines)
 
 
-def _each(named: NamedModes, frequency: np.ndarray, spread: np.ndarray) -> str:
+def _range_text(named: NamedModes, frequency: np.ndarray, spread: np.ndarray) -> str:
     return ", ".join(
         f"{label} {std:.3g} Hz ({int(np.isfinite(own).sum())})" if np.isfinite(std) else f"{label} none"
         for label, own, std in zip(named.labels, frequency.T, spread[0], strict=True))

@@ -261,7 +261,7 @@ def pair_covariances(
     for rows, columns in ((np.flatnonzero(lossy), np.flatnonzero(~lossy[references])), (every, of_lossy)):
         size = max(LARGEST_PRODUCTS // (weights.shape[1] * max(len(rows), 1)), 1)
         for some in (columns[k: k + size] for k in range(0, len(columns), size)):
-            found, moved = _of_pairs(pairs, weights, rows, references[some], sub_records)
+            found, moved = _covariances_of_pairs(pairs, weights, rows, references[some], sub_records)
             covariance[:, rows[:, None], some] = found
             changes[:, :, rows[:, None], some] = moved
     # the past may be of any combinations of channels
@@ -272,7 +272,7 @@ def pair_covariances(
     return PairCovariances(covariance=frozen_array(covariance), changes=frozen_array(changes) if sub_records else None)
 
 
-def _of_pairs(
+def _covariances_of_pairs(
     pairs: _Pairs, weights: np.ndarray, rows: np.ndarray, references: np.ndarray, sub_records: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances (n_lag, n_row, n_reference) of some channels with some references, and their changes (n_sub, ...)."""
@@ -282,15 +282,15 @@ def _of_pairs(
     if sub_records:
         edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
         for j, part in enumerate(pairs.parts(rows, references, edges)):
-            changes[j] = _at_lags(weights, part / number)
+            changes[j] = _select_lags(weights, part / number)
         share, at = pairs.shares(edges)
         for k, row in enumerate(at):
-            changes -= pairs.of(share[:, k], rows, references)[:, None] * _at_lags(weights * row, mean)
+            changes -= pairs.of(share[:, k], rows, references)[:, None] * _select_lags(weights * row, mean)
         changes *= np.sqrt(sub_records / (sub_records - 1))
-    return _at_lags(weights, mean), changes
+    return _select_lags(weights, mean), changes
 
 
-def _at_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _select_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return (weights @ covariance.reshape(len(covariance), -1)).reshape(len(weights), *covariance.shape[1:])
 
 

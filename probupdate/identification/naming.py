@@ -53,7 +53,7 @@ def name_modes(
     mode_in_column = columns_of(len(sets), n_mode, {(a, b, k): a for a, b, k in two})
     sets = [s.of_modes(own) for s, own in zip(sets, mode_in_column.tolist(), strict=True)]
     seconds = None if campaign is None else 60 * campaign.block_minutes
-    seen, notes = _seen(sets, physical, every, {b for _, b, _ in two}, seconds)
+    seen, notes = _steady_modes(sets, physical, every, {b for _, b, _ in two}, seconds)
     wanted: tuple[str, ...] = ()
     matched = None
     if reference is not None and campaign is not None:
@@ -78,7 +78,7 @@ def name_modes(
                       mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, list(columns)]))
 
 
-def _seen(
+def _steady_modes(
     sets: list[ModalSet], physical: PhysicalModes, every: bool, joined: Collection[int],
     block_seconds: float | None,
 ) -> tuple[np.ndarray, list[str]]:
@@ -114,7 +114,7 @@ def _matched(
         lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
     pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
     shown = [s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets]
-    return match_modes(shown, pairs, _Each(at_block, len(sets)), model, sought)
+    return match_modes(shown, pairs, _Lazy(at_block, len(sets)), model, sought)
 
 
 def _columns(
@@ -132,7 +132,7 @@ def _columns(
     return (*(place.get(label, -1) for label in wanted), *rest), (*wanted, *numbers)
 
 
-class _Each(Sequence[T]):
+class _Lazy(Sequence[T]):
     """What a function gives for 0, 1, ..., made when it is asked for."""
 
     def __init__(self, function: Callable[[int], T], count: int):

@@ -307,7 +307,7 @@ def physical_modes(
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies where multiples of the rotor's speed pass in nearly every "
               "block: it may be its line" for one in sorted(found, key=lambda x: x.ln_frequency)
               if swept[one.rows].mean() > FOLLOWS]
-    found = _of_the_structure(candidates, found, wave_hz, highest_hz, notes)
+    found = _structural_clusters(candidates, found, wave_hz, highest_hz, notes)
     angle = np.array(angle_deg, float) if angle_deg is not None else None
     groups, doubles = _grouped(candidates, found, block_seconds,
                                turns=angle is not None and bool(np.isfinite(angle).any()))
@@ -321,7 +321,7 @@ def physical_modes(
               "machine's line, perhaps folded from above half the sampling rate; look at it as a mode with care"
               for one in sorted((group[0] for group in groups), key=lambda x: x.ln_frequency)
               if one.damping < OF_A_LINE]
-    return _as_modes(candidates, groups, angle, sensors, tuple(notes))
+    return _build_modes(candidates, groups, angle, sensors, tuple(notes))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -362,11 +362,11 @@ class _Persistence:
             for name, n in self.count.items())
 
 
-def _of_the_structure(
+def _structural_clusters(
     c: Candidates, clusters: list[_Cluster], wave_hz: Sequence[float] | None, highest_hz: float, notes: list[str]
 ) -> list[_Cluster]:
     """Without the waves' own, and what lies above the band that the rate passes; both are noted."""
-    waves = [one for one in clusters if _of_waves(c, one, wave_hz)]
+    waves = [one for one in clusters if _is_of_waves(c, one, wave_hz)]
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
               f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
     above = [one for one in clusters if np.exp(one.ln_frequency) > highest_hz]
@@ -420,7 +420,7 @@ def stays(steps: np.ndarray, frequency_hz: float, damping: float, block_seconds:
     return bool(scatter <= max(LARGEST_JUMP, STEADY * bound))
 
 
-def _of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | None) -> bool:
+def _is_of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | None) -> bool:
     if wave_hz is None or cluster.damping < WAVE_DAMPING:
         return False
     peak = np.array(wave_hz, float)[c.block[cluster.rows]]
@@ -546,7 +546,7 @@ class _Mode:
     turns: bool = False
 
 
-def _as_modes(
+def _build_modes(
     c: Candidates, groups: list[list[_Cluster]], angle: np.ndarray | None, sensors: tuple[Sensor, ...],
     notes: tuple[str, ...],
 ) -> PhysicalModes:
@@ -561,8 +561,8 @@ def _as_modes(
         basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
         axes = along_axes(basis, sensors) if turns else None
-        shapes, parts = (_by_nacelle(c, rows, axes, angle, sensors) if axes is not None
-                         else _by_frequency(c, rows, basis))
+        shapes, parts = (_resolve_by_nacelle(c, rows, axes, angle, sensors) if axes is not None
+                         else _resolve_by_frequency(c, rows, basis))
         n = len(modes)
         modes += [_Mode(rows=parts[k], shape=shapes[:, k], mate=n + 1 - k, turns=axes is not None) for k in range(2)]
     return _numbered(c, modes, notes)
@@ -579,7 +579,7 @@ def _real(shape: np.ndarray) -> np.ndarray:
     return real / np.linalg.norm(real, axis=0)
 
 
-def _by_nacelle(c, rows, axes, angle, sensors) -> tuple[np.ndarray, list[np.ndarray]]:
+def _resolve_by_nacelle(c, rows, axes, angle, sensors) -> tuple[np.ndarray, list[np.ndarray]]:
     """A pair named by direction: fore-aft where the nacelle looked, side-side across; shapes for a nacelle along x."""
     way = heading_of_motion(c.shape[:, rows], axes, sensors)
     turn = np.nan_to_num(np.radians(angle[c.block[rows]]))
@@ -588,7 +588,7 @@ def _by_nacelle(c, rows, axes, angle, sensors) -> tuple[np.ndarray, list[np.ndar
     return axes, [part if len(part) else rows for part in parts]
 
 
-def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _resolve_by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """A pair whose directions are fixed: the lower and the higher pole of blocks that have both show them."""
     lower, higher = [], []
     for k in np.unique(c.block[rows]):

@@ -51,9 +51,10 @@ class ReferenceModes:
                                  f"give ({n_mode}, 2), the lower end first")
             object.__setattr__(self, "range_hz", span)
         if self.turning is None:
-            object.__setattr__(self, "turning", tuple(named for pair in self.pairs if (named := self._named(pair))))
+            labelled = (self._labelled_pair(pair) for pair in self.pairs)
+            object.__setattr__(self, "turning", tuple(pair for pair in labelled if pair))
 
-    def _named(self, pair: tuple[int, int]) -> tuple[int, int] | None:
+    def _labelled_pair(self, pair: tuple[int, int]) -> tuple[int, int] | None:
         """(along x, along y) of a pair whose labels say so: of a turbine (fore-aft, side-side)."""
         first, second = (self.labels[i] for i in pair)
         if label_across(first) != second:

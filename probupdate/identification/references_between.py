@@ -20,7 +20,7 @@ from probupdate.modal.modes import Sensor, mac
 SAME_MODE = 0.03
 # mean and largest 1 - MAC at the references from which setups disagree, and the share of the mean that a change that
 # explains it leaves at most
-UNLIKE, MOST_UNLIKE, LEFT = 0.02, 0.08, 0.2
+UNLIKE, MOST_UNLIKE, REMAINING = 0.02, 0.08, 0.2
 # gains that are tried, and from which one is said; a sign or an exchange explains as well with fewer numbers
 GAINS = np.exp(np.linspace(np.log(0.05), np.log(20.0), 121))
 LEAST_GAIN, BETTER = 1.1, 0.5
@@ -147,14 +147,14 @@ def _refuse_explained(
     single = [f for f in found if len(f[1].exchanged) + len(f[1].reversed_) == 1]
     left, change = min(single, key=lambda x: x[0])
     twofold = min(found, key=lambda x: x[0])
-    if left > LEFT * before or twofold[0] < BETTER**2 * left:
+    if left > REMAINING * before or twofold[0] < BETTER**2 * left:
         left, change = twofold
     scaled, gain, row = min(((_unlike(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),
                             key=lambda x: x[0])
     amplified = scaled < BETTER * left and abs(np.log(gain)) > np.log(LEAST_GAIN)
     both = f"setups {first.name} and {second.name}"
     like = f"have a MAC of {1 - before:.2f} at the references on average"
-    if min(scaled, left) > LEFT * before:
+    if min(scaled, left) > REMAINING * before:
         return (f"{both}: their {one.shape[1]} modes {like}, and no change of references explains it: run `probupdate "
                 "check` on each")
     said = f"as they are the setups' {one.shape[1]} modes {like}, with that mended {1 - min(scaled, left):.3f}"

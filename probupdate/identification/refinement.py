@@ -57,7 +57,7 @@ def refined(
         if one is not None and _bears(one, poles, group):
             found.append((group, one))
             taken[group] = True
-    return _with(poles, found), frozen_array(taken, bool)
+    return _replace_modes(poles, found), frozen_array(taken, bool)
 
 
 def _spectrum(data: np.ndarray, rate_hz: float, highest_hz: float, power: int) -> Spectrum:
@@ -94,7 +94,7 @@ def _bears(one: GroupFit, poles: ModePoles, group: list[int]) -> bool:
                 and not np.any(moved | changed) and np.all(np.isfinite(one.ln_frequency_std)))
 
 
-def _with(poles: ModePoles, found: list[tuple[list[int], GroupFit]]) -> ModePoles:
+def _replace_modes(poles: ModePoles, found: list[tuple[list[int], GroupFit]]) -> ModePoles:
     """The modes of each group replaced, with their covariance factors."""
     if not found:
         return poles
@@ -103,8 +103,8 @@ def _with(poles: ModePoles, found: list[tuple[list[int], GroupFit]]) -> ModePole
         poles.factors.ln_frequency, poles.factors.damping_ratio, poles.factors.shape))
     for group, one in found:
         f[group], zeta[group] = one.frequency_hz, one.damping_ratio
-        of_f[group] = _at_least(one.ln_frequency, one.ln_frequency_std)
-        of_zeta[group] = _at_least(one.damping, one.damping_std)
+        of_f[group] = _limit_information(one.ln_frequency, one.ln_frequency_std)
+        of_zeta[group] = _limit_information(one.damping, one.damping_std)
         scale = one.shape[np.argmax(np.abs(one.shape), axis=0), np.arange(len(group))]
         real, moved = one.shape / scale, one.shape_change / scale[:, None]
         plane = np.linalg.qr(real)[0]
@@ -117,7 +117,7 @@ def _with(poles: ModePoles, found: list[tuple[list[int], GroupFit]]) -> ModePole
         ln_frequency=of_f, damping_ratio=of_zeta, shape=of_shape))
 
 
-def _at_least(change: np.ndarray, std: np.ndarray) -> np.ndarray:
+def _limit_information(change: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Factors whose standard deviations are those of the information where the record's parts scatter less: these are
     not quite independent where a mode's memory is as long as a part. Under forces that grow and fade they scatter more.
     """

@@ -382,7 +382,7 @@ def regress_modes(
     state: blocks of that turbine state only. Stated standard deviations weight the blocks where sets have them. Raises
     InputError where no set has a time or no mode can be fitted.
     """
-    sets, hours = _in_time(data, state)
+    sets, hours = _sets_by_time(data, state)
     columns = _columns(sets, covariates)
     labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
     fits: dict[str, tuple[Regression, ...]] = {}
@@ -400,7 +400,7 @@ def regress_modes(
                            notes=tuple(dict.fromkeys(notes)))
 
 
-def _in_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.ndarray]:
+def _sets_by_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.ndarray]:
     """Usable sets of that turbine state by their start, and hours (n_set,) since the first."""
     sets = [s for s in data.sets if not s.environment.get("excluded")]
     sets = [s for s in sets if state is None or s.environment.get("state") == state]

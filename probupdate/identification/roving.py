@@ -110,7 +110,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
     labels, columns = _common_modes(setups, means, same_modes)
     if not labels:
         raise InputError("setups", "have no mode in common", "check the frequencies and the references")
-    means = [_of_modes(mean, column) for mean, column in zip(means, columns, strict=True)]
+    means = [_select_modes(mean, column) for mean, column in zip(means, columns, strict=True)]
     channels = tuple(dict.fromkeys([*references, *(c for s in setups for c in s.data.channels)]))
     known = {sensor.channel: sensor for s in setups for sensor in s.sensors}
     shape, d_shape, misfit, noise = _joined_shapes(setups, means, channels, references)
@@ -296,7 +296,7 @@ def _alike_at_references(
     return modes
 
 
-def _of_modes(mean: _Mean, columns: list[int]) -> _Mean:
+def _select_modes(mean: _Mean, columns: list[int]) -> _Mean:
     there = np.array(columns, int)
 
     def taken(value: np.ndarray, axis: int = 0) -> np.ndarray:

@@ -77,9 +77,9 @@ def identify_setups(
                                    persistence))]
         compared = compare_references(alone, shared)
         if not common:
-            return _along_the_chain(campaigns, names, poles, compared, settings, runs, progress)
+            return _merge_along_chain(campaigns, names, poles, compared, settings, runs, progress)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
-        found = physical_modes(gathered([_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
+        found = physical_modes(gathered([_shapes_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
                                n_block=len(owner), settings=persistence,
                                block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
                                highest_hz=min(passed_hz(c, settings) for c in campaigns))
@@ -100,12 +100,12 @@ def identify_setups(
         merged = merge_setups(setups, same_modes=True)
         return replace(merged, summary="\n".join([merged.summary, *notes]))
     model = reference if others is None else reference.joined(others)
-    named, matched = _named(setups, found, model, reference.labels, channels)
+    named, matched = _name_modes(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, matched, reference.labels, notes, settings)
 
 
-def _along_the_chain(
+def _merge_along_chain(
     campaigns: Sequence[Campaign], names: Sequence[str], poles: Sequence[BlockStore], compared: list[str],
     settings: SSISettings, runs: Executor, progress: Progress,
 ) -> Merged:
@@ -169,7 +169,7 @@ def _candidates(
     return parts, owner
 
 
-def _at(part: Candidates, rows: list[int]) -> Candidates:
+def _shapes_at(part: Candidates, rows: list[int]) -> Candidates:
     """The same with the shapes at some channels; where these hardly move the shape says nothing, and is kept so."""
     shape = part.shape[rows]
     size = np.linalg.norm(shape, axis=0)
@@ -200,7 +200,7 @@ def _own_part(
     return replace(part, modes=modes, notes=()), {j: k for k, j in enumerate(chosen)}, absent
 
 
-def _named(
+def _name_modes(
     setups: list[Setup], found: PhysicalModes, model: ReferenceModes, wanted: tuple[str, ...], channels: tuple[str, ...]
 ) -> tuple[list[Setup], Matched]:
     """The setups' modes matched with the model's by all their blocks: those of interest first, by name, the others by

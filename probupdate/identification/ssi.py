@@ -186,13 +186,13 @@ def left_singular(
     tall = toeplitz.shape[0] > toeplitz.shape[1]
     q, square = np.linalg.qr(toeplitz) if tall else (None, toeplitz)
     size = len(square)
-    value, vector = _leading_of(square, count)
+    value, vector = _leading_vectors(square, count)
     rounding = np.full(count, EPS * max(float(value[0]), 0.0))
     last = (needed or count) - 1
     if value[last] < SMALL**2 * value[0]:
         above = int(np.sum(value > SPLIT**2 * value[0]))
         complement = linalg.qr(vector[:, :above])[0][:, above:]
-        below, turned = _leading_of(complement.T @ square, min(count, size) - above)
+        below, turned = _leading_vectors(complement.T @ square, min(count, size) - above)
         value = np.concatenate([value[:above], below])
         vector = np.concatenate([vector[:, :above], complement @ turned], axis=1)
         # beside its own, T holds that of its largest elements
@@ -201,7 +201,7 @@ def left_singular(
     return value, q @ vector if tall else vector, rounding
 
 
-def _leading_of(matrix: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _leading_vectors(matrix: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     size = len(matrix)
     # of all of them, dividing and conquering is a fifth faster
     asked = {"driver": "evd"} if count == size else {"subset_by_index": [size - count, size - 1]}

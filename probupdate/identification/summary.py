@@ -32,15 +32,15 @@ def summarise(
                       for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
-    lines += _of_samples(found, campaign.channels)
+    lines += _sample_notes(found, campaign.channels)
     damaged = [b.id for b in found if any(COUNTED_AS_LOST in note for note in b.notes)]
     if damaged:
         lines.append(f"samples that no sensor measures, {COUNTED_AS_LOST}, in {len(damaged)} of {len(found)} blocks, "
                      f"first {damaged[0]}: `probupdate check` names the channels")
-    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
+    lines += [_mode_text(label, np.array([s.frequency_hz[j] for s in data.sets]))
               for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
-    lines += _of_scada(data, campaign, rule, of_turbine)
+    lines += _scada_notes(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)
     lines += _counted(found, (SAID, BRIDGED))
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
@@ -60,7 +60,7 @@ def _counted(blocks: Sequence[BlockPoles], notes: tuple[str, ...]) -> list[str]:
     return [f"in {n} of {len(blocks)} blocks: {note}" for note, n in count.items() if n]
 
 
-def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list[str]:
+def _sample_notes(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list[str]:
     """What was not measured of each channel, in the blocks that were used, and what was done about it."""
     used = [b.unmeasured for b in blocks if not b.excluded]
     if not used or not np.any(share := np.mean(used, axis=0)):
@@ -76,7 +76,7 @@ def _of_samples(blocks: Sequence[BlockPoles], channels: tuple[str, ...]) -> list
             "standard deviations grow by what is missing"]
 
 
-def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:
+def _mode_text(label: str, frequency_hz: np.ndarray) -> str:
     f = frequency_hz[np.isfinite(frequency_hz)]
     text = (f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1
             else f"{f[0]:.4f} Hz" if len(f) else "not identified")
@@ -99,7 +99,7 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
     return [said]
 
 
-def _of_scada(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
+def _scada_notes(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
     """Turbine states, rated power and what fore-aft is."""
     lines = []
     if campaign.scada is not None or of_turbine:

@@ -235,7 +235,7 @@ def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettin
         taken = {}
         for n in np.unique(poles.order[left]):
             here = poles.order[left] == n
-            taken[n] = _taken(left[here], score[left[here]], inside[:, here], near[here], fit[here], settings)
+            taken[n] = _assign_poles(left[here], score[left[here]], inside[:, here], near[here], fit[here], settings)
         best, found = _central({n: t for n, (t, _) in taken.items()}, poles, len(group))
         share[list(group)] = found / len(orders)
         kept_poles = {pole for t, _ in taken.values() for pole in t.values()}
@@ -276,7 +276,7 @@ def _central(taken: dict[int, dict[int, int]], poles: PoleStack, n_member: int) 
     return list(taken)[int(complete[np.argmin(distance)])], found
 
 
-def _taken(left, score, inside, near, fit, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
+def _assign_poles(left, score, inside, near, fit, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
     """Member of the group -> pole, from the poles `left` (indices) of one order; and a pair's independence.
 
     A single mode takes the best score near its path; a pair the two with the largest product of scores and

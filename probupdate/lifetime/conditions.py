@@ -259,7 +259,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
         total = sum(item.share for item in items)
         if abs(total - 1) > 1e-6:
             yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
-    yield from _of_life_and_states(c)
+    yield from _check_life_and_states(c)
     if not c.joint and not c.member_end and not c.girth:
         yield (
             "joint",
@@ -278,9 +278,9 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 )
             if not isinstance(item, Girth):
                 yield from _factor_mistakes(f"{kind}[{k + 1}]", item)
-    yield from _of_curves(c)
+    yield from _check_curves(c)
     for k, state in enumerate(c.state):
-        if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
+        if state.thrust_spectrum is not None and not _is_beside(path, state.thrust_spectrum):
             yield (
                 f"state[{k + 1}].thrust_spectrum",
                 f"'{state.thrust_spectrum}' is not a file beside this one",
@@ -288,7 +288,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
             )
 
 
-def _of_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
+def _check_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
     if c.life.age_years > c.life.years:
         yield ("life.age_years", f"{c.life.age_years:g} is above years = {c.life.years}",
                "let years reach beyond the age")
@@ -307,7 +307,7 @@ def _of_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
                    "add their shares up in one table")
 
 
-def _of_curves(c: Conditions) -> Iterator[tuple[str, str, str]]:
+def _check_curves(c: Conditions) -> Iterator[tuple[str, str, str]]:
     for name, own in c.curve.items():
         if own.m2 < own.m1:
             yield (
@@ -334,7 +334,7 @@ def _factor_mistakes(where: str, item: Sides) -> Iterator[tuple[str, str, str]]:
         yield f"{where}.efthymiou.gap_m", problem, "state it for K, and for K alone"
 
 
-def _beside(path: Path, name: str) -> bool:
+def _is_beside(path: Path, name: str) -> bool:
     folder = path.resolve().parent
     file = (folder / name).resolve()
     return file.is_relative_to(folder) and file.is_file()

@@ -314,10 +314,10 @@ def _factors(entry: Sides, detail: Detail, ends: Sequence[Detail], where: str) -
     """(side, factors) as stated, or by Efthymiou's equations."""
     if entry.efthymiou is None:
         return [(side, f) for side, f in (("chord", entry.chord), ("brace", entry.brace)) if f is not None]
-    return list(zip(("chord", "brace"), _by_geometry(entry.efthymiou, detail, ends, where), strict=True))
+    return list(zip(("chord", "brace"), _geometry_factors(entry.efthymiou, detail, ends, where), strict=True))
 
 
-def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where: str) -> tuple[Factors, Factors]:
+def _geometry_factors(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where: str) -> tuple[Factors, Factors]:
     """(chord, brace), none below the stated least. Raises InputError outside the equations' ranges, and of a K without
     a second brace."""
     own = _geometry(entry, detail)

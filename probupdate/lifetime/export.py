@@ -201,7 +201,7 @@ def export_lifetime(
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
     solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
-    named = _labels_of(model, run.modes)
+    named = _mode_labels(model, run.modes)
     damping = _modes(files, named, solved, run.modes, left_out, rng)
     truncation = _superelements(files, len(draws), path, model.parameters.names, settings.n_mode, left_out, progress)
     assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, named, left_out,
@@ -349,7 +349,7 @@ def _model_files(
             said.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
         else:
             file, above = applied(path, values, remark)
-            place = _at_draw(path)
+            place = _path_in_draw(path)
             target = write_subdyn(_with_remark(file, remark), folder / place, folder)
             for name in file.soil:
                 written[_joined(place.parent, name)] = False
@@ -411,13 +411,13 @@ def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> d
     text = f"# {remark}\n" + with_initial(read_text(path), values, str(path))
     target = folder / "model.toml"
     write_text(target, text)
-    if read_toml(target) != _at_values(raw, values):
+    if read_toml(target) != _with_values(raw, values):
         raise InputError(str(target), "what was read back differs from the run's model by more than initial values",
                          "report this: the model was not written as it is")
     return written | {"model.toml": load_model(target) if first or _softened(path) else True}
 
 
-def _at_values(raw: Mapping, values: Mapping[str, float]) -> dict:
+def _with_values(raw: Mapping, values: Mapping[str, float]) -> dict:
     """A TOML's content with a draw as initial values; `cov` becomes the std it stood for."""
     def moved(p: Mapping) -> Mapping:
         if p.get("name") not in values:
@@ -429,7 +429,7 @@ def _at_values(raw: Mapping, values: Mapping[str, float]) -> dict:
     return dict(raw) | ({"parameter": [moved(p) for p in raw["parameter"]]} if "parameter" in raw else {})
 
 
-def _at_draw(path: Path) -> Path:
+def _path_in_draw(path: Path) -> Path:
     """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be,
     so that the names of its soil files mean the same."""
     return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
@@ -486,7 +486,7 @@ def refuse_without_members(path: Path) -> None:
 def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved,
              damping: MeasuredDamping, named, left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. named:
-    `_labels_of`."""
+    `_mode_labels`."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
@@ -513,14 +513,14 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     return dict(found.summary) | {"conditions": given.file.name, "conditions_sha256": _sha(given.file)}
 
 
-def _labels_of(model: Model, data: ModalData | None):
+def _mode_labels(model: Model, data: ModalData | None):
     """ModalSolution -> names of its modes, as those of the measured ones."""
     families = NEUTRAL if data is not None and {*map(family, data.labels or ())} & {*NEUTRAL[:2]} else TURBINE
     return lambda one: mode_labels(model, one, families=families)
 
 
 def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) -> MeasuredDamping:
-    """modes.csv: frequencies of every draw, named by `_labels_of`; damping ratios as measured."""
+    """modes.csv: frequencies of every draw, named by `_mode_labels`; damping ratios as measured."""
     labels = [named(one) for one in solved]
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]
@@ -609,7 +609,7 @@ def _reducer(
             return None
 
         def of_file(folder: Path, n_mode: int):
-            file = read_subdyn(folder / _at_draw(path), folder)
+            file = read_subdyn(folder / _path_in_draw(path), folder)
             return superelement(file, n_mode=n_mode), f"interface joints {[i.joint for i in file.interfaces]}"
 
         return of_file

@@ -81,15 +81,15 @@ class FatigueModel:
         found = [m.solve(theta, damping or {}, derivatives=derivatives) for m in self.models]
         change = None
         if derivatives:
-            change = np.stack([self._of_spots(r.change) for r in found if r.change is not None], axis=1)
+            change = np.stack([self._moments_at_spots(r.change) for r in found if r.change is not None], axis=1)
         return Stress(
             owner=self,
             responses=tuple(found),
             change=change,
-            moments=frozen_array([self._of_spots(r.moments) for r in found]),
+            moments=frozen_array([self._moments_at_spots(r.moments) for r in found]),
         )
 
-    def _of_spots(self, moments: np.ndarray) -> np.ndarray:
+    def _moments_at_spots(self, moments: np.ndarray) -> np.ndarray:
         """(..., 14, n_detail, 3, 3) -> (..., 14, n_spot)."""
         at, w = self._weights
         flat = moments.reshape(*moments.shape[:-2], 9)
@@ -158,7 +158,7 @@ def fatigue_model(
 ) -> FatigueModel:
     """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one, with
     the `spectra` that its states name (state -> Hz, N^2/Hz)."""
-    known, path, spectra = _known(conditions, spectra)
+    known, path, spectra = _read_conditions(conditions, spectra)
     frames = [build_frame(description, d.heading_deg) for d in known.direction]
     details, spots = find_details(frames[0], known, str(path or where))
     models = tuple(
@@ -196,7 +196,7 @@ def fatigue_model_of(
         )
     from probupdate.lifetime.subdyn_stress import find_subdyn_details, opened, subdyn_stress_model
 
-    known, path, spectra = _known(conditions, spectra)
+    known, path, spectra = _read_conditions(conditions, spectra)
     own, where = opened(model), str(path or model)
     details, spots = find_subdyn_details(own, known, where)
     models = tuple(
@@ -209,7 +209,7 @@ def fatigue_model_of(
     return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
 
 
-def _known(conditions: Conditions | str | Path, spectra) -> tuple[Conditions, Path | None, dict]:
+def _read_conditions(conditions: Conditions | str | Path, spectra) -> tuple[Conditions, Path | None, dict]:
     """What a fatigue.toml says, its path, and the spectra of thrust that it names."""
     if isinstance(conditions, Conditions):
         known, path, spectra = conditions, None, dict(spectra or {})

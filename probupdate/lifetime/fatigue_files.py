@@ -117,7 +117,7 @@ def assess(
     design = model.solve(parameters.initial)
     planned, updated = SpotDamage.of(design), damage_at_many(model, draws, dampings, progress)
     worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
-    curve = DamageCurve.of(_only(model, design, worst))
+    curve = DamageCurve.of(_select_spots(model, design, worst))
     few = model.picked(worst)
     left_out: list[str] = []
     factor = {
@@ -161,7 +161,7 @@ def _variance_parts(
     gain = gains(*given.updated)
     direct = tolerance_slopes(path, few, given, damping, progress) if gain.sources else None
     parts = gain.parts(slope, direct)
-    parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
+    parts["set_to_set"] = _scatter_between_sets(slope, given.set_updates, parts["measurement"])
     return parts, direct, gain
 
 
@@ -222,11 +222,11 @@ def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
     return np.array(found)
 
 
-def _only(model: FatigueModel, stress: Stress, spots: np.ndarray) -> Stress:
+def _select_spots(model: FatigueModel, stress: Stress, spots: np.ndarray) -> Stress:
     return Stress(owner=model.picked(spots), responses=stress.responses, moments=stress.moments[..., spots])
 
 
-def _set_to_set(slope: np.ndarray, updates: np.ndarray | None, measurement: np.ndarray) -> np.ndarray:
+def _scatter_between_sets(slope: np.ndarray, updates: np.ndarray | None, measurement: np.ndarray) -> np.ndarray:
     """Scatter of single sets' updates beyond what identification explains, (n_quantity,)."""
     if updates is None or len(updates) < 3:
         return np.zeros(len(slope))
@@ -366,7 +366,8 @@ def frequency_factors(
             j = list(at).index(label)
             parts = gain.parts(slope[j : j + 1], None if direct is None else direct[j : j + 1])
             row |= {name: float(v[0]) for name, v in parts.items()}
-            row["set_to_set"] = float(_set_to_set(slope[j : j + 1], given.set_updates, parts["measurement"])[0])
+            scatter = _scatter_between_sets(slope[j : j + 1], given.set_updates, parts["measurement"])
+            row["set_to_set"] = float(scatter[0])
         rows.append(row)
     return rows
 

@@ -188,7 +188,7 @@ def smoother(of: Driven, cross: np.ndarray, channels: np.ndarray) -> Smoother:
     at = np.log(f)
     for i in range(len(load)):
         load[i] *= np.exp(np.interp(at, middle, [x[i] for x in learnt_load]))
-    smooth = np.exp(_between(at, middle, np.log([np.mean(auto[a:b], axis=0) for a, b in band])))
+    smooth = np.exp(_interpolate_bands(at, middle, np.log([np.mean(auto[a:b], axis=0) for a, b in band])))
     noise = np.exp(np.interp(at, middle, learnt_noise))[:, None] + SHAPE_ERROR**2 * smooth
     gain = np.empty((len(f), len(load), len(channels)), complex)
     for start in range(0, len(f), CHUNK):
@@ -250,7 +250,7 @@ def _gain(H: np.ndarray, load: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return np.conj(solved.transpose(0, 2, 1)) * scale[:, None, :]
 
 
-def _between(at: np.ndarray, middle: list[float], values: np.ndarray) -> np.ndarray:
+def _interpolate_bands(at: np.ndarray, middle: list[float], values: np.ndarray) -> np.ndarray:
     """(n_line, n_channel) linear between bands."""
     return np.column_stack([np.interp(at, middle, values[:, c]) for c in range(values.shape[1])])
 

@@ -207,10 +207,10 @@ def measured_stresses(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
         draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
         histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed,
-        gauges=None if gauges is None else _gauges_of(beside, gauges))
+        gauges=None if gauges is None else _join_gauge_rows(beside, gauges))
 
 
-def _gauges_of(beside: Sequence[GaugeCheck | None], path: Path) -> GaugeCheck:
+def _join_gauge_rows(beside: Sequence[GaugeCheck | None], path: Path) -> GaugeCheck:
     """All blocks' rows by time, with the first block's histories."""
     some = sorted((one for one in beside if one is not None), key=lambda one: one.block)
     if not some:
@@ -394,8 +394,8 @@ class _Group:
         if not whole.size:
             return None
         one, open_moments = self._smoother(whole, lines)
-        seen = self._of_spots(_moments(one.of.frequency_hz, one.of.stress(one.estimate(lines))))
-        total = seen + self._of_spots(open_moments)
+        seen = self._moments_at_spots(_moments(one.of.frequency_hz, one.of.stress(one.estimate(lines))))
+        total = seen + self._moments_at_spots(open_moments)
         own = ranges(np.maximum(total, 1e-300))
         return BlockStress(
             id=read.id, state=self.work.conditions.state[self.state].name, conditions=planned.conditions,
@@ -404,7 +404,7 @@ class _Group:
             damage_per_hour=frozen_array(3600 * self._damage(total)), resolved=frozen_array(seen[0] / total[0]),
             exponent=frozen_array(np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)))
 
-    def _of_spots(self, moments: np.ndarray) -> np.ndarray:
+    def _moments_at_spots(self, moments: np.ndarray) -> np.ndarray:
         """(14, n_detail, 3, 3) -> (14, n_spot)."""
         at, w = weights(self.work.spots)
         return np.einsum("ksij,si,sj->ks", moments[:, at], w, w, optimize=True)
@@ -423,7 +423,7 @@ class _Group:
         """(n_spot,) damage by the loads that fatigue.toml states."""
         stress = self.work.at(self.heading_deg)
         moments = stress.solve(self.work.mean, self.work.damping).moments[self.state]
-        return 3600 * self._damage(self._of_spots(moments))
+        return 3600 * self._damage(self._moments_at_spots(moments))
 
     def draw_ratio(self, planned: Sequence[_Planned]) -> np.ndarray | None:
         """(n_draw, n_spot) damage at each draw by what the readings resolve, its loads learnt anew, over that at the
@@ -440,7 +440,7 @@ class _Group:
                 if key not in made:
                     made[key] = smoother(of, self._cross(key, lines), self.work.rows[whole])
                 seen = made[key].of.stress(made[key].estimate(lines))
-                total += self._damage(self._of_spots(_moments(of.frequency_hz, seen)))
+                total += self._damage(self._moments_at_spots(_moments(of.frequency_hz, seen)))
             return total
 
         middle = damage(self.of)

@@ -77,24 +77,24 @@ class Ranges:
 
 
 def _exponential(scale, m, low, high):
-    return scale**m * gamma(1 + m) * _share(1 + m, _over(low, scale), _over(high, scale))
+    return scale**m * gamma(1 + m) * _share(1 + m, _scaled_limit(low, scale), _scaled_limit(high, scale))
 
 
 def _rayleigh(scale, m, low, high):
-    share = _share(1 + m / 2, 0.5 * _over(low, scale) ** 2, 0.5 * _over(high, scale) ** 2)
+    share = _share(1 + m / 2, 0.5 * _scaled_limit(low, scale) ** 2, 0.5 * _scaled_limit(high, scale) ** 2)
     return (np.sqrt(2) * scale) ** m * gamma(1 + m / 2) * share
 
 
 def _half_gaussian(scale, m, low, high):
     half = 0.5 * (1 + m)
-    share = _share(half, 0.5 * _over(low, scale) ** 2, 0.5 * _over(high, scale) ** 2)
+    share = _share(half, 0.5 * _scaled_limit(low, scale) ** 2, 0.5 * _scaled_limit(high, scale) ** 2)
     return (np.sqrt(2) * scale) ** m * gamma(half) / np.sqrt(np.pi) * share
 
 
 _MOMENT = {"e": _exponential, "r": _rayleigh, "g": _half_gaussian}
 
 
-def _over(limit: float, scale):
+def _scaled_limit(limit: float, scale):
     # a complex step does not meet limits
     return limit if limit in (0.0, np.inf) else limit / scale
 

@@ -222,7 +222,7 @@ class StressModel:
         square = tuple(tuple(V.T @ (X @ V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
         return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
 
-    def _at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _matrices_at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
         """K, M, R_K, R_M at theta, on the basis."""
         rK, rM = self.coefficients(theta)
         if len(self.model.stiffness) + len(self.model.mass) > MANY_TERMS:
@@ -313,7 +313,7 @@ class StressModel:
     ) -> ModalStress:
         """The modes on the basis, all or the lowest, their damping, member forces and what a thrust of 1 N
         does, without the rotor's damping."""
-        K, M, RK, RM = at = self._at(theta)
+        K, M, RK, RM = at = self._matrices_at(theta)
         value, U = self._eigen(K, M, count)
         labels = self._labels(theta, U, value) if damping else ()
         scale = self._scale(theta)[:, None]
@@ -364,7 +364,7 @@ class StressModel:
                 for k, rate in zip(here, rates, strict=True):
                     moments[k], changes[k] = self._with_change(self.cases[k], rate, m, slopes)
             else:
-                for k, found in zip(here, self._of_cases(m, rest, here, rates), strict=True):
+                for k, found in zip(here, self._case_moments(m, rest, here, rates), strict=True):
                     moments[k] = found
         return Response(
             frequency_hz=frozen_array(np.sqrt(first.value[:N_MODE]) / (2 * np.pi)), moments=frozen_array(moments),
@@ -387,7 +387,7 @@ class StressModel:
     @cached_property
     def _n_dynamic(self) -> int:
         """Modes below DYNAMIC_HZ at the initial parameters, at least one."""
-        K, M, _, _ = self._at(self.parameters.initial)
+        K, M, _, _ = self._matrices_at(self.parameters.initial)
         slow = linalg.eigh(M, K, eigvals_only=True, subset_by_value=((2 * np.pi * DYNAMIC_HZ) ** -2, np.inf))
         return max(1, len(slow))
 
@@ -414,7 +414,7 @@ class StressModel:
         stress = [m.scale * (RK @ x) - y for x, y in zip(X, [none, *(m.scale * (RM @ x) for x in X)], strict=False)]
         return np.array(stress), np.array([hub @ x for x in X])
 
-    def _of_cases(self, m: ModalStress, rest, numbers: Sequence[int], rates) -> list[np.ndarray]:
+    def _case_moments(self, m: ModalStress, rest, numbers: Sequence[int], rates) -> list[np.ndarray]:
         """Moments (14, n_detail, 3, 3) of cases with the same modes."""
         wet, w2 = self._wet, m.omega**2
         by_hub, hub_by = rest[0][:, :, 0], rest[1][:, 0]
@@ -635,7 +635,7 @@ def _hub(d: Description, frame: Frame, transform, heading_deg: float, from_wind_
     return frozen_array(transform.T @ force)
 
 
-def _in_waves(d: Offshore, b: Beam, z_m: float) -> bool:
+def _is_in_waves(d: Offshore, b: Beam, z_m: float) -> bool:
     """Legs and braces, or what of a monopile stands free; where a sleeve is around it, the sleeve."""
     if not isinstance(d, OnMonopile):
         return b.group in ("leg", "brace")
@@ -652,7 +652,7 @@ def _waves(d: Offshore, frame: Frame, transform, details: Sequence[Detail], valu
     position, along, diameter, length, blocks, own = [], [], [], [], [], []
     for number, b in enumerate(frame.beams):
         start, end = frame.node_m[b.start], frame.node_m[b.end]
-        if not _in_waves(d, b, 0.5 * (start[2] + end[2])) or 0.5 * (start[2] + end[2]) >= still:
+        if not _is_in_waves(d, b, 0.5 * (start[2] + end[2])) or 0.5 * (start[2] + end[2]) >= still:
             continue
         span = end - start
         size = float(np.linalg.norm(span))

@@ -52,13 +52,13 @@ class SubDynTube:
     losses: tuple[str, ...] = ()
 
     def outer(self, values: Mapping):
-        return self.diameter_m - 2 * self._lost(values)
+        return self.diameter_m - 2 * self._thickness_loss(values)
 
-    def _lost(self, values: Mapping):
+    def _thickness_loss(self, values: Mapping):
         return sum((values[name] for name in self.losses), 0.0)
 
     def _inner(self, values: Mapping):
-        wall = self.thickness_m * Product(names=self.factors)(values) - self._lost(values)
+        wall = self.thickness_m * Product(names=self.factors)(values) - self._thickness_loss(values)
         # no wall: a solid bar, as SubDyn has it
         return self.outer(values) - 2 * wall if self.thickness_m else 0.0
 

@@ -45,7 +45,7 @@ class ChannelMistake:
 
     @property
     def sentence(self) -> str:
-        first, *others = (_by_words(c) for c in self.candidates)
+        first, *others = (_mistake_text(c) for c in self.candidates)
         also = f" (or {' or '.join(others)}, which explains as much)" if others else ""
         return (f"{first}{also} would explain it: the mean MAC of the modes would be {self.mac_after:.2f} instead of "
                 f"{self.mac_before:.2f}")
@@ -63,7 +63,7 @@ class ChannelMistake:
                 "the two names in `channels` of the modes' file, and in convert.toml, [columns], for other records")
 
 
-def _by_words(channels: tuple[str, ...]) -> str:
+def _mistake_text(channels: tuple[str, ...]) -> str:
     if len(channels) == 1:
         return f"channel {channels[0]} with the opposite sign"
     return f"channels {' and '.join(channels)} exchanged" if len(channels) == 2 else (

@@ -158,7 +158,7 @@ def match(
     computed = solution.shape[rows]
     components = np.isfinite(measured).sum(axis=0)
     if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
-        return _by_frequency(modal_set, solution.frequency_hz)
+        return _match_by_frequency(modal_set, solution.frequency_hz)
     used, left_out = _usable(modal_set, measured, name, clusters)
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
@@ -331,7 +331,7 @@ def _alike(
     return groups, left_out
 
 
-def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
+def _match_by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
     """One sensor or none: a shape of one component is like any other, so that modes are paired by frequency, in its
     order."""
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
@@ -410,7 +410,7 @@ def _share_within(shape: np.ndarray, plane: np.ndarray) -> float:
     return float(1 - left @ left / (shape[known] @ shape[known]))
 
 
-def _as_halves(set_id: str, mates, partner, name, frequency_hz) -> list[str]:
+def _halves_note(set_id: str, mates, partner, name, frequency_hz) -> list[str]:
     found = []
     for j, k in mates.items():
         low, high = sorted((partner[j], k))
@@ -496,7 +496,7 @@ def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
     for j, k in mates.items():
         criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
     groups, unlike = _alike(x.clusters, partner, mates, criterion, x.min_mac, x.name, x.set_id)
-    halves = _as_halves(x.set_id, mates, partner, x.name, x.computed_hz)
+    halves = _halves_note(x.set_id, mates, partner, x.name, x.computed_hz)
     return _Grouped(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
 
 
@@ -505,7 +505,7 @@ def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, re
     found, others = _paired(x, partner, n_used, prior_cov)
     if not refuse:
         return found
-    return _within_prior(x, _certain(x, found, others, n_used) if others else found, n_used, prior_cov)
+    return _drop_unreachable(x, _certain(x, found, others, n_used) if others else found, n_used, prior_cov)
 
 
 def _paired(
@@ -549,7 +549,7 @@ def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np
                                f"{error.remedy.removesuffix(OR_NULL)}"))
 
 
-def _within_prior(x: _Compared, found: _Grouped, n_used: int,
+def _drop_unreachable(x: _Compared, found: _Grouped, n_used: int,
                   prior_cov: Callable[[], np.ndarray] | None) -> _Grouped:
     """Without groups that the prior cannot bring where they were measured: a mode that the model shows to the sensors
     only once it is unsymmetric, as a platform's heave, has another mode's shape there. Where these are most, it is the
@@ -580,7 +580,7 @@ def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.n
     return -0.5 * chi2 - float(np.sum(np.log(np.diag(spread)))), chi2 <= n + IMPROBABLE * np.sqrt(2 * n)
 
 
-def _far_off(x: _Compared, found: _Grouped) -> np.ndarray:
+def _is_far_off(x: _Compared, found: _Grouped) -> np.ndarray:
     """(n_measured, n_computed) of bool: another mode's by its frequency, beside the one that a measured mode is paired
     with; of modes compared as a plane the nearest counts."""
     off = np.abs(np.log(x.measured_hz[:, None] / x.computed_hz))
@@ -597,9 +597,9 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
     """Groups that another choice pairs with other computed modes for less than CLEAR a mode in summed MACs, each with
     the computed mode of every row of that choice."""
     rows, places, visible = found.rows, found.places, np.linalg.norm(x.computed, axis=0)
-    score = np.nan_to_num(np.where(_far_off(x, found), -1.0, found.criterion)[rows], nan=-1.0)
+    score = np.nan_to_num(np.where(_is_far_off(x, found), -1.0, found.criterion)[rows], nan=-1.0)
     column = np.array([found.partner[j] for j in rows], int)
-    best = _sum_of(x, found, score, column)
+    best = _assignment_sum(x, found, score, column)
     result = []
     for group, here in zip(found.groups, places, strict=True):
         for i in group.computed:
@@ -618,13 +618,13 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
                 other = _with_planes(x, found, choice, assign(choice))
                 # which member of a group has which of its modes is no difference
                 changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
-                loss = (best - _sum_of(x, found, choice, other)) / changed
+                loss = (best - _assignment_sum(x, found, choice, other)) / changed
                 if loss < CLEAR and set(other[here]) - set(group.computed):
                     result.append((group, other))
     return result
 
 
-def _sum_of(x: _Compared, found: _Grouped, score: np.ndarray, column: np.ndarray) -> float:
+def _assignment_sum(x: _Compared, found: _Grouped, score: np.ndarray, column: np.ndarray) -> float:
     """Sum of criteria of the rows with these computed modes, of pairs together."""
     total = 0.0
     for group, here in zip(found.groups, found.places, strict=True):

@@ -385,10 +385,10 @@ def write_modes(data: ModalData, path: str | Path) -> None:
     if with_factors:
         tail["deviations"] = write_factors(with_factors, Path(path))
     # set by set: a year's numbers as Python's are a gigabyte
-    write_json_rows(path, content, "sets", map(_set_content, data.sets), tail)
+    write_json_rows(path, content, "sets", map(_set_table, data.sets), tail)
 
 
-def _set_content(s: ModalSet) -> dict:
+def _set_table(s: ModalSet) -> dict:
     return {
         "id": s.id,
         "frequency_hz": _nulls(s.frequency_hz),

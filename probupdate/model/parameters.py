@@ -197,7 +197,7 @@ class Parameters:
         return value
 
     @cached_property
-    def _at_zero(self) -> np.ndarray:
+    def _zero_at_bound(self) -> np.ndarray:
         """Parameters whose density is zero at their lower bound of zero."""
         return np.array([p.prior == "lognormal" and p.lower <= 0 for p in self.items], bool)
 
@@ -250,7 +250,7 @@ class Parameters:
     def inside(self, theta: np.ndarray) -> np.ndarray:
         """Which rows of theta (..., n) lie within the bounds, where the density is above zero -> (...,) bool."""
         theta = np.asarray(theta)
-        return np.all((theta >= self.lower) & (theta <= self.upper) & ~(self._at_zero & (theta == 0)), axis=-1)
+        return np.all((theta >= self.lower) & (theta <= self.upper) & ~(self._zero_at_bound & (theta == 0)), axis=-1)
 
     @cached_property
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:

@@ -238,7 +238,7 @@ def _times(start: str, hours: Sequence) -> np.ndarray | None:
     return first + (np.array(hours, float) * 3600).astype("timedelta64[s]")
 
 
-def _along(axes: Axes, start: str, hours: Sequence, since: Sequence[str]) -> np.ndarray:
+def _draw_time_axis(axes: Axes, start: str, hours: Sequence, since: Sequence[str]) -> np.ndarray:
     """The panel's horizontal axis and the steps on it; returns where to draw."""
     times = _times(start, hours)
     if times is None:
@@ -281,7 +281,7 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
             x = np.array(size["against"], float)
             axes.set_xlabel(f"{column_words(size['time_profile_name'])} [{size['against_unit']}]")
         else:
-            x = _along(axes, time["start"], size["hours"], since)
+            x = _draw_time_axis(axes, time["start"], size["hours"], since)
         axes.errorbar(x, _floats(size["size"]), yerr=BAND * _floats(size["size_std"]), fmt="o", ms=2.5, color=GREY,
                       lw=0.6, zorder=2)
         order = np.argsort(x)
@@ -292,7 +292,7 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
                    "as found (red)")
     panels = [figure.add_subplot(grid[len(sizes) + k // columns, k % columns]) for k in range(len(series))]
     for axes, one in zip(panels, series, strict=True):
-        x = _along(axes, time["start"], time["hours"], since)
+        x = _draw_time_axis(axes, time["start"], time["hours"], since)
         _state_points(axes, x, one, states)
         shape = one["moved_z"] is not None
         label_axes(axes, axes.get_xlabel(), "[% of largest]" if shape else "f [%]", one["name"])

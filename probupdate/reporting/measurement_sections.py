@@ -261,7 +261,7 @@ def selection_section(run: Run) -> Section:
     else:
         items += _selection_reasons(run, run.selection)
     if run.nine is not None and len(run.nine.sets) > 1:
-        items += _set_wise(run, run.nine)
+        items += _set_elements(run, run.nine)
     return Section(anchor="selected", title="Selection", items=tuple(items),
                    lead="The blocks that an update may use, and why the others were left out.")
 
@@ -301,7 +301,7 @@ def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int])
                  note="Blocks without data are not counted here.")
 
 
-def _set_wise(run: Run, nine: ModalData) -> list[Element]:
+def _set_elements(run: Run, nine: ModalData) -> list[Element]:
     labels = mode_labels(nine)
     truth = truth_frequencies(run, labels)
     rows, marked = [], set()

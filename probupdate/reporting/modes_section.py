@@ -39,7 +39,7 @@ def modes_section(run: Run) -> Section:
         if measured
         else handling
     )
-    still = Picture(svg=figures.svg_text(figures.mode_shapes(model.wire, *_drawn(data)), "shapes"),
+    still = Picture(svg=figures.svg_text(figures.mode_shapes(model.wire, *_viewer_arrays(data)), "shapes"),
                     caption="The same at the largest displacement: grey at rest"
                     + (", blue updated, dashed initial" if run.update is not None else ", dashed as computed")
                     + ("; circles: measured at the sensors." if measured else "."))
@@ -100,7 +100,7 @@ def _shapes_by_channel(run: Run, model: ModelValues) -> Picture | None:
         f"measured component is 1. Channels: {listed}."))
 
 
-def _drawn(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
+def _viewer_arrays(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
     """The viewer's values as arrays for the still picture: titles, states, sensors' places and motions in metres."""
     modes, scale = data["modes"], data["scale"]
     nodes = len(data["nodes"])

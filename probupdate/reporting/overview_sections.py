@@ -65,12 +65,12 @@ def verdict_section(run: Run) -> Section:
     if cautions:
         items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst(found), width="half"))
     if run.diagnosis is not None and run.diagnosis["findings"]:
-        items.append(_found_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
+        items.append(_findings_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
     elif run.update is not None:
         items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
     if run.update is not None:
-        items += [_before_and_after(run.update, run.posterior), _known_table(run, run.update)]
+        items += [_before_and_after(run.update, run.posterior), _parameter_table(run, run.update)]
     items.append(Tiles(items=tuple(_tiles(run))))
     if run.update is not None:
         if run.diagnosis is not None and run.diagnosis["findings"]:
@@ -409,7 +409,7 @@ def _before_and_after(update: UpdateRecord, posterior: Posterior | None) -> Tabl
                  note=f"Before: the initial model; after: {words}. {mode_words(update.labels)}".strip())
 
 
-def _known_table(run: Run, update: UpdateRecord) -> Table:
+def _parameter_table(run: Run, update: UpdateRecord) -> Table:
     posterior = run.posterior
     found, after = identifiabilities(update, posterior), estimate(update, posterior)
     rows = []
@@ -435,7 +435,7 @@ def _known_table(run: Run, update: UpdateRecord) -> Table:
                  note=note, marked=frozenset(k for k, s in enumerate(found) if s.kind == BOUND))
 
 
-def _found_picture(diagnosis: Mapping, hidden: Sequence[str]) -> Picture:
+def _findings_picture(diagnosis: Mapping, hidden: Sequence[str]) -> Picture:
     beside = ", beside what was hidden in this virtual campaign" if hidden else ""
     extended = diagnosis.get("extended_model")
     return Picture(

@@ -171,7 +171,7 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None, table: s
     for key in raw:
         if key not in allowed:
             raise InputError(f"{path}: {key}", "is not a key of a model of matrices", nearest(key, allowed))
-    file = _named_file(path, raw)
+    file = _path_from_table(path, raw)
     if parameters is None:
         if "parameter" not in raw:
             raise InputError(f"{path}: parameter", "there is none", "list at least one [[parameter]]")
@@ -179,7 +179,7 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None, table: s
     return load_matrices(file, parameters, name=raw.get("name"), table=table)
 
 
-def _named_file(path: Path, raw: dict) -> Path:
+def _path_from_table(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
@@ -208,7 +208,7 @@ def matrices_file(path: str | Path) -> tuple[Path, str]:
     raw = read_toml(path)
     if "matrices" not in raw:
         raise InputError(str(path), "is no model of matrices", "give model.npz, or a model.toml with [matrices]")
-    file = _named_file(path, raw)
+    file = _path_from_table(path, raw)
     return file, str(raw.get("name") or file.stem)
 
 

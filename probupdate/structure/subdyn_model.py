@@ -560,7 +560,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
         if joint is None and at is not None:
             joint = at.id
         if joint is None:
-            dofs, motion = _on_beam(frame, sensor, path)
+            dofs, motion = _sensor_on_beam(frame, sensor, path)
         else:
             dofs, motion, known[number] = _sensor_at_joint(frame, sensor, joint, path)
         across = across_gravity(sensor.direction)
@@ -592,7 +592,7 @@ def _extent(frame: SubDynFrame) -> float:
     return float(np.max(np.ptp(frame.node_m, axis=0)))
 
 
-def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _sensor_on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray]:
     best = None
     for dofs, element in zip(frame.dofs, frame.elements, strict=True):
         if element.member.kind not in BEAMS:

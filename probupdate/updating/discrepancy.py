@@ -217,11 +217,11 @@ def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | N
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
-    words = "learnt from the misfit and averaged over: " + _of_ends(frequency, "frequencies")
+    words = "learnt from the misfit and averaged over: " + _range_text(frequency, "frequencies")
     if problem.measured.size > problem.n_frequency:
-        words += f", {_of_ends(shape, 'shapes')}"
+        words += f", {_range_text(shape, 'shapes')}"
     if problem.mixing is not None:
-        words += f", {_of_ends(mixing, 'stiffness')}"
+        words += f", {_range_text(mixing, 'stiffness')}"
     central = [_standing_for(problem, k, found) for k in range(2)]
     mixes = float(np.exp(found.marginal[4] @ np.log(found.axes[4]))) if problem.mixing is not None else 0.0
     return replace(plain, discrepancy=central[0], shape_discrepancy=central[1], mixing=mixes, scales=scales,
@@ -289,7 +289,7 @@ def _ends(values: np.ndarray, share: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _of_ends(ends: tuple[float, float], what: str) -> str:
+def _range_text(ends: tuple[float, float], what: str) -> str:
     return f"{100 * ends[0]:.2g} to {100 * ends[1]:.2g} % of {what}"
 
 

@@ -78,7 +78,7 @@ class PriorRatio:
     mean: np.ndarray
     covariance: np.ndarray
 
-    def _of(self, u: np.ndarray, numbers: list[int]) -> np.ndarray:
+    def _log_prior(self, u: np.ndarray, numbers: list[int]) -> np.ndarray:
         """Of some of the parameters (...,), -inf outside their bounds; u (..., n)."""
         known = self.parameters.correlation
         some = Parameters(tuple(self.parameters.items[k] for k in numbers),
@@ -96,14 +96,14 @@ class PriorRatio:
 
     def shared(self, z: np.ndarray) -> np.ndarray:
         """Of z in u (..., n_z)."""
-        return self._of(z, self.roles.numbers(self.roles.shared))
+        return self._log_prior(z, self.roles.numbers(self.roles.shared))
 
     def own(self, u: np.ndarray) -> np.ndarray:
         """Of one turbine's own parameters given its shared ones, u (..., n_param)."""
         shared = self.roles.numbers(self.roles.shared)
-        whole = self._of(u, list(range(u.shape[-1])))
+        whole = self._log_prior(u, list(range(u.shape[-1])))
         with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(whole), whole - self._of(u[..., shared], shared), -np.inf)
+            return np.where(np.isfinite(whole), whole - self._log_prior(u[..., shared], shared), -np.inf)
 
 
 def draw_joint(

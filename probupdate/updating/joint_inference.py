@@ -204,7 +204,7 @@ def estimate_farm(
         u, z, e = _solved(system, scales, x)
         u = u + error.middle
         step, relaxed = _bounded(u - coordinates.to(theta), step, relaxed, std)
-        fresh = _off_zero(np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper), first)
+        fresh = _move_off_zero(np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper), first)
         moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
         theta = fresh
         if (moved < STAYS or number == ROUNDS) and (odd is None or number < ROUNDS):
@@ -243,7 +243,7 @@ def _hyper(problem: Problem) -> np.ndarray:
     return np.array([*(np.sqrt(weights.shared) * x for x in weights.discrepancies), weights.mixing])
 
 
-def _off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:
+def _move_off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:
     return np.where(parameters.lower >= 0, np.maximum(theta, 1e-3 * parameters.std), theta)
 
 

@@ -49,12 +49,12 @@ def next_measurements(estimate: JointEstimate, turbines: tuple[str, ...]) -> lis
                     turbine=name, measurement=f"a survey of {parameter}",
                     farm_bits=_bits(covariance[i, k, k] + noise, max(given_z[k, k], 0.0) + noise),
                     turbine_bits=_bits(covariance[i, k, k] + noise, noise)))
-        again = _with(estimate, i, again=True)
+        again = _repeat_sets(estimate, i, again=True)
         after = again.conditional(tau, std)
         more = again.of_turbines(tau, after)[1]
         found.append(NextMeasurement(turbine=name, measurement=CAMPAIGN, farm_bits=_gain(z_cov, after, n_z),
                                      turbine_bits=_log_ratio(covariance[i], more[i])))
-        new = _with(estimate, i, again=False)
+        new = _repeat_sets(estimate, i, again=False)
         after = new.conditional(tau, std)
         one = NextMeasurement(
             turbine="", measurement=f"{FIRST}, sensors as at {name}", farm_bits=_gain(z_cov, after, n_z),
@@ -71,7 +71,7 @@ def _without_sensors(system: FarmSystem, tau: np.ndarray, z_cov: np.ndarray) -> 
     return layout.shared @ spread @ layout.shared.T + layout.own @ layout.own.T
 
 
-def _with(estimate: JointEstimate, i: int, *, again: bool) -> FarmSystem:
+def _repeat_sets(estimate: JointEstimate, i: int, *, again: bool) -> FarmSystem:
     """With the sets of turbine i twice, or once more at another turbine."""
     inner, system = estimate.inners[i], estimate.system
     twice = replace(inner, products=2 * inner.products, constant=2 * inner.constant) if again else inner

@@ -64,7 +64,7 @@ def odd_turbines(
     """wide (n_z,): standard deviation of an odd turbine's shift in u; share: of turbines that are odd a priori."""
     system = system.with_wide(np.zeros_like(system.wide))
     n, n_z = len(system.products), system.n_z
-    counts = _near(system, scales)
+    counts = _start_values(system, scales)
     found, mixtures = _nobody(n, n_z), []
     for _ in range(PASSES if n >= FEWEST and share > 0 else 0):
         if counts.sum() < FEWEST - 1:
@@ -96,7 +96,7 @@ def _nobody(n: int, n_z: int) -> OddTurbines:
     return OddTurbines(probability=np.zeros(n), share=np.zeros((n, n_z)), shift=none, shift_std=none, limit=none)
 
 
-def _near(system: FarmSystem, scales: Scales) -> np.ndarray:
+def _start_values(system: FarmSystem, scales: Scales) -> np.ndarray:
     """Turbines (n_turbine,) to begin with, by what each says alone of its z."""
     tau, std = scales.tau(np.zeros(len(scales.spread))), system.common_std(scales.hyper)
     alone = [system.chosen([i]).conditional(tau, std) for i in range(len(system.products))]

@@ -84,19 +84,20 @@ def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Laplace:
     """Bounded Gauss-Newton from every start; the highest maximum wins. Where the initial model has equal modes that are
-    compared as a plane, a few starts about it join them (`_beside_equal`).
+    compared as a plane, a few starts about it join them (`_starts_beside_crossings`).
 
     Starts at which the model has no modes are left out. Raises ConvergenceError, with the best parameters as estimate,
     where no start settles, and what the model says where it has modes at none.
     """
-    starts = [_off_zero(problem, np.asarray(start, float)) for start in (*starts, *_beside_equal(problem))]
+    starts = [*starts, *_starts_beside_crossings(problem)]
+    starts = [_move_off_zero(problem, np.asarray(start, float)) for start in starts]
     ends = [end for end in (_climb(problem, np.asarray(start, float)) for start in starts) if np.isfinite(end[1])]
     if not ends:
         problem.predict(np.asarray(starts[0], float))
     if not any(end[2] for end in ends):
         # where full steps jump about, the trust region of a well-kept library mostly does not
         ends += [_climb(problem, trust_region(problem, end[0])) for end in ends]
-    settled = [end for end in ends if end[2]] or _on_a_crease(problem, min(ends, key=lambda end: end[1]))
+    settled = [end for end in ends if end[2]] or _maxima_on_crossing(problem, min(ends, key=lambda end: end[1]))
     if not settled:
         best = min(ends, key=lambda end: end[1])
         raise ConvergenceError(
@@ -114,13 +115,13 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     return _laplace(problem, theta, tuple(others))
 
 
-def _off_zero(problem: Problem, start: np.ndarray) -> np.ndarray:
+def _move_off_zero(problem: Problem, start: np.ndarray) -> np.ndarray:
     """A start at which the prior is zero, as a lognormal's is at zero, a little inside."""
     parameters = problem.parameters
-    return np.where(parameters._at_zero & (start <= 0), NEAR_ZERO * parameters.initial, start)
+    return np.where(parameters._zero_at_bound & (start <= 0), NEAR_ZERO * parameters.initial, start)
 
 
-def _beside_equal(problem: Problem) -> list[np.ndarray]:
+def _starts_beside_crossings(problem: Problem) -> list[np.ndarray]:
     """Starts about the initial parameters where two modes that are compared as a plane are equal there, as of a model
     alike both ways: which of them is the lower is rounding's, and a climb from there goes to one side alone."""
     parameters = problem.parameters
@@ -138,7 +139,7 @@ def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarra
     kept = [found]
     for start in starts:
         theta, _, settled = _climb(problem, np.asarray(start, float))
-        if not settled or any(_same(theta, other) for other in kept):
+        if not settled or any(_is_same_maximum(theta, other) for other in kept):
             continue
         kept.append(_laplace(problem, theta, ()))
     mass = np.array([_log_mass(x) for x in kept])
@@ -146,7 +147,7 @@ def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarra
     return tuple(kept[k] for k in order if mass[k] > mass.max() - NEGLIGIBLE)
 
 
-def _same(theta: np.ndarray, other: Laplace) -> bool:
+def _is_same_maximum(theta: np.ndarray, other: Laplace) -> bool:
     """Within a posterior standard deviation a parameter: one broad maximum, not two."""
     apart = theta - other.theta
     return float(apart @ other.precision @ apart) < len(theta)
@@ -257,7 +258,7 @@ def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
     return found.x
 
 
-def _on_a_crease(problem: Problem, best: tuple[np.ndarray, float, bool]) -> list[tuple[np.ndarray, float, bool]]:
+def _maxima_on_crossing(problem: Problem, best: tuple[np.ndarray, float, bool]) -> list[tuple[np.ndarray, float, bool]]:
     """The best end as settled where the way from the prior's centre ends as high: where two modes of the model are
     equal, as of a mast alike both ways, slopes jump from one side to the other, and a maximum there has none of zero.
     """

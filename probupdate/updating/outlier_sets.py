@@ -48,9 +48,9 @@ class OutlierSets:
         alike: dict[tuple[int, bool], list[int]] = {}
         for k in self.numbers:
             alike.setdefault((int(self.mode[k]), bool(self.off[k] > 0)), []).append(k)
-        return [sentence for (mode, above), own in alike.items() for sentence in self._said(own, mode, above)]
+        return [sentence for (mode, above), own in alike.items() for sentence in self._sentences(own, mode, above)]
 
-    def _said(self, own: Sequence[int], mode: int, above: bool) -> list[str]:
+    def _sentences(self, own: Sequence[int], mode: int, above: bool) -> list[str]:
         """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
         def off(some: Sequence[int]) -> str:
             size = 100 * np.mean(np.abs(np.expm1(self.off[list(some)])))

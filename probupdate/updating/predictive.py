@@ -23,7 +23,7 @@ from probupdate.updating.settings import CONSTANTS
 # draws of a weighted sum of chi-square variables: a p-value to 0.0025 at most
 N_SUM = 40_000
 SUSPICIOUS = CONSTANTS.suspicious
-BENT = CONSTANTS.bent
+NONLINEAR = CONSTANTS.bent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class PredictiveCheck:
         if self.penalty_p < SUSPICIOUS:
             way += ": the data pull the parameters to where the prior did not expect them; it is too narrow, or an " \
                    "error of the model is taken for a parameter"
-        if self.nonlinear < BENT:
+        if self.nonlinear < NONLINEAR:
             return fit, left, way
         bent = (f"these p-values are rough: between initial model and maximum responses deviate from linearity "
                 f"by up to {self.nonlinear:.1f} standard deviations")

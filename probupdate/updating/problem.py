@@ -336,10 +336,10 @@ class Problem:
                     for g, c in zip(self.groups, clusters, strict=True) for _ in range(g.size)]
         if any(of_equal):
             rows = np.flatnonzero(of_equal)
-            slope[rows] = self._by_differences(theta, rows)
+            slope[rows] = self._central_differences(theta, rows)
         return response + self.mean, slope
 
-    def _by_differences(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def _central_differences(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Central differences of some responses (n_row, n_param), within the bounds."""
         step = np.diag(STEP * self.parameters.std)
         up, down = (np.clip(theta + s, self.parameters.lower, self.parameters.upper) for s in (step, -step))

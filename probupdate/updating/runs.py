@@ -92,16 +92,16 @@ def deterministic_update(
     sets = _scatter(problem, every or data, schemes[0].closest_iteration, model_at, jobs, progress)
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     modal_set = data.set(set_id)
-    computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    computed = _order_as_data(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
     error = learnt_error(problem, laplace.theta)
     likely, seen_hz = _suspected(problem, data, laplace, set_id), [*_unused_hz(problem, modal_set), *seen_hz]
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
         measured_hz=modal_set.frequency_hz,
-        measured_std_hz=_in_data_order(problem, problem.frequency_std_hz, data.n_mode),
-        initial_hz=_in_data_order(problem, predicted.frequency_hz[0], data.n_mode),
-        initial_mac=_in_data_order(problem, predicted.mac[0], data.n_mode),
+        measured_std_hz=_order_as_data(problem, problem.frequency_std_hz, data.n_mode),
+        initial_hz=_order_as_data(problem, predicted.frequency_hz[0], data.n_mode),
+        initial_mac=_order_as_data(problem, predicted.mac[0], data.n_mode),
         initial_misfit=float(problem.misfit(predicted.response[0])),
         computed_mode=np.nan_to_num(computed),
         schemes=schemes,
@@ -109,8 +109,8 @@ def deterministic_update(
         left_out=problem.matching.left_out,
         map_theta=laplace.theta, map_covariance=laplace.covariance, map_resolution=laplace.resolution,
         map_at_bound=laplace.at_bound, map_misfit=laplace.misfit,
-        map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
-        map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
+        map_hz=_order_as_data(problem, predicted.frequency_hz[1], data.n_mode),
+        map_mac=_order_as_data(problem, predicted.mac[1], data.n_mode),
         n_response=problem.measured.size, n_effective=problem.n_effective,
         other_maxima=laplace.others,
         derived=_derived(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
@@ -118,17 +118,17 @@ def deterministic_update(
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": alpha,
                   "iterations at most": str(settings.iterations), "anchored by": settings.method,
-                  **_of_baseline(problem, error)},
+                  **_baseline_settings(problem, error)},
         map_gradient=laplace.projected_gradient,
         alpha_path=_alpha_record(path),
         components=_components(problem, laplace, seen_hz),
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
-        identified_std_hz=_in_data_order(problem, _identified_std_hz(problem), data.n_mode),
+        identified_std_hz=_order_as_data(problem, _identified_std_hz(problem), data.n_mode),
         model_error=error,
     )
 
 
-def _of_baseline(problem: Problem, error: LearntError | None) -> dict[str, str]:
+def _baseline_settings(problem: Problem, error: LearntError | None) -> dict[str, str]:
     """What of earlier states is used, and how much of the model's error all states resolve."""
     if not problem.weights.baseline or error is None:
         return {}
@@ -227,7 +227,7 @@ def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
         ) from None
 
 
-def _in_data_order(problem: Problem, values: np.ndarray, n_mode: int) -> np.ndarray:
+def _order_as_data(problem: Problem, values: np.ndarray, n_mode: int) -> np.ndarray:
     result = np.full(n_mode, np.nan)
     result[list(problem.used)] = values
     return frozen_array(result)
@@ -241,8 +241,8 @@ def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -
         key=key, name=SCHEME_NAMES[key], theta=run.theta,
         objective={"responses": run.misfit, "parameters": run.penalty, "total": run.objective},
         distance_to_map=frozen_array(distance), share=run.share,
-        frequency_hz=_in_data_order(problem, run.frequency_hz[-1], n_mode),
-        mac=_in_data_order(problem, run.mac[-1], n_mode), at_bound=run.at_bound, converged=run.converged,
+        frequency_hz=_order_as_data(problem, run.frequency_hz[-1], n_mode),
+        mac=_order_as_data(problem, run.mac[-1], n_mode), at_bound=run.at_bound, converged=run.converged,
         status=run.status, alpha=run.alpha,
     )
 
@@ -415,7 +415,7 @@ def _run_record(found: _Sampled, settings: SamplerSettings, error: LearntError |
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [*_of_baseline(problem, error).values(),
+    statements = [*_baseline_settings(problem, error).values(),
                   *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely

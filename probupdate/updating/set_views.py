@@ -207,7 +207,7 @@ def view_sets(
     alone = [joint_posterior(common.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
     joint = joint_posterior(common.of_all(), *sampled)
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
-    scores = _left_out(likelihoods, common, population, lent, alone, sampled, options)
+    scores = _cross_validate(likelihoods, common, population, lent, alone, sampled, options)
     share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
     population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
@@ -277,7 +277,7 @@ def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> Gaussian
     return drawn.mean(axis=0), np.linalg.inv(np.atleast_2d(np.cov(drawn.T)))
 
 
-def _left_out(likelihoods, common: Common, population: Population, lent, alone, sampled, options) -> LeftOut:
+def _cross_validate(likelihoods, common: Common, population: Population, lent, alone, sampled, options) -> LeftOut:
     n, (parameters, coordinates, _, _) = len(likelihoods.ids), sampled
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)

@@ -165,7 +165,7 @@ def ssi_settings(
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
-        units = "" if reference is None else _other_units(reference, found.peaks_hz[0])
+        units = "" if reference is None else _unit_question(reference, found.peaks_hz[0])
         said += [f"suspect: {units}"] if units else []
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
     _refuse_slow(settings.target_rate_hz, highest, recorded, units)
@@ -272,7 +272,7 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
             "for an oblique sensor)")
 
 
-def _other_units(reference: ReferenceModes, lowest_hz: float) -> str:
+def _unit_question(reference: ReferenceModes, lowest_hz: float) -> str:
     """What to ask of units where the model's lowest mode is so many times the record's."""
     own = float(np.min(reference.frequency_hz))
     for factor, words in OTHER_UNITS.items():

@@ -69,8 +69,8 @@ def reference_modes(
         )
     rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and not hidden[i]]
     return Sought(
-        modes=_as_reference(solution.frequency_hz, shape, labels, chosen),
-        others=_as_reference(solution.frequency_hz, shape, labels, rest) if rest else None,
+        modes=_reference_modes(solution.frequency_hz, shape, labels, chosen),
+        others=_reference_modes(solution.frequency_hz, shape, labels, rest) if rest else None,
         notes=indistinguishable(tuple(labels[j] for j in wanted), solution.frequency_hz[wanted], shape[:, wanted]),
     )
 
@@ -109,7 +109,7 @@ def seen_labels(
     return tuple(names[k] for k in range(len(first)))
 
 
-def _as_reference(
+def _reference_modes(
     frequency_hz: np.ndarray, shape: np.ndarray, labels: tuple[str, ...], chosen: list[int]
 ) -> ReferenceModes:
     names = tuple(labels[i] for i in chosen)

@@ -97,7 +97,7 @@ def hour_of_data(turbine: Turbine, gaps: tuple[losses.Gap, ...], channels: tuple
     rotor = np.where(plan.running[grid] > 0.5, "operating", "idling")
     condition = turbine.condition[slot]
     motion = channel_response(loads, plan.heading_deg[grid], rotor, turbine.modes, RATE_HZ, condition)
-    motion = _through_loggers(motion, turbine, condition)
+    motion = _apply_loggers(motion, turbine, condition)
     if ratio != 1.0:
         at = lead + np.arange(n) / ratio
         motion = CubicSpline(np.arange(total), motion, axis=0)(at)
@@ -126,7 +126,7 @@ def _needs_tail(turbine: Turbine, held: np.ndarray, ratio: float) -> bool:
     )
 
 
-def _through_loggers(motion: np.ndarray, turbine: Turbine, condition: np.ndarray) -> np.ndarray:
+def _apply_loggers(motion: np.ndarray, turbine: Turbine, condition: np.ndarray) -> np.ndarray:
     """Clocks, filters and mounts act on the whole span, each for the samples at which it is in that state."""
     frequency = np.fft.rfftfreq(len(motion), 1 / RATE_HZ)
     spectrum, found = None, motion

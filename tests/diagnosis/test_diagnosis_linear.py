@@ -291,10 +291,10 @@ def test_a_note_says_of_which_search_its_threshold_is(candidates, words):
                               time_profiles=[SimpleNamespace(name="constant")])
     explored = SimpleNamespace(one_more=False, last=last, first=SimpleNamespace(threshold=4.6), problem=problem,
                                hypotheses=[SimpleNamespace(candidates=candidates)])
-    (note,) = diagnose._by_chance(explored)
+    (note,) = diagnose._chance_note(explored)
     assert note.startswith("a gain (constant) ") and words in note
     last.threshold = 5.1
-    assert diagnose._by_chance(explored) == []
+    assert diagnose._chance_note(explored) == []
 
 
 def test_a_frequency_error_that_grows_is_said_with_its_reason():

@@ -21,7 +21,7 @@ from probupdate.diagnosis.fitting import (
     with_candidates,
 )
 from probupdate.diagnosis.free_form import own_response_content
-from probupdate.diagnosis.hypotheses import _with_noise_and_times_of, moves_from, without
+from probupdate.diagnosis.hypotheses import _transfer_noise_and_times, moves_from, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
@@ -298,11 +298,11 @@ def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(pre
     before = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k2", 27, -0.1))
     after = hypothesis(("sensor gain", "y4", 31, 0.1), ("parameter", "k2", 29, -0.1))
     other = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k3", 27, -0.1))
-    moved = _with_noise_and_times_of(other, before, after)
+    moved = _transfer_noise_and_times(other, before, after)
     assert [n.time_profile.at for n in moved.fitted.included] == [31, 29]
     # whatever their order, and no other's time where there is none to take
     other = hypothesis(("parameter", "k3", 30, -0.1), ("sensor gain", "y4", 20, 0.1))
-    moved = _with_noise_and_times_of(other, before, after)
+    moved = _transfer_noise_and_times(other, before, after)
     assert [n.time_profile.at for n in moved.fitted.included] == [29, 20]
     assert moved.log_evidence == other.log_evidence + after.log_evidence - before.log_evidence
 

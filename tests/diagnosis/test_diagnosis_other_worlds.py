@@ -135,7 +135,7 @@ def test_what_led_nowhere_is_left_for_the_next_of_as_many_effects_within_what_wa
     looked_at = [none, flange, pair]
 
     def back(promised, looked=looked_at):
-        return hypotheses._in_place_of_what_led_nowhere(keys, relative, looked, promised)
+        return hypotheses._choose_substitute(keys, relative, looked, promised)
 
     # the fewest effects first, and no hypothesis in place of the model as it is
     assert back({0: 3800.0, 1: 2771.0, 2: 3440.0}) == nacelle
@@ -159,7 +159,7 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
         return SimpleNamespace(log_posterior={0: 11_000.0, 1: 5.0}[move.candidates[0]])
 
     monkeypatch.setattr(hypotheses, "_fitted", fitted)
-    monkeypatch.setattr(hypotheses, "_of_this_process", lambda one, move, base: one)
+    monkeypatch.setattr(hypotheses, "_restore_fit_state", lambda one, move, base: one)
     known = {one: SimpleNamespace(log_posterior=-212_866.0), other: SimpleNamespace(log_posterior=10_990.0)}
     before = dict(known)
     moves = [SimpleNamespace(candidates=(k,), promise=9.0, theta=0.0) for k in (0, 1)]

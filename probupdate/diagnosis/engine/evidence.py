@@ -28,7 +28,7 @@ SLOW_RATIO, SLOW_LENGTH = (0.3, 3.0, 30.0), (1 / 3, 1 / 10, 1 / 30)
 SCALES = (0.3, 1.5, 8.0, 40.0, 200.0)
 # a profile that offset and turning explain to more than this is not distinguishable from them; blocks asked for beside
 # what is fitted, and on either side of a step
-LEFT, SPARE, FEWEST_ASIDE = 0.05, 5, 3
+REMAINING, SPARE, FEWEST_ASIDE = 0.05, 5, 3
 ROUNDING = 1e-12
 
 
@@ -136,7 +136,7 @@ def _along(
             rest, log_known = _beyond(gram, n, rank)
             if not j:
                 whole = np.diag(_beyond(gram, 1, 1)[0])[n - 1 :][:k]
-                good = (np.diag(rest)[:k] > LEFT * whole) & _on_both_sides(profiles, counted)
+                good = (np.diag(rest)[:k] > REMAINING * whole) & _on_both_sides(profiles, counted)
                 # what is as good as constant where it counts
                 good &= whole > 1e-9 * np.mean(weight)
                 usable[:] = good
