@@ -36,7 +36,7 @@ SHAPE_ERROR = 0.01
 # unit of a channel's quantity in terms of its acceleration: divisions by i omega
 INTEGRATED = {"acceleration": 0, "velocity": 1, "displacement": 2}
 CHUNK = 256
-# between nodes of waves' loads: at 0.6 Hz their phase 25 m from the axis turns by 0.4 rad, of which cubic splines miss 1e-4
+# between nodes of waves' loads: at 0.6 Hz their phase 25 m from the axis turns by 0.4 rad, of which splines miss 1e-4
 NODE_HZ = 0.003
 # of the lines with waves, each so many'th stands for its neighbours where shapes under their loads are made
 EVERY = 16

@@ -47,8 +47,8 @@ class ModalStress:
         return times(self.RK, q) - times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
 
     def condensed(self, loads: np.ndarray, slow: int) -> ModalStress:
-        """The `slow` lowest modes, and in the place of all others the shapes that static loads (n_basis, n) give them, as
-        modes of their own: exact in stiffness, of the first order in mass."""
+        """The `slow` lowest modes, and in the place of all others the shapes that static loads (n_basis, n) give them,
+        as modes of their own: exact in stiffness, of the first order in mass."""
         if slow >= len(self.value):
             return self
         high, root = self.U[:, slow:], np.sqrt(self.value[slow:])

@@ -291,16 +291,9 @@ class StressModel:
         for state, sigma in zip(self.conditions.state, self._speeds, strict=True):
             thrust, elevation = self.densities(state)
             load = inertia + np.repeat(sigma, 3)[:, None] * drag
-            found.append(
-                Case(
-                    state=state,
-                    load=times(spread, load),
-                    own=times(self.waves.of_details, load),
-                    thrust=thrust,
-                    elevation=elevation,
-                    damping_nspm=self._thrust_rate(state) if state.operating else 0.0,
-                )
-            )
+            rate = self._thrust_rate(state) if state.operating else 0.0
+            found.append(Case(state=state, load=times(spread, load), own=times(self.waves.of_details, load),
+                              thrust=thrust, elevation=elevation, damping_nspm=rate))
         return tuple(found)
 
     # stresses --------------------------------------------------------------------------------------------------------

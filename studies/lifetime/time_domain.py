@@ -1,10 +1,11 @@
 """Annual damage of the worst ten hot spots of drawn turbines, beside another program's stresses in time, counted by
 the package `rainflow`.
 
-K and M are OpenSees' (tubes of the beam theory that the model states, finer mesh, lumped mass and soil: `tests/drawn`);
-their modes, with the rotor's dashpot between them, are integrated in time under wave loads of Airy and Morison and quasi-steady thrust, both drawn
-from the spectra that fatigue.toml states; what higher modes carry follows statically. Ten-minute pieces are counted
-one by one, and so are half hours. Common to both are the drawn turbine, the spectra, and each hot spot's factors.
+K and M are OpenSees' (tubes by the model's beam theory, finer mesh, lumped mass and soil: `tests/drawn`); their modes,
+with the rotor's dashpot between them, are integrated in time under wave loads of Airy and Morison and quasi-steady
+thrust, both drawn from the spectra that fatigue.toml states; what higher modes carry follows statically. Ten-minute
+pieces are counted one by one, and so are half hours. Common to both are the drawn turbine, the spectra, and each hot
+spot's factors.
 
     pip install rainflow
     python studies/lifetime/time_domain.py OUT [--cases 40] [--minutes 25]
