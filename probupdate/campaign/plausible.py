@@ -42,6 +42,9 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
     some = np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)
     few = data[some]
     for c in np.flatnonzero(_straight(few, some) | ~np.isfinite(few).all(axis=0)):
+        seen = np.flatnonzero(np.isfinite(few[:, c]))
+        if len(seen) > FEWEST and not _straight(few[seen, c][:, None], some[seen] - some[seen[0]])[0]:
+            continue
         row = np.flatnonzero(np.isfinite(data[:, c]))
         if len(row) < FEWEST:
             continue

@@ -83,7 +83,7 @@ def _mean_products(data: np.ndarray, n_lag: int, sub_records: int) -> tuple[np.n
     n_start = len(data) - n_lag
     n_part = min(max(sub_records, 1), n_start)
     edges = np.round(np.linspace(0, n_start, n_part + 1)).astype(int)
-    sums = product_sums(data, data, n_lag, edges) / n_start
+    sums = product_sums(data, n_lag, edges) / n_start
     covariance = sums.sum(axis=0)
     if sub_records < 2:
         return covariance, None

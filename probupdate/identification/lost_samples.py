@@ -10,9 +10,9 @@ one of which every second sample was measured, is no reference: its past is left
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,8 +22,7 @@ from probupdate.campaign.gaps import interpolated, zero_filled
 from probupdate.errors import InputError
 from probupdate.identification.preprocessing import covariance_weights, resampled
 from probupdate.identification.record import IdentifiedRecord, identify_covariances, identify_record
-from probupdate.identification.ssi import output_covariances, product_sums, reference_projection
-from probupdate.identification.uncertainty import sub_record_covariances
+from probupdate.identification.ssi import LaggedProducts, output_covariances, reference_projection
 from probupdate.runtime.arrays import frozen_array
 
 # a reference has this share of all pairs with each channel, at every lag, at least
@@ -90,12 +89,13 @@ class LossyRecord:
 
     def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise (`gaps.zero_filled`)."""
-        return self._filled().summed_spectrum()
+        return self._filled.summed_spectrum()
 
     def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise."""
-        return self._filled().singular_spectrum()
+        return self._filled.singular_spectrum()
 
+    @cached_property
     def _filled(self) -> WholeRecord:
         return WholeRecord(data=resampled(zero_filled(self.data), self.rate_hz, self.target_hz),
                            target_hz=self.target_hz)
@@ -122,7 +122,7 @@ def without_pairs(known: np.ndarray, repeated: np.ndarray, rate_hz: float) -> st
     if np.max(least) + np.min(least) - 1 >= LEAST_PAIRS + NEAR_LAGS / len(known):
         return ""
     mask = np.where(known, 1.0, np.nan)
-    if len(_Pairs(mask, 0, min(NEAR_LAGS, len(mask))).references()):
+    if len(_Pairs(mask, 0, min(NEAR_LAGS, len(mask)) - 1).references()):
         return ""
     if repeated.min() > 0.1:
         own = rate_hz * (1 - repeated.max())
@@ -161,67 +161,59 @@ def _control(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Pairs:
-    """A record's products and their number, lag by lag from `first_lag` on: data (n_sample, n_channel) about its mean,
-    NaN where lost. Channels that lack the same samples share a mask. Pairs are counted, and products of parts summed,
-    in single precision, beside which their own scatter is large. segment: as of `product_sums`."""
+    """A record's products and their number, at lags from `first_lag` to `last_lag`: data (n_sample, n_channel) about
+    its mean, NaN where lost. Channels that lack the same samples share a mask. Pairs are counted in single
+    precision. Of negative lags the later sample is the
+    reference's: the same products as at positive ones, transposed."""
 
-    def __init__(self, data: np.ndarray, first_lag: int, n_lag: int, segment: int = 0):
+    def __init__(self, data: np.ndarray, first_lag: int, last_lag: int):
         known = np.isfinite(data)
-        self.n_sample, self.n_lag, self.ahead = len(data), n_lag, -first_lag
-        columns = [column.tobytes() for column in np.packbits(known, axis=0).T]
+        self.n_sample, self.ahead, self.last = len(data), -first_lag, last_lag
+        columns = [column.tobytes() for column in np.packbits(np.ascontiguousarray(known.T), axis=1)]
         kinds = list(dict.fromkeys(columns))
         self.kind, one = np.array([kinds.index(x) for x in columns]), [columns.index(x) for x in kinds]
-        self.value = self._led(np.where(known, data, 0.0))
-        self.mask = self._led(known[:, one].astype("f4"))
+        self.value = np.where(known, data, 0.0)
+        self.mask = known[:, one].astype("f4")
         every = np.arange(len(kinds))
         # (n_lag, n_kind, n_kind)
-        self.number = np.round(self._sums(self.mask, every, every, 0, self.n_sample, segment))
+        self.number = np.round(self._sums_both_ways(self._lagged(self.mask), 0, every, every)[0])
 
-    def _led(self, columns: np.ndarray) -> np.ndarray:
-        """Zeros before the first sample, so that lags may be negative."""
-        return np.concatenate([np.zeros((self.ahead, columns.shape[1]), columns.dtype), columns])
+    def _lagged(self, columns: np.ndarray) -> LaggedProducts:
+        return LaggedProducts(columns, self.last, np.array([0, self.n_sample]))
 
-    def _sums(self, of: np.ndarray, rows: np.ndarray, references: np.ndarray, first: int, after: int, segment: int = 0
-              ) -> np.ndarray:
-        return product_sums(of[first: after + self.n_lag][:, rows],
-                            of[self.ahead + first: self.ahead + after][:, references],
-                            self.n_lag - 1, np.array([0, after - first]), segment)[0]
+    def _sums_both_ways(self, lagged: LaggedProducts, part: int, rows: np.ndarray, references: np.ndarray
+              ) -> tuple[np.ndarray, np.ndarray]:
+        """(n_lag, n_row, n_reference), and the same with rows and references exchanged."""
+        ahead = lagged.sums(part, rows, references)
+        back = ahead if rows is references else lagged.sums(part, references, rows)
+        return tuple(np.concatenate([a[self.ahead:0:-1].transpose(0, 2, 1), b])
+                     for a, b in ((back, ahead), (ahead, back)))
 
-    def shares(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n_part, n_node, n_kind, n_kind) of all pairs those with the earlier sample in a part, counted at a few lags
-        (shares change slowly with the lag, but for none), and what weighs them at each lag (n_node, n_lag)."""
-        last = self.n_lag - 1 - self.ahead
-        node = np.unique(np.r_[-self.ahead, -1, 0, 1, np.linspace(0, last, SHARE_LAGS).astype(int)].clip(
-            -self.ahead, last))
-        counted = np.empty((len(edges) - 1, len(node), *self.number.shape[1:]))
+    def shares(self, lags: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """(n_part, n_lag, n_kind, n_kind) of all pairs at these lags those with the earlier sample in a part, counted
+        at a few of them: shares change slowly with the lag, but for none."""
+        few = np.unique(np.r_[0, 1, np.linspace(1, len(lags) - 1, SHARE_LAGS)].astype(int).clip(0, len(lags) - 1))
+        counted = np.empty((len(edges) - 1, len(few), *self.number.shape[1:]))
         for j, (first, after) in enumerate(pairwise(edges)):
-            earlier = self.mask[self.ahead + first: self.ahead + after]
-            for k, lag in enumerate(node):
-                later = self.mask[self.ahead + first + lag: self.ahead + after + lag]
-                counted[j, k] = later.T @ earlier[: len(later)]
-        lag = np.arange(self.n_lag) - self.ahead
-        return (counted / np.maximum(self.number[node + self.ahead], 1.0),
-                np.array([np.interp(lag, node, row) for row in np.eye(len(node))]))
+            for k, lag in enumerate(lags[few]):
+                later = self.mask[first + lag: after + lag]
+                counted[j, k] = later.T @ self.mask[first: first + len(later)]
+        counted /= np.maximum(self.number[lags[few] + self.ahead], 1.0)
+        between = np.array([np.interp(np.arange(len(lags)), few, row) for row in np.eye(len(few))])
+        return np.einsum("jkab,kl->jlab", counted, between, optimize=True)
 
-    def products(self, rows: np.ndarray, references: np.ndarray, segment: int = 0) -> np.ndarray:
-        """(n_lag, n_row, n_reference) sums of products."""
-        return self._sums(self.value, rows, references, 0, self.n_sample, segment)
+    def products(self, rows: np.ndarray, references: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n_lag, n_row, n_reference) sums of products, and those with rows and references exchanged."""
+        return self._sums_both_ways(self._lagged(self.value), 0, rows, references)
 
-    def parts(self, rows: np.ndarray, references: np.ndarray, edges: np.ndarray) -> Iterator[np.ndarray]:
-        """The same of each part."""
-        size = float(np.abs(self.value).max())
-        single = (self.value / (size or 1.0)).astype("f4")
-        for first, after in pairwise(edges):
-            yield size**2 * self._sums(single, rows, references, first, after, self.n_lag)
-
-    def of(self, number: np.ndarray, rows: np.ndarray, references: np.ndarray) -> np.ndarray:
+    def by_channels(self, number: np.ndarray, rows: np.ndarray, references: np.ndarray) -> np.ndarray:
         """Numbers by kinds as numbers by channels and references."""
         return number[:, self.kind[rows][:, None], self.kind[references]]
 
     def references(self) -> np.ndarray:
         """Channels that were measured together with every channel at every lag; a channel's own lack of pairs costs
         that channel alone."""
-        lag = np.abs(np.arange(self.n_lag) - self.ahead)
+        lag = np.abs(np.arange(-self.ahead, self.last + 1))
         share = np.min(self.number / np.maximum(self.n_sample - lag, 1)[:, None, None], axis=0)
         return np.flatnonzero((share >= LEAST_PAIRS).all(axis=0)[self.kind])
 
@@ -234,38 +226,20 @@ def pair_covariances(
     sub_records: parts whose scatter gives standard deviations, 0 for none. limited: combinations of channels to take
     the past of (`ssi.reference_projection`), where memory asks for it. Raises InputError where no channel was measured
     at all lags. The change of a part is what its products have beyond the record's covariance, each over the number of
-    all pairs: parts that lost more weigh less.
+    all pairs, so that parts that lost more weigh less.
     """
     first_lag, weights = covariance_weights(rate_hz, target_hz, n_lag)
     rest, back = _control(data)
-    pairs = _Pairs(rest, first_lag, weights.shape[1])
+    pairs = _Pairs(rest, first_lag, first_lag + weights.shape[1] - 1)
     references = pairs.references()
     if not len(references):
         raise InputError("record", "at some distance in time no two samples of a channel were measured",
                          "convert the record at the rate at which it was measured, or leave channels out")
-    n_channel = data.shape[1]
-    covariance = np.empty((n_lag + 1, n_channel, len(references)))
-    changes = np.empty((sub_records, *covariance.shape))
     lossy = np.asarray(np.isnan(data).any(axis=0))
-    whole = np.flatnonzero(~lossy)
-    if len(whole):
-        # as of any record; where all channels are so that is less work by far
-        place = np.ix_(np.arange(n_lag + 1), whole, ~lossy[references])
-        thin = resampled(rest[:, whole], rate_hz, target_hz)
-        if sub_records:
-            covariance[place], found = sub_record_covariances(thin, n_lag, sub_records)
-            changes[(np.arange(sub_records)[:, None, None, None], *(x[None] for x in place))] = found
-        else:
-            covariance[place] = output_covariances(thin, n_lag)
-    every, of_lossy = np.arange(n_channel), np.flatnonzero(lossy[references])
-    for rows, columns in ((np.flatnonzero(lossy), np.flatnonzero(~lossy[references])), (every, of_lossy)):
-        size = max(LARGEST_PRODUCTS // (weights.shape[1] * max(len(rows), 1)), 1)
-        for some in (columns[k: k + size] for k in range(0, len(columns), size)):
-            found, moved = _covariances_of_pairs(pairs, weights, rows, references[some], sub_records)
-            covariance[:, rows[:, None], some] = found
-            changes[:, :, rows[:, None], some] = moved
+    thin = resampled(pairs.value, rate_hz, target_hz) if sub_records or not lossy.all() else np.empty((0, len(lossy)))
     # the past may be of any combinations of channels
-    covariance, changes = back @ covariance, back @ changes
+    covariance = back @ _covariances_of_pairs(pairs, weights, references, thin, lossy)
+    changes = back @ _changes_of_parts(pairs, weights, references, thin, rate_hz / target_hz, sub_records)
     if limited is not None and limited < len(references):
         projection = reference_projection(covariance, limited)
         covariance, changes = covariance @ projection, changes @ projection
@@ -273,21 +247,49 @@ def pair_covariances(
 
 
 def _covariances_of_pairs(
-    pairs: _Pairs, weights: np.ndarray, rows: np.ndarray, references: np.ndarray, sub_records: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances (n_lag, n_row, n_reference) of some channels with some references, and their changes (n_sub, ...)."""
-    number = pairs.of(pairs.number, rows, references)
-    mean = pairs.products(rows, references) / number
-    changes = np.empty((sub_records, len(weights), len(rows), len(references)))
-    if sub_records:
-        edges = np.round(np.linspace(0, pairs.n_sample, sub_records + 1)).astype(int)
-        for j, part in enumerate(pairs.parts(rows, references, edges)):
-            changes[j] = _select_lags(weights, part / number)
-        share, at = pairs.shares(edges)
-        for k, row in enumerate(at):
-            changes -= pairs.of(share[:, k], rows, references)[:, None] * _select_lags(weights * row, mean)
-        changes *= np.sqrt(sub_records / (sub_records - 1))
-    return _select_lags(weights, mean), changes
+    pairs: _Pairs, weights: np.ndarray, references: np.ndarray, thin: np.ndarray, lossy: np.ndarray
+) -> np.ndarray:
+    """Covariances (n_lag, n_channel, n_reference); of channels that lack nothing as of any record, by `thin`."""
+    every, whole = np.arange(len(lossy)), np.flatnonzero(~lossy)
+    covariance = np.empty((len(weights), len(every), len(references)))
+    if len(whole):
+        # where all channels are so that is less work by far
+        place = np.ix_(np.arange(len(weights)), whole, ~lossy[references])
+        covariance[place] = output_covariances(thin[:, whole], len(weights) - 1)
+    size = max(LARGEST_PRODUCTS // (weights.shape[1] * len(every)), 1)
+    missing = np.flatnonzero(lossy)
+    for first in range(0, len(missing), size):
+        some = every if len(missing) == len(every) <= size else missing[first: first + size]
+        # all channels with these, and these with all
+        ways = ((every, some),) if some is every else ((every, some), (some, every))
+        for (rows, past), products in zip(ways, pairs.products(every, some), strict=False):
+            column = np.flatnonzero(np.isin(references, past))
+            chosen = np.searchsorted(past, references[column])
+            # none at all only where the past is of a channel that is no reference
+            number = np.maximum(pairs.by_channels(pairs.number, rows, past), 1.0)
+            covariance[:, rows[:, None], column] = _select_lags(weights, products / number)[:, :, chosen]
+    return covariance
+
+
+def _changes_of_parts(
+    pairs: _Pairs, weights: np.ndarray, references: np.ndarray, thin: np.ndarray, down: float, sub_records: int
+) -> np.ndarray:
+    """Changes (n_sub, n_lag, n_channel, n_reference) by the products of the decimated record with zeros for what is
+    lost, over what is left of the pairs after the filter: what a pattern of losses folds to other frequencies counts
+    as scatter."""
+    n_lag, every = len(weights) - 1, np.arange(thin.shape[1])
+    if not sub_records:
+        return np.empty((0, n_lag + 1, len(every), len(references)))
+    edges = np.round(np.linspace(0, len(thin), sub_records + 1)).astype(int)
+    products = LaggedProducts(thin, n_lag, edges)
+    changes = np.stack([products.sums(j, None, references) for j in range(sub_records)])
+    number = _select_lags(weights, pairs.number) / down
+    changes /= pairs.by_channels(number, every, references)
+    lags = np.round(np.arange(n_lag + 1) * down).astype(int)
+    share = pairs.shares(lags, np.round(edges * down).astype(int).clip(max=pairs.n_sample))
+    of_parts = pairs.by_channels(share.reshape(-1, *share.shape[2:]), every, references).reshape(changes.shape)
+    changes -= of_parts * changes.sum(axis=0)
+    return changes * np.sqrt(sub_records / (sub_records - 1))
 
 
 def _select_lags(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -304,17 +306,14 @@ def pair_spectra(data: np.ndarray, rate_hz: float, length: int) -> tuple[np.ndar
     window = np.hanning(length + 1)[:-1]
     taper = signal.correlate(window, window)[length - 1:]
     # in single precision: a spectrum's own scatter is far larger
-    pairs = _Pairs((data - np.nanmean(data, axis=0)).astype("f4"), 0, length, length)
+    pairs = _Pairs((data - np.nanmean(data, axis=0)).astype("f4"), 0, length - 1)
     some = pairs.references()
-    covariance = pairs.products(some, some, length) / pairs.of(pairs.number, some, some)
+    covariance = pairs.products(some, some)[0] / pairs.by_channels(pairs.number, some, some)
     scale = np.sqrt(covariance[0].diagonal())
     covariance *= ((taper / taper[0])[:, None, None] / np.outer(scale, scale)).astype("f4")
-    density = np.empty((length // 2 + 1, *covariance.shape[1:]), "c8")
-    for a in range(len(some)):
-        # of a pair the lags to both sides, each once
-        both = np.concatenate([covariance[:, a:, a], np.zeros_like(covariance[:1, a, a:]), covariance[:0:-1, a, a:]])
-        density[:, a:, a] = fft.rfft(both, axis=0)[::2]
-        density[:, a, a:] = density[:, a:, a].conj()
+    # lags to both sides, of which every second line of a transform of twice the length is taken
+    covariance[1:] += covariance[:0:-1].transpose(0, 2, 1)
+    density = fft.rfft(covariance, axis=0)
     lost = 1 - np.isfinite(data[:, some]).mean(axis=0)
     density[:, np.arange(len(some)), np.arange(len(some))] += lost / (1 - lost)
     return fft.rfftfreq(length, 1 / rate_hz), density

@@ -6,7 +6,6 @@ Peeters & De Roeck (1999), Reference-based stochastic subspace identification fo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy import fft, linalg
@@ -91,44 +90,75 @@ def _listed(columns: np.ndarray) -> str:
     return ", ".join(str(k) for k in columns)
 
 
-def product_sums(
-    data: np.ndarray, reference: np.ndarray, n_lag: int, edges: np.ndarray, segment: int = 0
-) -> np.ndarray:
-    """sum_t y(t+k) y_ref(t)^T over t of each part [edges[j], edges[j+1]): (n_part, n_lag + 1, n_channel, n_reference).
+class LaggedProducts:
+    """Sums of products of a record's channels at lags 0..n_lag, data (n_sample, n_channel), over the parts
+    [edges[j], edges[j + 1]): y(t + k) y(t)^T with t in the part; t + k may lie in the next one, so that the parts' sums
+    add up to those of the whole record.
 
-    t + k may lie in the next part, so that the parts' sums add up to those of the whole record. By Fourier transforms
-    of short segments: each is correlated with itself and the n_lag samples after it, and the spectra of a part's
-    segments are added before one transform back. Of records in single precision in that.
+    By Fourier transforms of short segments, each transformed once: a segment is correlated with itself and, turned by
+    their distance, with those after it; the spectra of a part's segments are added before one transform back. Of
+    records in single precision in that.
     """
-    kind = np.result_type(data.dtype, np.float32)
-    # segments of a few times the lag cost least
-    longest = int(np.max(np.diff(edges)))
-    best = segment or max(3 * n_lag, 64)
-    n_segment = -(-longest // best)
-    step = -(-longest // n_segment)
-    size = fft.next_fast_len(step + n_lag, real=True)
-    span = (n_segment - 1) * step + size
-    whole = np.zeros((data.shape[1], edges[-1] + span), kind)
-    whole[:, : len(data)] = data.T
-    start = np.zeros((reference.shape[1], edges[-1] + span), kind)
-    start[:, : len(reference)] = reference.T
-    window = np.lib.stride_tricks.sliding_window_view
-    sums = np.empty((len(edges) - 1, n_lag + 1, data.shape[1], reference.shape[1]), kind)
-    for j, (first, after) in enumerate(pairwise(edges)):
-        long = window(whole[:, first: first + span], size, axis=1)[:, ::step]  # (n_channel, n_segment, size)
-        part = np.zeros((reference.shape[1], n_segment * step), kind)
-        part[:, : after - first] = start[:, first:after]
-        short = part.reshape(reference.shape[1], n_segment, step)
-        above = fft.rfft(long, axis=2).transpose(2, 0, 1)
-        below = fft.rfft(short, n=size, axis=2).conj().transpose(2, 1, 0)
-        spectrum = np.matmul(np.ascontiguousarray(above), np.ascontiguousarray(below))  # (n_line, n_channel, n_ref)
-        sums[j] = fft.irfft(spectrum, n=size, axis=0)[: n_lag + 1]
-    return sums
+
+    def __init__(self, data: np.ndarray, n_lag: int, edges: np.ndarray):
+        kind = np.result_type(data.dtype, np.float32)
+        shortest, longest = int(np.diff(edges).min()), int(np.diff(edges).max())
+        # segments as long as the lags cost least; the last one of a part is no shorter, so that lags end in the next
+        self.n_lag, each = n_lag, max(shortest // max(n_lag, 64), 1)
+        while each > 1 and shortest - (each - 1) * -(-longest // each) < n_lag:
+            each -= 1
+        self.each, step = each, -(-longest // each)
+        inner = edges[:-1, None] + step * np.arange(each)
+        self.n_segment = inner.size
+        # samples after the last part are met by lags alone
+        start = np.concatenate([inner.ravel(), np.arange(edges[-1], min(edges[-1] + n_lag, len(data)), step)])
+        end = np.append(start[1:], max(edges[-1], min(start[-1] + step, len(data))))
+        # distance in samples of each segment to the following ones, as far as lags reach
+        self.following = []
+        while True:
+            apart = start[len(self.following) + 1:] - start[: len(start) - len(self.following) - 1]
+            apart = apart[: self.n_segment]
+            if not np.any(apart < n_lag + step):
+                break
+            self.following.append(apart)
+        farthest = max((int(x.max()) for x in self.following), default=0)
+        self.size = fft.next_fast_len(max(farthest + step, step + n_lag + 1), real=True)
+        segments = np.zeros((self.size, len(start), data.shape[1]), kind)
+        for k, (first, after) in enumerate(zip(start, np.minimum(end, len(data)), strict=True)):
+            segments[: max(after - first, 0), k] = data[first:after]
+        self.spectrum = fft.rfft(segments, axis=0, overwrite_x=True)  # (n_line, n_segment, n_channel)
+
+    def sums(self, part: int, rows: np.ndarray | None = None, past: np.ndarray | None = None,
+             projection: np.ndarray | None = None) -> np.ndarray:
+        """(n_lag + 1, n_row, n_past) of one part: channels `rows` with the earlier channels `past`, None for all, or
+        combinations of these."""
+        first, after = part * self.each, (part + 1) * self.each
+        window = self.spectrum[:, first: after + len(self.following)]
+        ahead, behind = (window if some is None or len(some) == window.shape[2] else window[:, :, some]
+                         for some in (rows, past))
+        later = ahead[:, : self.each].copy()
+        line = np.arange(len(later))[:, None, None]
+        for k, apart in enumerate(self.following, start=1):
+            some = apart[first:after]
+            distance = some[:1] if np.all(some == some[:1]) else some
+            turn = np.exp(-2j * np.pi / self.size * (line * distance[:, None])).astype(later.dtype)
+            later[:, : len(some)] += turn * ahead[:, k: k + len(some)]
+        earlier = behind[:, : self.each].conj()
+        if projection is not None:
+            earlier = earlier @ projection
+        return fft.irfft(np.matmul(later.transpose(0, 2, 1), earlier), n=self.size, axis=0)[: self.n_lag + 1]
 
 
-def output_covariances(
-    data: np.ndarray, n_lag: int, segment: int = 0, projection: np.ndarray | None = None
+def product_sums(
+    data: np.ndarray, n_lag: int, edges: np.ndarray, projection: np.ndarray | None = None
 ) -> np.ndarray:
+    """`LaggedProducts` of all parts: (n_part, n_lag + 1, n_channel, n_reference); the past of all channels, or of their
+    combinations by projection (n_channel, n_reference)."""
+    products = LaggedProducts(data, n_lag, edges)
+    return np.stack([products.sums(j, projection=projection) for j in range(len(edges) - 1)])
+
+
+def output_covariances(data: np.ndarray, n_lag: int, projection: np.ndarray | None = None) -> np.ndarray:
     """R_k = 1/(N - k) sum_t y(t+k) y_ref(t)^T, k = 0..n_lag: (n_lag + 1, n_channel, n_reference).
 
     data (n_sample, n_channel); y_ref = projection^T y, projection (n_channel, n_reference), or all channels. Exact
@@ -138,8 +168,7 @@ def output_covariances(
     n_sample = len(data)
     if n_sample <= n_lag:
         raise InputError("record", f"{n_sample} samples for {n_lag} lags", "give a longer record or fewer block rows")
-    reference = data if projection is None else data @ projection
-    sums = product_sums(data, reference, n_lag, np.array([0, n_sample]), segment)[0]
+    sums = product_sums(data, n_lag, np.array([0, n_sample]), projection)[0]
     return sums / (n_sample - np.arange(n_lag + 1))[:, None, None]
 
 

@@ -45,7 +45,7 @@ def sub_record_covariances(
         raise InputError("sub-records", f"{sub_records} of {n_sample // sub_records} samples each for {n_lag} lags",
                          f"give at most {n_sample // (n_lag + 1)}, fewer block rows or a longer record")
     edges = np.round(np.linspace(0, n_sample, sub_records + 1)).astype(int)
-    sums = product_sums(data, data if projection is None else data @ projection, n_lag, edges)
+    sums = product_sums(data, n_lag, edges, projection)
     lag = np.arange(n_lag + 1)
     total = (n_sample - lag)[:, None, None]
     covariance = sums.sum(axis=0) / total

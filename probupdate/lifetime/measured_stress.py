@@ -192,8 +192,7 @@ def measured_stresses(
             done += 1
         if (heading, state) in largest:
             ratios.append(group.draw_ratio(own))
-        if conditions.state[state].name not in stated:
-            stated[conditions.state[state].name] = group.stated_per_hour()
+        stated.setdefault(conditions.state[state].name, group.stated_per_hour())
     progress("stresses", len(planned), len(planned))
     blocks = tuple(sorted((b for b in found if b is not None), key=lambda b: b.id))
     if not blocks:
@@ -365,10 +364,8 @@ class _Group:
         self.work, self.heading_deg, self.state = work, heading_deg, state
         self.cross: dict[tuple[int, ...], np.ndarray] = {}
         count: dict[tuple[int, ...], int] = {}
-        # each block is read once, but where there are more than loads are learnt of
-        self._kept: dict[pd.Timestamp, tuple[Block, np.ndarray, np.ndarray]] = {}
         for one in _spread(planned, LEARNT_BLOCKS):
-            self._kept[one.start] = _, whole, lines = work.read(one)
+            _, whole, lines = work.read(one)
             key = tuple(whole.tolist())
             if key:
                 own = lines[:, :, None] * np.conj(lines[:, None, :])
@@ -393,7 +390,7 @@ class _Group:
         return lines[:, :, None] * np.conj(lines[:, None, :]) if known is None else known
 
     def block(self, planned: _Planned) -> BlockStress | None:
-        read, whole, lines = self._kept.pop(planned.start, None) or self.work.read(planned)
+        read, whole, lines = self.work.read(planned)
         if not whole.size:
             return None
         one, open_moments = self._smoother(whole, lines)

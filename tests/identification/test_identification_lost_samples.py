@@ -103,6 +103,31 @@ def test_parts_of_a_lossy_record_add_up_to_nothing():
     assert np.abs(found.changes.sum(axis=0)).max() < 1e-3 * np.abs(found.covariance).max()
 
 
+def test_changes_are_those_of_the_plain_sums_over_pairs():
+    """At the recorded rate a part's change is its sum of products less its share of all pairs, by loops; a channel that
+    loses more and more beside two that lack nothing."""
+    data, rng = motion(120, 10.0, 3), np.random.default_rng(4)
+    data[rng.random(len(data)) < np.linspace(0, 0.6, len(data)), 2] = np.nan
+    found = pair_covariances(data - np.nanmean(data, axis=0), 10.0, 10.0, 5, sub_records=4)
+    # the control variate is undone: of the channels that lack nothing, and of what is lost with itself
+    known = np.isfinite(data)
+    centred = np.where(known, data - np.nanmean(data, axis=0), 0.0)
+    slope = np.linalg.lstsq(centred[known[:, 2], :2], centred[known[:, 2], 2], rcond=None)[0]
+    rest = centred.copy()
+    rest[known[:, 2], 2] -= centred[known[:, 2], :2] @ slope
+    back = np.array([[1, 0, 0], [0, 1, 0], [*slope, 1]])
+    edges = np.round(np.linspace(0, len(data), 5)).astype(int)
+    for lag in range(1, 6):
+        pairs = known[lag:, :, None] & known[:-lag, None, :]
+        products = rest[lag:, :, None] * rest[:-lag, None, :]
+        for part in range(4):
+            inside = slice(edges[part], edges[part + 1])
+            expected = (products[inside].sum(axis=0) / pairs.sum(axis=0)
+                        - pairs[inside].sum(axis=0) / pairs.sum(axis=0) * products.sum(axis=0) / pairs.sum(axis=0))
+            expected = np.sqrt(4 / 3) * (back @ expected)
+            assert found.changes[part, lag] == pytest.approx(expected, abs=1e-2 * np.abs(found.changes).max())
+
+
 def test_a_channel_without_pairs_at_some_lag_is_no_reference():
     found = pair_covariances(lose(motion(300, 10.0, 1), "every second", 1), 10.0, 10.0, 9)
     assert found.covariance.shape == (10, 3, 2)

@@ -1,5 +1,7 @@
 """SSI-cov against what is known exactly, a plain second route, another program, and statistics."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from peer_packages import peer
@@ -15,6 +17,7 @@ from probupdate.identification.ssi import (
     identify_poles,
     output_covariances,
     poles,
+    product_sums,
     reference_projection,
     stability,
 )
@@ -28,11 +31,24 @@ def direct_covariances(data: np.ndarray, n_lag: int) -> np.ndarray:
     return np.array([data[k:].T @ data[: n - k] / (n - k) for k in range(n_lag + 1)])
 
 
-@pytest.mark.parametrize(("n", "segment"), [(500, 0), (9000, 0), (300, 17), (61, 0)])
-def test_covariances_are_the_direct_sums(n, segment):
+@pytest.mark.parametrize("n", [500, 9000, 300, 61])
+def test_covariances_are_the_direct_sums(n):
     data = np.random.default_rng(1).standard_normal((n, 4)).cumsum(axis=0)
     expected = direct_covariances(data, 59)
-    assert output_covariances(data, 59, segment) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    assert output_covariances(data, 59) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("n", "n_lag", "edges"), [(300, 40, np.arange(0, 301, 25)), (700, 100, [0, 50, 90, 400]),
+                                                  (700, 20, [0, 340, 401])])
+def test_products_of_parts_are_the_direct_sums(n, n_lag, edges):
+    """Parts shorter and longer than the lags, of unequal lengths, and a record that goes on after the last."""
+    data = np.random.default_rng(1).standard_normal((n, 3)).cumsum(axis=0)
+    found = product_sums(data, n_lag, np.array(edges))
+    for part, (first, after) in enumerate(pairwise(edges)):
+        for lag in range(n_lag + 1):
+            earlier = data[first: min(after, n - lag)]
+            expected = data[first + lag: first + lag + len(earlier)].T @ earlier
+            assert found[part, lag] == pytest.approx(expected, abs=1e-12 * np.abs(found).max())
 
 
 def test_too_short_a_record_is_refused():
