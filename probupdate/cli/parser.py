@@ -71,7 +71,7 @@ EXAMPLES = {
                 "--out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
-    "stresses": "stresses run/campaign --run run --fatigue fatigue.toml --out run-stresses",
+    "stresses": "stresses run/campaign --run run --fatigue fatigue.toml --out run/stresses",
     "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }

@@ -77,6 +77,21 @@ class StressResult:
 
         return None if self.found.gauges is None else with_units(pd.DataFrame(list(self.found.gauges.rows)), {})
 
+    def gauge_history(self) -> pd.DataFrame | None:
+        """Of the first block that gauges recorded: time_s, and of each gauge hot_spot_N_mpa as it measured and
+        hot_spot_N_estimated_mpa; None without gauges."""
+        import pandas as pd
+
+        g = self.found.gauges
+        if g is None:
+            return None
+        columns = {"time_s": g.time_s}
+        for k, spot in enumerate(g.spots):
+            if np.isfinite(g.measured[:, k]).all():
+                columns |= {f"hot_spot_{spot + 1}_mpa": g.measured[:, k],
+                            f"hot_spot_{spot + 1}_estimated_mpa": g.estimated[:, k]}
+        return pd.DataFrame(columns)
+
     def to_frame(self) -> pd.DataFrame:
         """`spots`."""
         return self.spots()
@@ -109,8 +124,8 @@ class StressResult:
         return "\n".join([*lines, *(f"note: {text}" for text in f.left_out)])
 
     def write(self, out: str | Path) -> list[Path]:
-        """hot_spots.csv, blocks.csv, all_blocks.npz, history_BLOCK.csv, gauges.csv, stresses.json; the folder new or
-        empty."""
+        """hot_spots.csv, blocks.csv, all_blocks.npz, history_BLOCK.csv, gauges.csv and gauge_history.csv,
+        stresses.json; the folder new or empty."""
         out = Path(out)
         refuse_filled(out)
         out.mkdir(parents=True, exist_ok=True)
@@ -122,18 +137,22 @@ class StressResult:
             "slope": np.array(SLOPES), "equivalent_mpa": np.array([b.equivalent_mpa for b in f.blocks]),
             "damage_per_hour": np.array([b.damage_per_hour for b in f.blocks]),
             "resolved": np.array([b.resolved for b in f.blocks])}))
-        if (gauges := self.beside_gauges()) is not None:
-            written.append(write_table(out / "gauges.csv", gauges))
-        for block, table in self.histories().items():
-            name = "history_" + "".join(c if c.isalnum() else "-" for c in block) + ".csv"
-            written.append(write_table(out / name, table))
+        for name, gauges in (("gauges.csv", self.beside_gauges()), ("gauge_history.csv", self.gauge_history())):
+            if gauges is not None:
+                written.append(write_table(out / name, gauges))
+        written += [write_table(out / history_name(block), table) for block, table in self.histories().items()]
         written.append(write_json(out / "stresses.json", {
             "format": 1, "blocks": len(f.blocks), "draws": len(f.draw_ratio), "seed": f.seed,
             "measured_states": measured, "observable_share": OBSERVABLE, "notes": list(f.left_out),
-            "verdict": self.remark,
+            "verdict": self.remark, "gauge_block": None if f.gauges is None else f.gauges.block,
             "rainflow_over_spectrum": {h.id: h.rainflow_over_spectrum.tolist() for h in f.histories},
             "worst": [int(k) + 1 for k in f.worst]}))
         return written
+
+
+def history_name(block: str) -> str:
+    """Of the file of a block's histories."""
+    return "history_" + "".join(c if c.isalnum() else "-" for c in block) + ".csv"
 
 
 def refuse_filled(out: Path) -> None:

@@ -27,8 +27,8 @@ SECTIONS = {
     "identification_section": "measurement_sections", "selection_section": "measurement_sections",
     "diagnosis_section": "diagnosis_section", "update_section": "updating_sections",
     "posterior_section": "posterior_sections", "comparison_section": "posterior_sections",
-    "modes_section": "modes_section", "paper_section": "updating_sections", "sets_section": "sets_section",
-    "information_section": "sets_section", "provenance_section": "overview_sections",
+    "modes_section": "modes_section", "stress_section": "stress_section", "paper_section": "updating_sections",
+    "sets_section": "sets_section", "information_section": "sets_section", "provenance_section": "overview_sections",
 }
 # three quarters of a page's time: begun first, and worth a process each
 SLOW = ("diagnosis_section", "posterior_section", "identification_section")

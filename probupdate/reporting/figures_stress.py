@@ -1,4 +1,4 @@
-"""Figures of stresses from measured motion: history, damage over wind and direction, measured beside stated loads."""
+"""Figures of stresses from measured motion: history, damage over wind and direction, life with it and without."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from probupdate.lifetime.gauges import GaugeCheck
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,
@@ -47,17 +46,17 @@ def history(table: pd.DataFrame, block: str) -> Figure:
 
 
 @styled
-def over_gauges(check: GaugeCheck) -> Figure:
-    """Estimated stress over what strain gauges measured, ten minutes of a block; gauges took no part in it."""
-    shown = np.flatnonzero(np.isfinite(check.measured).all(axis=0))[:SHOWN]
-    some = check.time_s <= check.time_s[0] + MINUTES_S
-    figure = new_figure(FULL_IN, 1.4 * len(shown) + 0.6)
-    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, k in zip(axes, shown, strict=True):
-        axis.plot(check.time_s[some] / 60, check.measured[some, k], color=GREY, linewidth=1.4, label="gauge")
-        axis.plot(check.time_s[some] / 60, check.estimated[some, k], color=BLUE, linewidth=0.7, label="estimate")
-        label_axes(axis, f"minutes from {check.block}" if axis is axes[-1] else "",
-                   f"spot {check.spots[k] + 1} [MPa]")
+def over_gauges(table: pd.DataFrame, block: str) -> Figure:
+    """Estimated stress over what strain gauges measured, ten minutes of a block. table: time_s, and of each gauge
+    hot_spot_N_mpa and hot_spot_N_estimated_mpa."""
+    some = table[table["time_s"] <= table["time_s"].iloc[0] + MINUTES_S]
+    names = [c.removesuffix("_estimated_mpa") for c in table if c.endswith("_estimated_mpa")][:SHOWN]
+    figure = new_figure(FULL_IN, 1.4 * len(names) + 0.6)
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, name in zip(axes, names, strict=True):
+        axis.plot(some["time_s"] / 60, some[f"{name}_mpa"], color=GREY, linewidth=1.4, label="gauge")
+        axis.plot(some["time_s"] / 60, some[f"{name}_estimated_mpa"], color=BLUE, linewidth=0.7, label="estimate")
+        label_axes(axis, f"minutes from {block}" if axis is axes[-1] else "", f"spot {name.split('_')[2]} [MPa]")
     axes[0].legend(frameon=False, fontsize="small", ncols=2)
     return figure
 
@@ -100,34 +99,42 @@ def rose(blocks: pd.DataFrame) -> Figure | None:
 
 
 @styled
-def measured_and_stated(spots: pd.DataFrame) -> Figure:
-    """Damage of a year from the measured motion, with intervals, beside that of the stated loads, worst of each
-    side."""
-    own = spots.drop_duplicates(["member", "side"]).head(12)
+def life(spots: pd.DataFrame) -> Figure:
+    """Years to a Miner's sum of one with the measured months, with intervals, and without them, by the stated loads;
+    the worst spot of each side."""
+    own = spots[spots["p05"] > 0].drop_duplicates(["member", "side"]).head(12)
     figure = new_figure(FULL_IN, 3.2)
     axis = figure.subplots()
     at = np.arange(len(own))
-    middle = own["p50"].to_numpy(float)
-    low, high = middle - own["p05"], own["p95"] - middle
-    axis.errorbar(at, middle, yerr=[low, high], fmt="o", color=BLUE, capsize=2, label="measured motion, 90 % interval")
-    axis.scatter(at, own["stated_damage_per_year"], marker="D", color=GREY, label="stated loads", zorder=3)
+    middle, early, late = (1 / own[name].to_numpy(float) for name in ("p50", "p95", "p05"))
+    axis.errorbar(at, middle, yerr=[middle - early, late - middle], fmt="o", color=BLUE, capsize=2,
+                  label="with the measured motion, 90 % interval")
+    stated = own["stated_damage_per_year"].to_numpy(float)
+    axis.scatter(at[stated > 0], 1 / stated[stated > 0], marker="D", color=GREY, label="without, by stated loads",
+                 zorder=3)
     axis.set_yscale("log")
     axis.set_xticks(at, [f"{m}\n{s}" for m, s in zip(own["member"], own["side"], strict=True)], rotation=60,
                     ha="right", fontsize=6)
-    label_axes(axis, "", "damage of a year [-]")
+    label_axes(axis, "hot spot, the worst of each side", "life [a]")
     axis.legend(frameon=False, fontsize="small")
     return figure
 
 
 def stress_figures(
-    spots: pd.DataFrame, blocks: pd.DataFrame, histories: dict[str, pd.DataFrame], gauges: GaugeCheck | None = None
-) -> Iterator[tuple[str, Figure]]:
-    """Names and figures of what there is."""
+    spots: pd.DataFrame, blocks: pd.DataFrame, histories: dict[str, pd.DataFrame],
+    gauges: tuple[str, pd.DataFrame] | None = None,
+) -> Iterator[tuple[str, Figure, str]]:
+    """Names, figures and captions of what there is. histories: table by block; gauges: block and table."""
     if gauges is not None:
-        yield "stress_over_gauges", over_gauges(gauges)
+        yield ("stress_over_gauges", over_gauges(gauges[1], gauges[0]),
+               "Stress from the measured motion over strain gauges', ten minutes.")
     for block, table in histories.items():
-        yield "stress_history", history(table, block)
-    for name, figure in (("damage_over_wind", over_wind(blocks)), ("damage_rose", rose(blocks))):
+        yield ("stress_history", history(table, block),
+               "Stress of the worst hot spots in the block that did most damage.")
+    for name, figure, caption in (
+        ("damage_over_wind", over_wind(blocks), "Damage of an hour at the worst hot spot over the wind, by state."),
+        ("damage_rose", rose(blocks), "Share of the worst hot spot's damage by nacelle heading.")):
         if figure is not None:
-            yield name, figure
-    yield "measured_and_stated", measured_and_stated(spots)
+            yield name, figure, caption
+    yield ("life", life(spots),
+           "Life with and without the measured motion: years to a Miner's sum of one, of the measured states alone.")

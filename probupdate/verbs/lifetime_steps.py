@@ -39,9 +39,10 @@ class StressStep:
         from probupdate.reporting.figures_stress import stress_figures
         from probupdate.reporting.style import save_figure
 
-        written = self.result.write(out)
-        for name, figure in stress_figures(self.result.spots(), self.result.blocks(), self.result.histories(),
-                                           self.result.found.gauges):
+        written, gauges = self.result.write(out), self.result.gauge_history()
+        for name, figure, _ in stress_figures(
+            self.result.spots(), self.result.blocks(), self.result.histories(),
+            None if gauges is None else (self.result.found.gauges.block, gauges)):
             path = Path(out) / f"{name}.png"
             save_figure(figure, path)
             written.append(path)

@@ -16,6 +16,8 @@ from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.gauges import Gauges, read_gauges
 from probupdate.lifetime.load_estimate import both_ways, driven, smoother, used_lines
+from probupdate.reporting import built_section
+from probupdate.reporting.values import Run
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import load_model
 from probupdate.structure.turbine_frame import build_frame
@@ -194,8 +196,26 @@ def test_states_that_were_not_measured_are_said(written):
     assert any("slower than ten minutes" in note for note in kept["notes"])
 
 
+def test_a_run_with_stresses_shows_them_in_its_report(written, tmp_path):
+    shutil.copytree(written, tmp_path / "stresses")
+    run = Run(folder=tmp_path, title="small", missing=(), provenance=())
+    section = built_section("stress_section", run)
+    spots = pd.read_csv(written / "hot_spots.csv")
+    assert section.items[0].rows[0][0] == str(spots["hot_spot"].iloc[0])
+    pictures = [item for item in section.items if item.kind == "picture"]
+    # of wind and heading nothing was recorded
+    assert len(pictures) == 2 and all("]</text>" in p.svg or "[a]" in p.svg or "[MPa]" in p.svg for p in pictures)
+    (tmp_path / "stresses" / "hot_spots.csv").write_text("hot_spot\n1\n")
+    with pytest.raises(InputError, match="has no column 'member'"):
+        built_section("stress_section", run)
+
+
+def test_a_run_without_stresses_has_no_section_of_them(tmp_path):
+    assert built_section("stress_section", Run(folder=tmp_path, title="small", missing=(), provenance=())) is None
+
+
 def test_figures_are_drawn_of_what_there_is(written):
-    assert {p.name for p in written.glob("*.png")} == {"stress_history.png", "measured_and_stated.png"}
+    assert {p.name for p in written.glob("*.png")} == {"stress_history.png", "life.png"}
 
 
 @pytest.mark.parametrize(("change", "words"), [
