@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
-
+from probupdate.diagnosis.arrow import ArrowFactor
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
@@ -169,10 +168,12 @@ class Design:
         information = np.zeros((self.n_unknown, self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_profile):
             seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
-            parts = [(row, number, made[seen]) for row, number, made in sorted_unknowns]
-            for k, (row, number, made) in enumerate(parts):
-                for other, its, there in parts[: k + 1]:
-                    total = _product(made, self.noise.precision[q], there, self._times[q][seen, row, other])
+            precision = self.noise.precision[q]
+            parts = [(row, number, made[seen], precision if made.ndim == 2 else precision @ made[seen])
+                     for row, number, made in sorted_unknowns]
+            for k, (row, number, *made) in enumerate(parts):
+                for other, its, *there in parts[: k + 1]:
+                    total = _product(*made, *there, self._times[q][seen, row, other])
                     information[number, its] += total
                     if its is not number:
                         information[its, number] += total.T
@@ -197,36 +198,35 @@ class Design:
         return replace(self, nuisance=(), effect=(), model_errors=())
 
     @cached_property
-    def _factor(self):
+    def _factor(self) -> ArrowFactor:
         """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's standard
         deviations, as these are many powers of ten apart."""
-        return self._scaled_factor(np.arange(self.n_unknown))
+        return self._factor_without(())
 
     @cached_property
-    def _factors(self) -> dict[tuple[int, ...], tuple[np.ndarray, bool]]:
+    def _factors(self) -> dict[tuple[int, ...], ArrowFactor]:
         return {}
 
-    def _factor_without(self, held: tuple[int, ...]):
-        """The same with the unknowns `held` left out; the last one asked for is kept."""
+    def _factor_held(self, held: tuple[int, ...]) -> ArrowFactor:
+        """The same with the unknowns `held`, of those that all groups share, left out; the last one asked for is
+        kept."""
         if not held:
             return self._factor
         if held not in self._factors:
             self._factors.clear()
-            self._factors[held] = self._scaled_factor(np.setdiff1d(np.arange(self.n_unknown), held))
+            self._factors[held] = self._factor_without(held)
         return self._factors[held]
 
-    def _scaled_factor(self, chosen: np.ndarray):
-        std = self.prior_std[chosen]
-        information = self._information[np.ix_(chosen, chosen)]
-        information *= np.outer(std, std)
-        # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
-        # prior's one
-        rounding = len(chosen) * np.finfo(float).eps
-        information[np.diag_indices_from(information)] *= 1.0 + rounding
-        information[np.diag_indices_from(information)] += 1.0
+    def _factor_without(self, held: tuple[int, ...]) -> ArrowFactor:
+        total = sum(f.size for f in self.discrepancy_std)
+        groups = [np.concatenate([np.arange(own.start, own.stop) + k * total
+                                  for k in range(1 + len(self.model_errors))]) for own in self._offsets]
         try:
-            return linalg.cho_factor(information, lower=True, overwrite_a=True)
-        except linalg.LinAlgError:
+            # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
+            # prior's one
+            return ArrowFactor.of(self._information, groups, np.setdiff1d(np.arange(self.n_common), held),
+                                  self.prior_std, self.n_unknown * np.finfo(float).eps)
+        except np.linalg.LinAlgError:
             raise ConvergenceError(
                 "the record's information on the unknowns is singular: the fit has left where modes can be "
                 "distinguished",
@@ -236,7 +236,7 @@ class Design:
     def _solve(self, right: np.ndarray) -> np.ndarray:
         """Covariance of the unknowns given the data times right (n_unknown, ...)."""
         std = self.prior_std.reshape(-1, *[1] * (right.ndim - 1))
-        return std * linalg.cho_solve(self._factor, std * right)
+        return std * self._factor.solve(std * right)
 
     def _crossed(self, rows: np.ndarray) -> np.ndarray:
         """Cross terms B (n_row, n_unknown) of these candidates with the unknowns."""
@@ -268,7 +268,7 @@ class Design:
             # B C B^T with C = (L L^T)^-1 is the square of L^-1 B^T
             crossed = self._crossed(chunk)
             crossed *= self.prior_std
-            half = linalg.solve_triangular(self._factor[0], crossed.T, lower=True, overwrite_b=True)
+            half = self._factor.half(crossed.T)
             taken[chunk] = np.einsum("uc,uc->c", half, half)
         return raw, np.maximum(raw - taken, 0.0)
 
@@ -339,18 +339,16 @@ class Design:
     def misfits(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> np.ndarray:
         """`misfit` (n,) of residuals (n, n_block, n_response) per group."""
         right = self._right(self._sums(residuals, len(self.time_profiles)))
-        free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
-        right = (self.prior_std[free] * right[:, free]).T
-        solved = linalg.cho_solve(self._factor_without(tuple(held)), right)
+        half = self._factor_held(tuple(held)).half((self.prior_std * right).T)
         # searching for the order of so small products costs more than they do
         total = sum(np.sum((y @ P) * y, axis=2) @ w for w, y, P in
                     zip(self.noise.weight, residuals, self.noise.precision, strict=True))
-        return total - np.sum(right * solved, axis=0)
+        return total - np.sum(half**2, axis=0)
 
     @cached_property
     def log_volume(self) -> float:
         """ln of the unknowns' posterior volume over that of their prior."""
-        return float(-np.sum(np.log(np.diag(self._factor[0]))))
+        return -self._factor.log_diagonal
 
     @cached_property
     def log_noise(self) -> float:
@@ -487,14 +485,16 @@ class Design:
         return result
 
 
-def _product(made: np.ndarray, precision: np.ndarray, there: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """sum_g weight_g made_g^T P there_g (n, m) of what two kinds of unknowns make in each bin, P the `precision`
-    (n_response, n_response); what has two axes stands for a diagonal."""
+def _product(
+    made: np.ndarray, turned: np.ndarray, there: np.ndarray, turned_there: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """sum_g weight_g made_g^T P there_g (n, m) of what two kinds of unknowns make in each bin, P the precision
+    (n_response, n_response); `turned`: P times that, or P itself where what has two axes stands for a diagonal."""
     if made.ndim == 2 and there.ndim == 2:
-        return precision * ((weight[:, None] * made).T @ there)
+        return turned * ((weight[:, None] * made).T @ there)
     if made.ndim == 2:
-        return np.einsum("gm,gmn->mn", weight[:, None] * made, precision @ there)
+        return np.einsum("gm,gmn->mn", weight[:, None] * made, turned_there)
     if there.ndim == 2:
-        return _product(there, precision, made, weight).T
+        return _product(there, turned_there, made, turned, weight).T
     left = (weight[:, None, None] * made).reshape(-1, made.shape[2])
-    return left.T @ (precision @ there).reshape(-1, there.shape[2])
+    return left.T @ turned_there.reshape(-1, there.shape[2])
