@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.expected import residuals_at, signatures_at
+from probupdate.diagnosis.expected import ModelAnswers, residuals_at, signatures_at
 from probupdate.diagnosis.fitting import Fit, about, design_without_candidates, error_scale, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
@@ -138,12 +138,13 @@ def _falling(slope: float) -> float:
 
 
 def marginal_evidence(
-    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], noise: Noise
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], noise: Noise,
+    answers: ModelAnswers | None = None,
 ) -> float:
     """ln p(blocks | included effects near their sizes) with all parameters to first order about theta, but for a
-    constant of record and noise."""
+    constant of record and noise; `answers`: see `residuals_at`."""
     design = design_without_candidates(problem, theta, included, noise)
-    _, centred = about(problem, design, theta, included, residuals_at(problem, theta, included))
+    _, centred = about(problem, design, theta, included, residuals_at(problem, theta, included, answers))
     return log_size_prior(included) + over_error_scales(design, lambda d: linear_evidence(d, centred))
 
 

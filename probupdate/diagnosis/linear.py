@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+
 from probupdate.diagnosis.arrow import ArrowFactor
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.time_profiles import TimeProfile

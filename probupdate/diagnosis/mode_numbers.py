@@ -155,13 +155,18 @@ def signature(
         back = np.linalg.inv(in_plane)
     except np.linalg.LinAlgError:
         raise ConvergenceError(ACROSS, axes) from None
-    turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
-    aligned = np.einsum("cjn,ji->cin", shape_change, back)
-    outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)
+    plane_change = np.tensordot(onto, shape_change, 1)
+    turning, aligned = _onto_columns(plane_change, back), _onto_columns(shape_change, back)
+    outside = aligned - np.tensordot(reference.shape @ back, turning, 1)
     tensor = tensor_change
     if len(in_plane) > 1:
-        tensor = _tensor_change(reference, tensor_change, in_plane, np.einsum("kc,cjn->kjn", onto, shape_change))
+        tensor = _tensor_change(reference, tensor_change, in_plane, plane_change)
     return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1)).T)
+
+
+def _onto_columns(change: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(m, k, n) of change (m, k, n) of columns that are then multiplied with turn (k, k)."""
+    return change * turn[0, 0] if len(turn) == 1 else np.einsum("cjn,ji->cin", change, turn)
 
 
 def _tensor_change(

@@ -9,6 +9,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.mode_numbers import (
@@ -199,7 +200,7 @@ class ModalPredictor:
             for j in range(k):
                 change[:, j, j * len(std) : (j + 1) * len(std)] = others
             made = signature(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
-                             _observed_change(reference, change, seen).astype(complex), axes)
+                             _observed_change(reference, change, seen), axes)
             result.append((made, np.tile(std, k)))
         return result
 
@@ -210,7 +211,7 @@ class ModalPredictor:
         (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
         places, own_shapes = [], []
         for angle in angles_deg:
-            modes = local.solve(angle)
+            modes = local.solved(angle)
             shape, groups = self._members(local, modes)
             places.append((angle, modes, groups))
             own_shapes.append(shape)
@@ -278,22 +279,34 @@ def effect_signatures(
     size of every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of
     these the size changes, any other is one more. `names`: the parameters of the slopes; `of_nominal` of these the
     `shares_of_nominal`, one where not given."""
-    amounts = _increments(tuple(effects), names)
+    of_sensors = np.array([effect.observe is not None for effect in effects], bool)
+    others = [effect for effect in effects if effect.observe is None]
+    amounts = _increments(tuple(others), names)
     if of_nominal is not None:
-        amounts = np.where([bool(e.parts) for e in effects], of_nominal[:, None] * amounts, amounts)
+        amounts = np.where([bool(e.parts) for e in others], of_nominal[:, None] * amounts, amounts)
+    # an effect moves a parameter or a few
+    amounts = sparse.csr_array(amounts.T)
     plain = [reference for (reference, _, _), _ in places]
-    of_sensors = [j for j, effect in enumerate(effects) if effect.observe is not None]
-    d_shape, d_log = _sensor_changes([effects[j] for j in of_sensors], plain, seen)
+    d_shape, d_log = _sensor_changes([e for e in effects if e.observe is not None], plain, seen)
     result = []
     for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen),
                                                               strict=True):
-        t_change, s_change = tensor @ amounts, (_observed_change(reference, shape, seen) @ amounts).astype(complex)
-        if of_sensors:
+        # of real numbers by themselves in half of the time
+        moved = signature(there, _summed(tensor, amounts), _summed(_observed_change(reference, shape, seen), amounts),
+                          axes)
+        made = np.empty((len(moved), len(effects)))
+        made[:, ~of_sensors] = moved
+        if of_sensors.any():
             turn = reference.members[1]
-            s_change[:, :, of_sensors] = np.einsum("cip,ki->ckp", d_shape[:, own], turn)
-            t_change[:, :, of_sensors] = np.einsum("ai,ip,bi->abp", turn, d_log[own], turn)
-        result.append(signature(there, t_change, s_change, axes))
+            made[:, of_sensors] = signature(there, np.einsum("ai,ip,bi->abp", turn, d_log[own], turn),
+                                            np.einsum("cip,ki->ckp", d_shape[:, own], turn), axes)
+        result.append(made)
     return result
+
+
+def _summed(change: np.ndarray, amounts: sparse.csr_array) -> np.ndarray:
+    """(..., n_effect) of changes (..., n_param) and the parameters' amounts in each effect (n_effect, n_param)."""
+    return (amounts @ change.reshape(-1, change.shape[-1]).T).T.reshape(*change.shape[:-1], amounts.shape[0])
 
 
 def _sensor_changes(

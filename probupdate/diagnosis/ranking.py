@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, only_promised
+from probupdate.diagnosis.expected import ModelAnswers
 from probupdate.diagnosis.fitting import Fit, design_at
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -178,10 +179,10 @@ def _evidence_about(
     problem: DiagnosisProblem, theta: np.ndarray, noise: Noise, hypotheses: Sequence[Sequence[IncludedEffect]]
 ) -> list[float]:
     """`marginal_evidence` of each of the hypotheses, -inf where no modes of the model pair with the measured ones."""
-    found = []
+    found, answers = [], ModelAnswers()
     for included in hypotheses:
         try:
-            found.append(marginal_evidence(problem, theta, included, noise))
+            found.append(marginal_evidence(problem, theta, included, noise, answers))
         except ConvergenceError:
             found.append(-np.inf)
     return found

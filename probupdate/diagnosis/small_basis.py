@@ -137,11 +137,19 @@ class _Verified:
 
     def errors(self, projected: Sequence[tuple[np.ndarray, np.ndarray]], size: int) -> tuple[float, float]:
         """On the last `size` vectors of the basis: largest relative error of a frequency, and of what an effect does to
-        ln f as a share of it."""
-        found = [_frequencies(K[-size:, -size:], M[-size:, -size:], self.sure) for K, M in projected]
-        n = len(self.unseen)
-        error = max(float(np.max(np.abs(own / f - 1))) for own, f in zip(found, self.frequency_hz, strict=False))
-        return error, _wrong_share([np.log(own) for own in found[n:]], self.log_frequency)
+        ln f as a share of it; those up to the first point at which either is too large."""
+        error = wrong = 0.0
+        found = (_frequencies(K[-size:, -size:], M[-size:, -size:], self.sure) for K, M in projected)
+        for exact, own in zip(self.frequency_hz, found, strict=False):
+            error = max(error, float(np.max(np.abs(own / exact - 1))))
+            if error > TOLERANCE:
+                return error, wrong
+        nothing = np.log(next(found))
+        for exact, own in zip(self.log_frequency[1:], found, strict=True):
+            wrong = max(wrong, _wrong_share(np.log(own) - nothing, exact - self.log_frequency[0]))
+            if wrong > CHANGE:
+                break
+        return error, wrong
 
 
 def _snapshots(
@@ -208,14 +216,10 @@ def _alone(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rn
     return theta
 
 
-def _wrong_share(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> float:
-    """Largest error of a change of ln f from the first, as a share of the change; none where it is UNSEEN."""
-    shares = [0.0]
-    for own, true in zip(found[1:], exact[1:], strict=True):
-        error = np.linalg.norm((own - found[0]) - (true - exact[0]))
-        if error > UNSEEN:
-            shares.append(float(error / np.linalg.norm(true - exact[0])))
-    return max(shares)
+def _wrong_share(found: np.ndarray, exact: np.ndarray) -> float:
+    """Error of a change of ln f as a share of the change; none where it is UNSEEN."""
+    error = np.linalg.norm(found - exact)
+    return float(error / np.linalg.norm(exact)) if error > UNSEEN else 0.0
 
 
 def _frequencies(K: np.ndarray, M: np.ndarray, count: int) -> np.ndarray:

@@ -281,9 +281,8 @@ class LocalModel:
     def _core(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The N_CORE lowest modes of the mean over all angles (r, n), the harmonics of both matrices on them, and what
         the modes above these give way at the channels (n_row, r) when forces act on the basis."""
-        bare = self.small.bare
-        if bare is not None and not self.theta[len(bare.parameters) :].any():
-            return bare.at(self.theta[: len(bare.parameters)])._core
+        if self._bare is not None:
+            return self._bare._core
         value, vectors = linalg.eigh(*self.matrices())
         core, above = vectors[:, :N_CORE], vectors[:, N_CORE:]
         residual = (self.at_channels @ above / value[N_CORE:]) @ above.T
@@ -306,6 +305,27 @@ class LocalModel:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors,
                           on_core=vectors)
+
+    def solved(self, angle_deg: float) -> SmallModes:
+        """All modes there, kept: more than once is asked how they change."""
+        bare = self._bare
+        if bare is not None:
+            return bare.solved(angle_deg)
+        if angle_deg not in self._solved:
+            self._solved[angle_deg] = self.solve(angle_deg)
+        return self._solved[angle_deg]
+
+    @cached_property
+    def _solved(self) -> dict[float, SmallModes]:
+        return {}
+
+    @cached_property
+    def _bare(self) -> LocalModel | None:
+        """The same without parts of which none is there."""
+        bare = self.small.bare
+        if bare is None or self.theta[len(bare.parameters) :].any():
+            return None
+        return bare.at(self.theta[: len(bare.parameters)])
 
     @cached_property
     def at_rest(self) -> SmallModes:
