@@ -21,11 +21,9 @@ from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 
-# draws are made in chunks of so many numbers, and scored in chunks of so many
+# draws are made in chunks of so many numbers; they are scored, and cross terms of candidates with the unknowns made, in
+# chunks of so many: of all at once these are as large as all else together
 CHUNK, SUMMED = 4_000_000, 500_000
-# cross terms of candidates with the unknowns are made in chunks of so many numbers: of all at once they are as large as
-# all else together
-CROSSED = 250_000
 # blocks that a group must have on either side of a step to show it
 FEWEST_BEYOND = 3
 
@@ -256,7 +254,7 @@ class Design:
 
     def _chunks(self, rows: np.ndarray) -> list[np.ndarray]:
         """Places in `rows` of candidates whose cross terms are made at once, those of one effect side by side."""
-        n_chunk = max(1, -(-len(rows) * self.n_unknown // CROSSED))
+        n_chunk = max(1, min(len(rows), -(-len(rows) * self.n_unknown // SUMMED)))
         return np.array_split(np.argsort(self.which[rows, 0], kind="stable"), n_chunk)
 
     @cached_property
