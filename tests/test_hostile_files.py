@@ -196,3 +196,15 @@ def test_a_file_that_ends_or_holds_the_library_is_one_line(tmp_path, monkeypatch
                 pass
     with open_hdf5(path, "is no file", "copy it again") as file:
         assert file["data"][()] == 1.0
+
+
+def test_a_file_of_very_many_small_objects_is_sound(tmp_path, monkeypatch):
+    """A year of modal sets has more of them than can be looked at within the time that one may take."""
+    from probupdate.io import hdf5_file
+
+    with h5py.File(tmp_path / "a.h5", "w", libver="latest") as file:
+        for k in range(12_000):
+            file.create_group(str(k)).attrs["id"] = k
+    monkeypatch.setattr(hdf5_file, "SECONDS", 1)
+    with open_hdf5(tmp_path / "a.h5", "is no file", "copy it again") as file:
+        assert len(file) == 12_000

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +15,14 @@ from probupdate.errors import InputError
 from probupdate.io.result_table import plural
 from probupdate.modal.joined_modes import hours_of, join_modes
 from probupdate.modal.matching import close_clusters
-from probupdate.modal.modes import ModalData, ModalSet, ModeRecord, rotate_to_real
+from probupdate.modal.modes import (
+    CovarianceFactors,
+    ModalData,
+    ModalSet,
+    ModeRecord,
+    StoredFactors,
+    rotate_to_real,
+)
 from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
@@ -41,11 +48,19 @@ COPIED = 1e-12
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SetFactors:
-    """Covariance factors the identification states for a block, one column a sub-record: ln_frequency (n_mode,
-    n_column), shape (n_channel, n_mode, n_column) complex; sums over columns are joint covariances."""
+    """Covariance factors the identification states for a block, one column a sub-record. `read` gives ln_frequency
+    (n_mode, n_column) and shape (n_channel, n_mode, n_column) complex, made or read from the disk each time, as those
+    of a year are a gigabyte; sums over columns are joint covariances."""
 
-    ln_frequency: np.ndarray
-    shape: np.ndarray
+    read: Callable[[], tuple[np.ndarray, np.ndarray]]
+
+    @property
+    def ln_frequency(self) -> np.ndarray:
+        return self.read()[0]
+
+    @property
+    def shape(self) -> np.ndarray:
+        return self.read()[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -441,20 +456,24 @@ def _states_zero(modal_set) -> bool:
 def _factors(modal_set, kept, channels, turn) -> SetFactors | None:
     d = modal_set.covariance_factors
     if d is None:
-        return _independent(modal_set, kept, channels) if _states_std(modal_set) else None
-    return SetFactors(ln_frequency=frozen_array(d.ln_frequency[kept]),
-                      shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))
+        if not _states_std(modal_set):
+            return None
+        return SetFactors(read=partial(_independent, modal_set.frequency_std_hz[kept] / modal_set.frequency_hz[kept],
+                                       modal_set.shape_std[np.ix_(channels, kept)]))
+    return SetFactors(read=partial(_joint, d, kept, channels, turn))
 
 
-def _independent(modal_set, kept, channels) -> SetFactors:
+def _joint(d: CovarianceFactors | StoredFactors, kept, channels, turn) -> tuple[np.ndarray, np.ndarray]:
+    d = d.loaded()
+    return d.ln_frequency[kept], d.shape[channels][:, kept] * turn[None, :, None]
+
+
+def _independent(ln_frequency: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of a set that states standard deviations alone: every frequency and every part of a component by itself."""
-    ln_frequency = modal_set.frequency_std_hz[kept] / modal_set.frequency_hz[kept]
-    shape = modal_set.shape_std[np.ix_(channels, kept)]
-    n, m = len(kept), shape.size
+    n, m = len(ln_frequency), shape.size
     spread = (np.eye(m) * np.nan_to_num(shape).ravel()).reshape(*shape.shape, m)
-    return SetFactors(
-        ln_frequency=frozen_array(np.hstack([np.diag(np.nan_to_num(ln_frequency)), np.zeros((n, 2 * m))])),
-        shape=frozen_array(np.concatenate([np.zeros((*shape.shape, n)), spread, 1j * spread], axis=2), complex))
+    return (np.hstack([np.diag(np.nan_to_num(ln_frequency)), np.zeros((n, 2 * m))]),
+            np.concatenate([np.zeros((*shape.shape, n)), spread, 1j * spread], axis=2))
 
 
 def _level(y: np.ndarray) -> np.ndarray:

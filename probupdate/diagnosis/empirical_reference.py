@@ -6,12 +6,13 @@ where the sensors are. What turns with the nacelle is taken up by low harmonics 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from probupdate.diagnosis.blocks import Blocks
+from probupdate.diagnosis.blocks import Blocks, SetFactors
 from probupdate.diagnosis.mode_numbers import (
     Reference,
     modes_with,
@@ -28,6 +29,8 @@ from probupdate.runtime.arrays import frozen_array
 TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 3
 # blocks of which the stated covariance is asked, twice as many at most
 BLOCKS_STATED = 12
+# blocks that are compared with one another, in time and memory by the square of their number
+MOST_COMPARED = 500
 # what a step of an effect moves the numbers by, and no more, is rounding
 ROUNDING = 1e-12
 # what lies across its axis but for this is compared too: a reversed channel may turn a mode so far
@@ -107,8 +110,9 @@ def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
     # of two states of a record, where a channel was reversed half-way, the mean is neither's: the half that is most
     # alike
     flat = projectors.reshape(len(there), -1)
-    alike = flat @ flat.T
-    nearest = np.argsort(-alike[np.argmax(np.median(alike, axis=1))], kind="stable")[: (len(there) + 1) // 2]
+    some = flat[np.linspace(0, len(there) - 1, min(len(there), MOST_COMPARED)).astype(int)]
+    middle = some[np.argmax(np.median(some @ some.T, axis=1))]
+    nearest = np.argsort(-(flat @ middle), kind="stable")[: (len(there) + 1) // 2]
     plane = np.linalg.eigh(projectors[nearest].sum(axis=0))[1][:, -len(members):]
     if len(members) == 2:
         turn = _to_axes(blocks.channels, sensors, plane)
@@ -178,8 +182,9 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
             d = blocks.factors[b]
             if d is None:
                 continue
+            ln_frequency, shape = d.read()
             columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
-                                     d.ln_frequency[members], d.shape[:, members], empirical.axes[q])
+                                     ln_frequency[members], shape[:, members], empirical.axes[q])
             if columns is not None:
                 total, number = total + columns.T @ columns, number + 1
         result.append(total / number if number > len(used) / 2 else None)
@@ -220,9 +225,9 @@ def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
     return Noise(covariance=tuple(covariances), precision=precision, weight=noise.weight)
 
 
-def mended(blocks: Blocks, effect: Effect, size: np.ndarray, *, factors: bool = True) -> Blocks:
+def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
     """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes. What is
-    stated of how shapes scatter goes with them, if `factors`: it takes the most of the time."""
+    stated of how shapes scatter goes with them."""
     shape, frequency, stated = np.array(blocks.shape), np.array(blocks.frequency_hz), list(blocks.factors)
     centre = np.nanmedian(frequency, axis=0)
     n_channel = shape.shape[1]
@@ -236,9 +241,14 @@ def mended(blocks: Blocks, effect: Effect, size: np.ndarray, *, factors: bool = 
             back = whole[members] = np.linalg.inv(seen)
             shape[rows] = np.einsum("cd,bdk->bck", back, np.nan_to_num(shape[rows])) + 0 * shape[rows]
             frequency[np.ix_(there, members)] *= np.exp(-shift)
-        for b in np.flatnonzero(there) if factors else ():
+        for b in np.flatnonzero(there):
             if (own := stated[b]) is not None:
-                stated[b] = replace(own, shape=frozen_array(np.swapaxes(whole @ np.swapaxes(own.shape, 0, 1), 0, 1),
-                                                            complex))
+                stated[b] = SetFactors(read=partial(_put_right, own.read, whole))
     return replace(blocks, shape=frozen_array(shape, complex), frequency_hz=frozen_array(frequency),
                    factors=tuple(stated))
+
+
+def _put_right(read: Callable[[], tuple[np.ndarray, np.ndarray]], back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """back (n_mode, n_channel, n_channel): of each mode's shape."""
+    ln_frequency, shape = read()
+    return ln_frequency, np.swapaxes(back @ np.swapaxes(shape, 0, 1), 0, 1)

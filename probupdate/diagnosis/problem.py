@@ -175,17 +175,17 @@ class DiagnosisProblem:
         known = [(k, d) for k, d in enumerate(blocks.factors) if d is not None]
         if len(known) < len(blocks) / 2:
             return tuple(None for _ in blocks.groups)
-        result = []
-        for q, (group, axes) in enumerate(zip(blocks.groups, self.predictor.axes, strict=True)):
-            members, rows = list(group), []
-            for k, d in known:
-                if not blocks.present[k, q]:
-                    continue
-                weight = blocks.relative_std[k, q] ** -2.0
+        of_group: list[list[np.ndarray]] = [[] for _ in blocks.groups]
+        for k, d in known:
+            ln_frequency, shape = d.read()
+            for q in np.flatnonzero(blocks.present[k]):
+                members = list(blocks.groups[q])
                 columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
-                                         d.ln_frequency[members], d.shape[:, members], axes)
+                                         ln_frequency[members], shape[:, members], self.predictor.axes[q])
                 if columns is not None:
-                    rows.append(np.sqrt(weight) * columns)
+                    of_group[q].append(columns / blocks.relative_std[k, q])
+        result = []
+        for q, (group, rows) in enumerate(zip(blocks.groups, of_group, strict=True)):
             if blocks.few:
                 total = np.concatenate(rows) if rows else np.zeros((0, self.discrepancy_std[q].size))
                 result.append(total.T @ total / len(rows) if rows else None)

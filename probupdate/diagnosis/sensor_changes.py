@@ -134,7 +134,7 @@ def _correct_effect(
     value = case.profile.value
 
     def left(size: float) -> tuple[float, float]:
-        now = mended(begun.blocks, effect, size * value, factors=False)
+        now = mended(begun.blocks, effect, size * value)
         empirical = look(now, case.sensors, value)
         then = seen.with_residuals(residuals(empirical, case.known), empirical.used)
         found, std = sizes(then.along, then.directions.turn @ signatures([effect], empirical))
@@ -242,7 +242,7 @@ def _sharper(case: Case, one: PutRight) -> TimeProfile:
     @cache
     def log_density(at: int) -> float:
         value = step_profile(n, at).value
-        empirical = look(mended(case.blocks, effect, size * value, factors=False), case.sensors, case.profile.value)
+        empirical = look(mended(case.blocks, effect, size * value), case.sensors, case.profile.value)
         own = seen.with_residuals(residuals(empirical, case.known), empirical.used).log_nothing
         return own - _log_stretch(effect, size, value != 0, case.blocks, empirical.used, empirical.axes)
 

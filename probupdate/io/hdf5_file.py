@@ -21,10 +21,15 @@ from probupdate.io import hdf5_probe
 from probupdate.io.files import input_file, whole_stream
 from probupdate.runtime.signals import held_back
 
-# a file is looked through in milliseconds; large packed chunks are unpacked, 20 MB a second at worst
+# processor time of so many objects of a file, each looked at in a millisecond; large packed chunks are unpacked,
+# 20 MB a second at worst. By the clock a busy machine takes longer
 SECONDS = 3
 BYTES_A_SECOND = 2e7
+PATIENCE = 4
 MEMORY = 2 * 2**30
+# what the library keeps of a file's description of its objects, bytes at least, at first and at most: by itself 32 MB,
+# which unpacked are more than twice as many
+DESCRIBED = (2**17, 2**18, 2**19)
 # files found good, as they were then
 _KNOWN_SIZE = 20_000
 
@@ -100,6 +105,9 @@ def open_hdf5(path: str | Path, problem: str, remedy: str, *, whole: bool = Fals
 
     path = refuse_unsafe(path, problem, remedy, whole=whole)
     with parsing(str(path), problem, remedy), h5py.File(path, "r") as file:
+        kept = file.id.get_mdc_config()
+        kept.min_size, kept.initial_size, kept.max_size = DESCRIBED
+        file.id.set_mdc_config(kept)
         yield file
 
 
@@ -144,7 +152,7 @@ class _Probe:
                 asked, answered = _pipes(child)
                 asked.write(line.encode())
                 asked.flush()
-                answer = _line(answered, seconds + 3.0)
+                answer = _line(answered, float(PATIENCE * seconds + 3))
             except (OSError, ValueError):
                 answer = b""
             if answer.endswith(b"\n"):
@@ -186,7 +194,7 @@ def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
 
 
 def _line(stream: IO[bytes], seconds: float) -> bytes:
-    """A line of a child's output; without its end where it ended, b"?" where the time is over."""
+    """A line of a child's output; without its end where it ended, b"?" where so long nothing came."""
     end, got = time.monotonic() + seconds, b""
     with selectors.DefaultSelector() as waiting:
         waiting.register(stream, selectors.EVENT_READ)
@@ -198,6 +206,7 @@ def _line(stream: IO[bytes], seconds: float) -> bytes:
             if not piece:
                 break
             got += piece
+            end = time.monotonic() + seconds
     return got
 
 

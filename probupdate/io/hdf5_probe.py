@@ -1,8 +1,9 @@
 """Run as a program of its own: opens HDF5 files named on standard input and answers whether they are safe to read.
 
 A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path",
-"whole", "seconds"}; a line out: {"problem": null or words}. `whole`: all data are read here first. Limits on processor
-time (`seconds`) and memory (the argument, bytes) hold where the system has them.
+"whole", "seconds"}; a line out: {"problem": null or words}, before it a blank after every STEP objects. `whole`: all
+data are read here first. Limits on processor time (`seconds`, anew for every STEP objects: a year of modal sets has
+many small ones) and memory (the argument, bytes) hold where the system has them.
 """
 
 import json
@@ -16,10 +17,11 @@ LARGEST_WHOLE = 2**30
 # declared but not written numbers that are read as zeros; more would keep every step busy with nothing
 LARGEST_UNWRITTEN = 2**28
 MOST_OBJECTS = 500_000
+STEP = 200
 
 
-def problem_of(path, whole):
-    """Words on what makes the file unsafe, or None."""
+def problem_of(path, whole, stepped=lambda: None):
+    """Words on what makes the file unsafe, or None; stepped: called after every STEP objects."""
     import h5py
     from h5py import h5l  # pyright: ignore[reportAttributeAccessIssue]  (compiled, without stubs)
 
@@ -39,7 +41,9 @@ def problem_of(path, whole):
         if len(names) > MOST_OBJECTS:
             return f"holds more than {MOST_OBJECTS} objects"
         total = 0
-        for name in names:
+        for number, name in enumerate(names):
+            if number % STEP == STEP - 1:
+                stepped()
             item = file[name]
             for key in item.attrs:
                 item.attrs[key]
@@ -146,8 +150,14 @@ def answer_all():
     for line in sys.stdin:
         asked = json.loads(line)
         grant(asked["seconds"])
+
+        def stepped(seconds=asked["seconds"]):
+            grant(seconds)
+            sys.stdout.write(" ")
+            sys.stdout.flush()
+
         try:
-            found = problem_of(asked["path"], asked["whole"])
+            found = problem_of(asked["path"], asked["whole"], stepped)
         except Exception as error:
             reason = str(error).strip() or "no reason given"
             found = f"{type(error).__name__}: {reason.splitlines()[0][:300]}"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +14,13 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.io.files import path_inside
 from probupdate.io.hdf5_file import new_hdf5, open_hdf5
+from probupdate.modal.sets import CovarianceFactors, ModalSet, StoredFactors
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
+# a file up to that size (bytes) is kept in memory, a larger one read set by set as it is asked for
+KEPT_IN_MEMORY = 8 * 2**20
+AGAIN = "make it again with `probupdate identify`"
 # their axes, as scales that xarray knows; readers here do not ask for them
 AXES = {"ln_frequency": ("mode", "column"), "damping_ratio": ("mode", "column"), "shape": ("channel", "mode", "column")}
 
@@ -46,8 +53,9 @@ def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
     return path.name
 
 
-def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
-    """id -> the three arrays, of the file `name` in the folder of modes_file."""
+@contextmanager
+def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
+    """The covariance factors in the file `name` in the folder of modes_file."""
     where = f"{modes_file}, deviations"
     if not isinstance(name, str) or not name or Path(name).name != name or name in (".", ".."):
         raise InputError(where, f"{name!r} is no file name", "name a file in the same folder")
@@ -55,15 +63,58 @@ def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarr
     if "\0" in name or not path.exists():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     path_inside(path, modes_file.parent)
-    again = "make it again with `probupdate identify`"
-    with open_hdf5(path, "no file of covariance factors", again, whole=True) as file:
-        return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
-                for group in file.values()}
+    with _opened(path) as file:
+        yield FactorsFile(path=path, state=_state(path), file=file,
+                          groups={str(group.attrs["id"]): name for name, group in file.items()})
 
 
-def _array(path: Path, group, key: str) -> np.ndarray:
-    array = group[key][()]
-    if array.ndim != DATASETS[key][0] or array.dtype.kind not in "fc" or np.any(np.isinf(array)):
-        raise InputError(f"{path}, {group.attrs['id']}", f"{key} is no table of {DATASETS[key][0]} axes of numbers",
-                         "make it again with `probupdate identify`")
-    return array
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FactorsFile:
+    """An open file of covariance factors, as it was then; groups: id of a set -> its group."""
+
+    path: Path
+    state: tuple[int, ...]
+    file: Any
+    groups: Mapping[str, str]
+
+    def read(self, set_id: str) -> dict[str, np.ndarray] | None:
+        """The three arrays of a set; None of one that has none here."""
+        return _arrays(self.path, self.file[self.groups[set_id]]) if set_id in self.groups else None
+
+    def kept(self, modal_set: ModalSet) -> ModalSet:
+        """The set with its arrays in memory, or of a large file with where they are."""
+        if self.state[0] <= KEPT_IN_MEMORY or modal_set.id not in self.groups:
+            return modal_set
+        read = partial(_stored, self.path, self.state, self.groups[modal_set.id])
+        return replace(modal_set, covariance_factors=StoredFactors(read=read, taken=True))
+
+
+def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
+    """id -> the three arrays, of the file `name` in the folder of modes_file."""
+    with opened_factors(modes_file, name) as found:
+        return {set_id: _arrays(found.path, found.file[group]) for set_id, group in found.groups.items()}
+
+
+def _stored(path: Path, state: tuple[int, ...], group: str) -> CovarianceFactors:
+    if not path.exists() or _state(path) != state:
+        raise InputError(str(path), "has changed since its modes were read", "run again, while nothing writes there")
+    with _opened(path) as file:
+        return CovarianceFactors(**_arrays(path, file[group]))
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns, found.st_ino
+
+
+def _opened(path: Path) -> Any:
+    return open_hdf5(path, "no file of covariance factors", AGAIN, whole=True)
+
+
+def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:
+    found = {}
+    for key, (n_axis, _) in DATASETS.items():
+        array = found[key] = group[key][()]
+        if array.ndim != n_axis or array.dtype.kind not in "fc" or np.any(np.isinf(array)):
+            raise InputError(f"{path}, {group.attrs['id']}", f"{key} is no table of {n_axis} axes of numbers", AGAIN)
+    return found

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +20,7 @@ from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
 from probupdate.io.schema import LARGEST, Length, table_as
 from probupdate.modal.conditions import KNOWN_COLUMNS, misspelt
-from probupdate.modal.covariance_file import read_factors, write_factors
+from probupdate.modal.covariance_file import FactorsFile, opened_factors, write_factors
 from probupdate.modal.mode_choice import choice_of
 from probupdate.modal.sets import CovarianceFactors, ModalData, ModalSet, ModelMode, ModeRecord
 
@@ -212,8 +213,10 @@ def _read_modes(path: Path) -> ModalData:
     if twice:
         raise InputError(f"{path}, labels", f"{twice[0]} stands for {labels.count(twice[0])} modes",
                          "give every mode a name of its own")
-    factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
-    sets = tuple(_read_modal_set(path, k, raw, len(channels), factors) for k, raw in enumerate(content["sets"]))
+    beside = content.get("deviations")
+    with nullcontext() if beside is None else opened_factors(path, beside) as factors:
+        sets = tuple(_read_modal_set(path, k, raw, len(channels), factors)
+                     for k, raw in enumerate(_handed_over(content.pop("sets"))))
     _refuse_per_cent(path, sets)
     _refuse_lost(path, sets)
     _refuse_mixed(path, sets)
@@ -264,8 +267,15 @@ def _json_of_modes(path: Path) -> dict:
     return content
 
 
-def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
-    """One entry of `sets`; factors: id of a set -> its arrays in the file beside."""
+def _handed_over(rows: list) -> Iterator:
+    """One after the other, none kept: as Python's numbers they take ten times as much as in arrays."""
+    rows.reverse()
+    while rows:
+        yield rows.pop()
+
+
+def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factors: FactorsFile | None) -> ModalSet:
+    """One entry of `sets`; factors: of the file beside."""
     if not isinstance(raw, dict):
         raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
     where = f"{path}, set {raw.get('id', number)}"
@@ -288,25 +298,26 @@ def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factor
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
     _refuse_exact(where, frequency, std["frequency_std_hz"])
-    covariance_factors = factors.get(str(raw.get("id", number)))
-    for key, array in (covariance_factors or {}).items():
+    set_id = str(raw.get("id", number))
+    arrays = None if factors is None else factors.read(set_id)
+    for key, array in (arrays or {}).items():
         # of a mode all columns are known, or none
         known = np.isfinite(array)
         if np.any(known.any(axis=-1) != known.all(axis=-1)):
-            raise InputError(f"{path}, its covariance factors, {raw.get('id', number)}",
+            raise InputError(f"{path}, its covariance factors, {set_id}",
                              f"{key} has columns that are no numbers", "make it again with `probupdate identify`")
     found = ModalSet(
-        id=str(raw.get("id", number)),
+        id=set_id,
         frequency_hz=frequency,
         shape=(real + 1j * np.nan_to_num(imaginary)).T,
         damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
         shape_std=shape_std.T,
         environment=raw.get("environment") or {},
-        covariance_factors=None if covariance_factors is None else CovarianceFactors(**covariance_factors),
+        covariance_factors=None if arrays is None else CovarianceFactors(**arrays),
         **std,
     )
     found.refuse_zero_shapes(f"{where}, shape_re")
-    return found
+    return found if factors is None else factors.kept(found)
 
 
 def _refuse_exact(where: str, frequency: np.ndarray, std: np.ndarray) -> None:

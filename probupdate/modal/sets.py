@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -119,10 +120,12 @@ class CovarianceFactors:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoredFactors:
-    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year
-    are most of a gigabyte. `loaded` has it in memory."""
+    """`CovarianceFactors` that lie on the disk and are read by `read` each time that they are asked for: those of a
+    year are most of a gigabyte. `loaded` has them in memory. taken: whether their set has its standard deviations
+    from them."""
 
     read: Callable[[], CovarianceFactors]
+    taken: bool = False
 
     @property
     def ln_frequency(self) -> np.ndarray:
@@ -144,12 +147,19 @@ class StoredFactors:
         return self.read()
 
     def of_modes(self, columns: Sequence[int]) -> StoredFactors:
-        columns = tuple(int(j) for j in columns)
-        return StoredFactors(read=lambda: self.read().of_modes(columns))
+        return replace(self, read=partial(_of_modes, self.read, tuple(int(j) for j in columns)))
 
     def of_channels(self, rows: Sequence[int]) -> StoredFactors:
-        rows = tuple(int(k) for k in rows)
-        return StoredFactors(read=lambda: self.read().of_channels(rows))
+        return replace(self, read=partial(_of_channels, self.read, tuple(int(k) for k in rows)))
+
+
+# functions of the module, as those of a process go to another by name
+def _of_modes(read: Callable[[], CovarianceFactors], columns: Sequence[int]) -> CovarianceFactors:
+    return read().of_modes(columns)
+
+
+def _of_channels(read: Callable[[], CovarianceFactors], rows: Sequence[int]) -> CovarianceFactors:
+    return read().of_channels(rows)
 
 
 def _columns(value: np.ndarray, columns: Sequence[int], axis: int) -> np.ndarray:
@@ -200,8 +210,12 @@ class ModalSet:
             raise InputError(f"set {self.id}", f"shape_std is {std.shape}", f"give {shape.shape} as for the shape")
         object.__setattr__(self, "shape_std", std)
         object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
-        if self.covariance_factors is not None:
-            self._take_std(self.covariance_factors.loaded())
+        factors = self.covariance_factors
+        if isinstance(factors, CovarianceFactors):
+            self._take_std(factors)
+        elif factors is not None and (not factors.taken or self._lacks_std()):
+            self._take_std(factors.loaded())
+            object.__setattr__(self, "covariance_factors", replace(factors, taken=True))
 
     def __reduce__(self):
         # to another process: as it was given, its arrays read-only there too
@@ -209,6 +223,11 @@ class ModalSet:
         given["environment"] = dict(self.environment)
         given["covariance_factors"] = None if self.covariance_factors is None else self.covariance_factors.loaded()
         return _modal_set, (given,)
+
+    def _lacks_std(self) -> bool:
+        pairs = ((self.frequency_hz, self.frequency_std_hz), (self.damping_ratio, self.damping_ratio_std),
+                 (self.shape, self.shape_std))
+        return any(bool(np.any(np.isfinite(value) & np.isnan(std))) for value, std in pairs)
 
     def _take_std(self, covariance_factors: CovarianceFactors) -> None:
         if covariance_factors.shape.shape[:2] != self.shape.shape:
@@ -424,6 +443,8 @@ class ModalData:
 
     def without_channels(self, names: Sequence[str]) -> ModalData:
         """The same sets without these channels. Raises InputError for one that is not there, or where none is left."""
+        if not names:
+            return self
         for name in names:
             if name not in self.channels:
                 raise InputError(f"channel {name}", "is to be left out, but there is none of that name",
@@ -442,6 +463,8 @@ class ModalData:
     def with_std(self, frequency: float | None = None, shape: float | None = None) -> ModalData:
         """The same sets where every frequency without a standard deviation above zero has `frequency` times itself, and
         every component of a shape `shape` times the shape's largest."""
+        if frequency is None and shape is None:
+            return self
         return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
 
     def compared(self, every: bool = False) -> ModalData:

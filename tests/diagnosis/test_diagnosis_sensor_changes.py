@@ -2,6 +2,7 @@
 numbers take."""
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,13 @@ import pytest
 from scipy import linalg
 
 from probupdate.diagnosis.blocks import SetFactors, gather
-from probupdate.diagnosis.empirical_reference import mended
+from probupdate.diagnosis.empirical_reference import mended, own_axes
 from probupdate.diagnosis.empirical_search import watch
 from probupdate.diagnosis.evidence import size_by_secant
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.sensor_changes import log_stretch
 from probupdate.effects.catalogue import measurement_effects
-from probupdate.modal.modes import Sensor
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
 from records import draw_record
@@ -123,3 +124,21 @@ def test_clocks_and_filters_are_looked_for_up_to_half_a_period(highest_hz, late_
     clock, low_pass = found["clock offset"], found["low-pass filter"]
     assert (clock.lower, clock.upper, low_pass.lower, low_pass.upper) == (-late_ms, late_ms, 0.0, late_ms)
     assert clock.prior_scale == low_pass.prior_scale == 0.1 * late_ms
+
+
+def test_axes_of_thousands_of_sets_need_little_memory():
+    """Those of the larger part of the record, in which a channel is not reversed; a table of all pairs has 72 MB."""
+    rng, n = np.random.default_rng(2), 3000
+    shape = np.array([0.2, 0.5, 1.0]) + 0.01 * rng.standard_normal((n, 3))
+    shape[: int(0.4 * n), 1] *= -1
+    frequency = 1.0 + 1e-3 * rng.standard_normal(n)
+    blocks = gather(ModalData(channels=("a", "b", "c"), sets=tuple(
+        ModalSet(id=str(k), frequency_hz=f[None], shape=s[:, None], damping_ratio=np.array([0.01]),
+                 frequency_std_hz=np.array([1e-3]), shape_std=np.full((3, 1), 0.01))
+        for k, (f, s) in enumerate(zip(frequency, shape, strict=True)))))
+    tracemalloc.start()
+    axes = own_axes(blocks, 0, ())
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert axes[:, 0] / axes[2, 0] == pytest.approx([0.2, 0.5, 1.0], abs=0.01)
+    assert most < 20e6

@@ -10,6 +10,7 @@ import pytest
 
 from probupdate.errors import InputError
 from probupdate.io.files import write_json, write_json_rows
+from probupdate.modal import covariance_file
 from probupdate.modal.modes import (
     CovarianceFactors,
     ModalData,
@@ -393,3 +394,19 @@ def test_a_plane_is_spanned_by_two_shapes_as_turned_for_the_best(validation):
         np.cos(angle)[:, None] * inside[1] - np.sin(angle)[:, None] * inside[0]
     best = np.max([0.5 * (along[:, :, None] + sign * across[:, None, :]) ** 2 for sign in (1, -1)], axis=(0, 1))
     row.error((found - best)[~np.eye(5, dtype=bool)], 1e-4)
+
+
+def test_sets_of_a_large_file_leave_their_columns_there(tmp_path, monkeypatch):
+    """The same numbers as in memory, also in another process; a file that changed since is refused."""
+    write_modes(data_with_factors(), tmp_path / "m.json")
+    whole = read_modes(tmp_path / "m.json")
+    monkeypatch.setattr(covariance_file, "KEPT_IN_MEMORY", 0)
+    data = read_modes(tmp_path / "m.json")
+    for one, two in zip(whole.of_modes([1, 0]).sets, data.of_modes([1, 0]).sets, strict=True):
+        assert isinstance(two.covariance_factors, StoredFactors)
+        assert np.array_equal(one.frequency_std_hz, two.frequency_std_hz, equal_nan=True)
+        elsewhere = pickle.loads(pickle.dumps(two.covariance_factors))
+        assert np.array_equal(one.covariance_factors.shape, elsewhere.shape, equal_nan=True)
+    write_modes(data_with_factors(("other",)), tmp_path / "m.json")
+    with pytest.raises(InputError, match="has changed since"):
+        data.sets[0].covariance_factors.loaded()
