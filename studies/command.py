@@ -63,7 +63,8 @@ STUDIES = {
         seeds="the number of the case", takes="hours"),
     "farm": Study(
         question="How many turbine-months an hour, and what does a year of 70 turbines take?",
-        runs=(("run.py", OUT), ("joint.py", OUT), ("joint_cost.py", OUT)),
+        runs=(("run.py", OUT), ("joint.py", OUT), ("joint_cost.py", OUT),
+              ("faults.py", f"{OUT}/faults")),
         quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),
                ("joint.py", OUT, "--farms", "4")),
         seeds="1 to 4, of drawn farms 0 to 199", takes="half an hour"),

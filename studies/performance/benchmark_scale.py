@@ -83,7 +83,7 @@ def measured(*words: str | Path) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--blocks", type=int, nargs=2, default=(50, 500))
+    parser.add_argument("--blocks", type=int, nargs="+", default=[50, 500, 5000])
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     frequency, shape = write_model(a.out)
