@@ -192,7 +192,8 @@ def measured_stresses(
             done += 1
         if (heading, state) in largest:
             ratios.append(group.draw_ratio(own))
-        stated.setdefault(conditions.state[state].name, group.stated_per_hour())
+        if conditions.state[state].name not in stated:
+            stated[conditions.state[state].name] = group.stated_per_hour()
     progress("stresses", len(planned), len(planned))
     blocks = tuple(sorted((b for b in found if b is not None), key=lambda b: b.id))
     if not blocks:
@@ -364,8 +365,10 @@ class _Group:
         self.work, self.heading_deg, self.state = work, heading_deg, state
         self.cross: dict[tuple[int, ...], np.ndarray] = {}
         count: dict[tuple[int, ...], int] = {}
+        # each block is read once, but where there are more than loads are learnt of
+        self._kept: dict[pd.Timestamp, tuple[Block, np.ndarray, np.ndarray]] = {}
         for one in _spread(planned, LEARNT_BLOCKS):
-            _, whole, lines = work.read(one)
+            self._kept[one.start] = _, whole, lines = work.read(one)
             key = tuple(whole.tolist())
             if key:
                 own = lines[:, :, None] * np.conj(lines[:, None, :])
@@ -390,7 +393,7 @@ class _Group:
         return lines[:, :, None] * np.conj(lines[:, None, :]) if known is None else known
 
     def block(self, planned: _Planned) -> BlockStress | None:
-        read, whole, lines = self.work.read(planned)
+        read, whole, lines = self._kept.pop(planned.start, None) or self.work.read(planned)
         if not whole.size:
             return None
         one, open_moments = self._smoother(whole, lines)

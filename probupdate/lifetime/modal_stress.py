@@ -12,6 +12,8 @@ CLOSE = 0.1
 # of the three nominal stresses
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 PAIR_OF = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+# of static shapes under unit loads, relative in energy's root: shapes below it are left out
+SHAPE_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,6 +45,28 @@ class ModalStress:
     def stress(self, q: np.ndarray) -> np.ndarray:
         """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
         return times(self.RK, q) - times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
+
+    def condensed(self, loads: np.ndarray, slow: int) -> ModalStress:
+        """The `slow` lowest modes, and in the place of all others the shapes that static loads (n_basis, n) give them,
+        as modes of their own: exact in stiffness, of the first order in mass."""
+        if slow >= len(self.value):
+            return self
+        high, root = self.U[:, slow:], np.sqrt(self.value[slow:])
+        given = (high.T @ loads) / root[:, None]
+        size = np.linalg.norm(given, axis=0)
+        left, share, _ = np.linalg.svd(given[:, size > 0] / size[size > 0], full_matrices=False)
+        shapes = left[:, share > SHAPE_TOLERANCE * share.max(initial=0.0)] / root[:, None]
+        # with stiffness one, eigenvalues of the mass are one over omega^2
+        slowness, turned = np.linalg.eigh(shapes.T @ shapes)
+        W = shapes @ (turned / np.sqrt(slowness))
+
+        def both(rows: np.ndarray) -> np.ndarray:
+            return np.hstack([rows[..., :slow], rows[..., slow:] @ W])
+
+        return replace(
+            self, value=np.concatenate([self.value[:slow], 1 / slowness]), U=both(self.U), hub=both(self.hub),
+            ratio=np.concatenate([self.ratio[:slow], np.full(len(slowness), self.ratio[slow])]), RK=both(self.RK),
+            RM=both(self.RM)).damped({})
 
     def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""

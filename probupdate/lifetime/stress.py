@@ -264,35 +264,36 @@ class StressModel:
             np.sqrt(np.trapezoid(speed * jonswap(f, s.hs_m, s.tp_s, s.gamma), f, axis=1)) for s in self.conditions.state
         )
 
+    def densities(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Of a state's thrust (n_frequency,) in N^2/Hz and, at the frequencies of waves, its elevation in m^2/Hz."""
+        f, wind = self.frequency_hz, self.conditions.wind
+        elevation = jonswap(f[: self._wet], state.hs_m, state.tp_s, state.gamma)
+        if state.name in self.spectra:
+            at, density_of = self.spectra[state.name]
+            return np.interp(f, at, density_of, left=0.0, right=0.0), elevation
+        rate = self._thrust_rate(state) * rotor_admittance(f, state.wind_mps, self._rotor_area)
+        return rate**2 * kaimal(f, state.wind_mps, state.turbulence, wind.integral_length_m), elevation
+
+    @property
+    def _rotor_area(self) -> float:
+        return np.pi / 4 * self.conditions.wind.rotor_diameter_m**2
+
+    def _thrust_rate(self, state: State) -> float:
+        """Change of the thrust with the wind, N s/m."""
+        wind = self.conditions.wind
+        return wind.air_density_kgpm3 * self._rotor_area * state.thrust_coefficient * state.wind_mps
+
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        f = self.frequency_hz[: self._wet]
-        inertia, drag = self._point_loads(f)
+        inertia, drag = self._point_loads(self.frequency_hz[: self._wet])
         spread = np.asarray(self._project(self.waves.spread.toarray()))
-        wind = self.conditions.wind
-        area = np.pi / 4 * wind.rotor_diameter_m**2
         found = []
         for state, sigma in zip(self.conditions.state, self._speeds, strict=True):
-            elevation = jonswap(f, state.hs_m, state.tp_s, state.gamma)
+            thrust, elevation = self.densities(state)
             load = inertia + np.repeat(sigma, 3)[:, None] * drag
-            rate = wind.air_density_kgpm3 * area * state.thrust_coefficient * state.wind_mps
-            if state.name in self.spectra:
-                at, density_of = self.spectra[state.name]
-                thrust = np.interp(self.frequency_hz, at, density_of, left=0.0, right=0.0)
-            else:
-                thrust = (rate * rotor_admittance(self.frequency_hz, state.wind_mps, area)) ** 2 * kaimal(
-                    self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m
-                )
-            found.append(
-                Case(
-                    state=state,
-                    load=times(spread, load),
-                    own=times(self.waves.of_details, load),
-                    thrust=thrust,
-                    elevation=elevation,
-                    damping_nspm=rate if state.operating else 0.0,
-                )
-            )
+            rate = self._thrust_rate(state) if state.operating else 0.0
+            found.append(Case(state=state, load=times(spread, load), own=times(self.waves.of_details, load),
+                              thrust=thrust, elevation=elevation, damping_nspm=rate))
         return tuple(found)
 
     # stresses --------------------------------------------------------------------------------------------------------

@@ -1,10 +1,11 @@
 """Annual damage of the worst ten hot spots of drawn turbines, beside another program's stresses in time, counted by
 the package `rainflow`.
 
-K and M are OpenSees' (Timoshenko tubes, finer mesh, lumped mass and soil: `tests/drawn`); their modes, with the rotor's
-dashpot between them, are integrated in time under wave loads of Airy and Morison and quasi-steady thrust, both drawn
-from the spectra that fatigue.toml states; what higher modes carry follows statically. Ten-minute pieces are counted
-one by one. Common to both are the drawn turbine, the spectra, and each hot spot's factors.
+K and M are OpenSees' (tubes by the model's beam theory, finer mesh, lumped mass and soil: `tests/drawn`); their modes,
+with the rotor's dashpot between them, are integrated in time under wave loads of Airy and Morison and quasi-steady
+thrust, both drawn from the spectra that fatigue.toml states; what higher modes carry follows statically. Ten-minute
+pieces are counted one by one, and so are half hours. Common to both are the drawn turbine, the spectra, and each hot
+spot's factors.
 
     pip install rainflow
     python studies/lifetime/time_domain.py OUT [--cases 40] [--minutes 25]
@@ -39,8 +40,11 @@ from probupdate.structure.description_file import parse_description
 GRAVITY, WATER, INERTIA, AIR = 9.81, 1025.0, 2.0, 1.225
 YEAR_S, TEN_MINUTES_S = 365.25 * 86400, 600.0
 RATE, PERIOD_S, RUN_IN_S, N_MODE, WORST, HIGHEST_HZ, WAVES_TO_HZ = 10.0, 2400.0, 600.0, 16, 10, 3.0, 0.6
+HALF_HOUR = round((PERIOD_S - RUN_IN_S) / TEN_MINUTES_S)  # pieces of ten minutes
 KINDS = ("narrow", "broad", "two peaks", "low frequency")
 BATCH, BATCHES = 32, 3
+# on shear areas where a model neglects shear: the shortest pieces are a few centimetres long
+NO_SHEAR = 1e7
 GAUSS, GAUSS_WEIGHT = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]), np.array([5, 8, 5]) / 18
 CURVES = {"one slope": dict(log10_a1=11.855, m1=3.0, log10_a2=11.855, m2=3.0),
           "two slopes": dict(log10_a1=11.764, m1=3.0, log10_a2=15.606, m2=5.0),
@@ -96,8 +100,8 @@ def drawn_case(seed: int) -> tuple[dict, dict, str, str]:
 class Recorded(Build):
     """What `truth` asks of a model in OpenSees."""
 
-    def __init__(self, skeleton):
-        super().__init__(skeleton)
+    def __init__(self, skeleton, in_shear: float):
+        super().__init__(skeleton, in_shear)
         self.place = self.at
         self.pieces = {k: (a, b, dict(e=m.steel.E, g=m.steel.G, area=area, second=second, torsion=2 * second,
                                       shear=shear))
@@ -130,7 +134,7 @@ class Truth:
 def truth_of(raw: dict, model: FatigueModel, spots: np.ndarray) -> Truth:
     on = monopiles if "monopile" in raw else jackets
     theta = {p["name"]: p["initial"] for p in raw["parameter"]}
-    b = Recorded(on.skeleton(raw, theta, State(), fine=2))
+    b = Recorded(on.skeleton(raw, theta, State(), fine=2), NO_SHEAR if raw["mesh"]["theory"] != "timoshenko" else 1.0)
     tops = {b.tag[lead] for lead, _ in b.s.rigid}
     s = truth.equations(b, tops)
     value, phi = linalg.eigh(s.stiffness, s.mass + 1e-9 * np.max(s.mass) * np.eye(len(s.mass)),
@@ -355,7 +359,8 @@ def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
     t = truth_of(raw, model, spots)
     law = conditions.curve["law"]
     rng = np.random.default_rng([seed, 66])
-    total, error, spread, moved = np.zeros(WORST), np.zeros(WORST), [], []
+    # (mean or standard error, of ten minutes or half an hour, spot)
+    total, spread, moved = np.zeros((2, 2, WORST)), [], []
     for state in conditions.state:
         pieces = simulated(t, conditions, state, -raw["site"]["mudline_m"], batches, rng)
         variance = next(pieces)
@@ -363,14 +368,17 @@ def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
         spread.append(np.mean(stress**2, axis=(1, 2)) / variance)
         moved.append(found.moments[0, len(moved), 0, spots] / variance)
         for k in range(WORST):
-            mean, std = mean_damage(stress[k], law, variance[k], count)
-            total[k] += state.share * mean * YEAR_S / TEN_MINUTES_S
-            error[k] = np.hypot(error[k], state.share * std * YEAR_S / TEN_MINUTES_S)
+            for j, n in enumerate((1, HALF_HOUR)):
+                mean, std = mean_damage(stress[k].reshape(-1, n * stress.shape[2]), law, variance[k], count)
+                a_year = state.share * YEAR_S / (n * TEN_MINUTES_S)
+                total[0, j, k] += a_year * mean
+                total[1, j, k] = np.hypot(total[1, j, k], a_year * std)
     # irregularity of the worst spot's stress in its worst state
     m = found.moments[0, :, :, spots[0]]
     return dict(seed=seed, turbine=raw["name"], kind=kind, curve=law_name, spots=spots.tolist(),
                 at=[model.details[model.spots[k].detail].name for k in spots], damage=annual[spots].tolist(),
-                counted=total.tolist(), error=error.tolist(), variance_in_time=np.min(spread).item(),
+                counted=total[0, 0].tolist(), error=total[1, 0].tolist(), half_hours=total[0, 1].tolist(),
+                half_hours_error=total[1, 1].tolist(), variance_in_time=np.min(spread).item(),
                 variance_ratio=np.array(moved).tolist(),
                 irregularity=(m[:, 2] / np.sqrt(m[:, 0] * m[:, 3])).tolist(), frequency_hz=[
                     found.responses[0].frequency_hz[0], t.omega[0] / 2 / np.pi], seconds=[

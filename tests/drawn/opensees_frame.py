@@ -14,9 +14,11 @@ LEAST = 1e-3  # kg and kg m2 of a node that carries none: the Lanczos solver ask
 
 
 class Build:
-    """One model of OpenSees, which keeps a single one; of_member: nodes, member and shear area of each element."""
+    """One model of OpenSees, which keeps a single one; of_member: nodes, member and shear area of each element.
+    in_shear: factor on shear areas, large where a model neglects shear."""
 
-    def __init__(self, s: Skeleton):
+    def __init__(self, s: Skeleton, in_shear: float = 1.0):
+        self.in_shear = in_shear
         self.ops, self.s = opensees_loader.load_opensees(), s
         self.ops.wipe()
         self.ops.model("basic", "-ndm", 3, "-ndf", 6)
@@ -59,6 +61,7 @@ class Build:
         nu, ratio = m.steel.poisson, (1 - 2 * m.wall / m.diameter) ** 2
         # Cowper (1966)
         shear = area * 6 * (1 + nu) * (1 + ratio) ** 2 / ((7 + 6 * nu) * (1 + ratio) ** 2 + (20 + 12 * nu) * ratio)
+        shear *= self.in_shear
         length = float(np.linalg.norm(end - start)) / m.pieces
         axis = (end - start) / np.linalg.norm(end - start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

@@ -3,6 +3,7 @@
 import copy
 import json
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -255,18 +256,41 @@ def test_a_channel_along_another_direction_is_refused(case, capsys, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def structure():
-    """The small turbine under its storm, at the lines of a block."""
+def reduced():
+    """The small turbine under its storm, reduced to what wind and waves make of it."""
     raw = copy.deepcopy(CONDITIONS)
     raw["direction"] = [{"heading_deg": 0.0, "share": 1.0}]
     source = small_turbine()
     for p in source["parameter"]:
         p["update"] = p["name"] in UPDATED[:3]
     model = fatigue_model(parse_description(source, "small"), "small", Conditions.model_validate(raw)).models[0]
-    theta = model.parameters.initial
-    model = model.reduced([theta], both_ways=True)
+    return model.reduced([model.parameters.initial], both_ways=True)
+
+
+@pytest.fixture(scope="module")
+def structure(reduced):
+    """At the lines of a block."""
     _, f = used_lines(int(RATE * 60 * MINUTES), RATE)
-    return driven(model, theta, {}, both_ways(model, 0, f), f, np.zeros(len(SENSORS), int), 6)
+    return driven(reduced, reduced.parameters.initial, {}, both_ways(reduced, 0, f), f, np.zeros(len(SENSORS), int), 6)
+
+
+def test_stresses_are_those_of_all_modes_and_of_waves_at_every_line(structure, reduced, validation):
+    state = reduced.conditions.model_copy(update={"state": reduced.conditions.state[:1]})
+    plain = replace(reduced, frequency_hz=structure.frequency_hz, conditions=state)
+    m, wet = plain.modes_at(reduced.parameters.initial, {}), structure.frequency_hz <= 0.6
+    hubs = [m.U.T @ (plain.basis.T @ hub) for hub in (plain.hub, plain.across)]
+    waves = [model.cases[0] for model in (plain, plain.turned())]
+    expected = [m.stress(hub[:, None] / m.plain) for hub in hubs]
+    expected += [m.stress((m.U.T @ c.load) / m.plain[:, wet]) - m.scale * c.own for c in waves]
+    error = []
+    for name, full in zip(("thrust along the wind", "thrust across the wind", "waves along the wind",
+                           "waves across the wind"), expected, strict=True):
+        load = np.zeros((len(structure.names), len(structure.frequency_hz)), complex)
+        load[structure.names.index(name)] = 1.0
+        left = structure.stress(load)[:, : full.shape[1]] - full
+        error.append(np.max(np.abs(left)) / np.max(np.abs(full)))
+    validation(what="stresses of unit loads: shapes for the modes above 12 Hz, waves between nodes",
+               reference="all modes, waves at every line", why="single precision, splines").error(error, below=3e-4)
 
 
 def drawn(rng, *size):
