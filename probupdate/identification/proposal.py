@@ -1,6 +1,6 @@
 """Rate, model order and block rows that a record itself asks for, where no turbine's model says up to where modes lie.
 
-Peaks of the first singular value of the cross spectra (Brincker, Zhang & Andersen 2001, Modal identification of
+Peaks of the singular values of the cross spectra (Brincker, Zhang & Andersen 2001, Modal identification of
 output-only systems using frequency domain decomposition) that stand out from the spectrum about them: the highest sets
 the rate, the lowest how long the covariances must be, their number the order. Lines of machines and mains have a power
 that does not vary from one part of the record to the next (spectral kurtosis: Antoni 2006), and set nothing.
@@ -27,6 +27,8 @@ BLOCKS = 6
 STEADY = CONSTANTS.steady
 RATE, PERIODS = CONSTANTS.rate, CONSTANTS.periods
 ROWS, ORDERS = (20, 60), (20, 60)
+# peaks closer than this are one, ln f
+SAME_PEAK = 0.03
 # a block has so many samples for each block row at least; channels times block rows at most: time goes with the third
 # power
 LEAST_BLOCK, LARGEST = 20, 720
@@ -112,46 +114,60 @@ def propose(
 
 
 def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[tuple[float, float]]:
-    """Frequencies in Hz at which the first singular value of the cross spectra of data (n_sample, n_channel), each
-    channel by its own root mean square, stands out of its running median; and of each the mean square of its power over
-    the parts, over the square of the mean (NaN where samples are lost)."""
+    """Frequencies in Hz at which a singular value of the cross spectra of data (n_sample, n_channel), each channel by
+    its own root mean square, stands out of its running median; and of each the mean square of its power over the parts,
+    over the square of the mean (NaN where samples are lost).
+
+    A mode that lies below the flank of stronger ones shows in a later singular value: the leading half of them is
+    looked at, as the rest scatters by itself, and of peaks closer than 3 % the first value's counts.
+    """
     from scipy import signal
 
     size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))
     n_part = 2 * len(data) // size - 1
+    leading = (min(data.shape[1], n_part) + 1) // 2
     if np.isfinite(data).all():
         data = signal.detrend(data, axis=0)
         data = data / data.std(axis=0)
         line, _, transform = signal.stft(data.T, fs=rate_hz, nperseg=size, boundary=None, padded=False)
         # (n_line, n_channel, n_part)
         vector, size_of, _ = np.linalg.svd(transform.transpose(1, 0, 2), full_matrices=False)
-        largest = size_of[:, 0] ** 2
-        power = np.abs(np.einsum("lc,clp->lp", vector[:, :, 0].conj(), transform)) ** 2
-        varies = np.mean(power**2, axis=1) / np.maximum(np.mean(power, axis=1) ** 2, 1e-300)
+        value = size_of[:, :leading] ** 2
+        # (n_line, n_value, n_part)
+        power = np.abs(vector[:, :, :leading].conj().transpose(0, 2, 1) @ transform.transpose(1, 0, 2)) ** 2
+        varies = np.mean(power**2, axis=2) / np.maximum(np.mean(power, axis=2) ** 2, 1e-300)
     else:
         line, density = pair_spectra(data, rate_hz, size)
-        largest, varies = np.linalg.eigvalsh(density)[:, -1], np.full(len(line), np.nan)
-    spectrum = np.log(np.maximum(largest, 1e-300))
+        value = np.linalg.eigvalsh(density)[:, :-1 - leading:-1]
+        varies = np.full(value.shape, np.nan)
+    spectrum = np.log(np.maximum(value, 1e-12 * value[:, :1].max()))
     usable = (line > 2 * rate_hz / size) & (line < 0.45 * rate_hz)
-    excess = spectrum - _running_median(line, spectrum)
     # neighbours of half-overlapping Hann windows share about a fifth of their variance
     threshold = max(STANDS_OUT / np.sqrt(n_part * 0.8), LEAST_LOG)
-    found, _ = signal.find_peaks(np.where(usable, excess, -10.0), height=threshold, prominence=threshold)
-    return [(float(line[k]), float(varies[k])) for k in found]
+    found: list[tuple[float, float]] = []
+    excess = np.where(usable[:, None], spectrum - _running_median(line, spectrum), -10.0)
+    for column, steady in zip(excess.T, varies.T, strict=True):
+        peaks, _ = signal.find_peaks(column, height=threshold, prominence=threshold)
+        found += [(float(line[k]), float(steady[k])) for k in peaks
+                  if all(abs(np.log(line[k] / f)) > SAME_PEAK for f, _ in found)]
+    return found
 
 
 def _running_median(line: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Over a factor of 1.6 in frequency to both sides, a dozen lines at least."""
-    low = np.minimum(np.searchsorted(line, line / 1.6), np.arange(len(line)) - 12).clip(0)
-    high = np.maximum(np.searchsorted(line, line * 1.6), np.arange(len(line)) + 13).clip(max=len(line))
-    return np.array([np.median(value[a:b]) for a, b in zip(low, high, strict=True)])
+    """Of value (n_line, n_value), over a factor of 1.6 in frequency to both sides, a dozen lines at least; between
+    lines that are 2 % apart it is as good as straight."""
+    at = np.unique(np.r_[0, np.geomspace(1, len(line) - 1, max(int(50 * np.log(len(line))), 2)).astype(int)])
+    low = np.minimum(np.searchsorted(line, line[at] / 1.6), at - 12).clip(0)
+    high = np.maximum(np.searchsorted(line, line[at] * 1.6), at + 13).clip(max=len(line))
+    median = np.array([np.median(value[a:b], axis=0) for a, b in zip(low, high, strict=True)])
+    return np.column_stack([np.interp(line, line[at], column) for column in median.T])
 
 
 def _distinct(peaks: Sequence[tuple[float, float]], least: int) -> tuple[np.ndarray, np.ndarray]:
     """Means of runs whose neighbours are closer than 3 %, those of `least` members or, where there is none, all; and of
     these the steady lines apart, unless there is nothing else."""
     frequency, varies = np.array(sorted(peaks)).T
-    parts = np.split(np.arange(len(frequency)), np.flatnonzero(np.diff(np.log(frequency)) > 0.03) + 1)
+    parts = np.split(np.arange(len(frequency)), np.flatnonzero(np.diff(np.log(frequency)) > SAME_PEAK) + 1)
     often = [run for run in parts if len(run) >= least] or parts
     mean = np.array([np.mean(frequency[run]) for run in often])
     steady = np.array([np.median(varies[run]) < STEADY for run in often])

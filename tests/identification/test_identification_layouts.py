@@ -9,7 +9,7 @@ import probupdate
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
-from probupdate.identification.proposal import propose
+from probupdate.identification.proposal import propose, spectral_peaks
 from probupdate.modal.modes import mac, plane_mac
 
 
@@ -204,3 +204,22 @@ def test_what_is_no_motion_is_refused_in_fitting_words(tmp_path):
     (tmp_path / "campaign.toml").write_text(text.replace('quantity = "acceleration"', 'quantity = "strain"', 1))
     with pytest.raises(InputError, match="sensor c0: measures strain, which is no motion of a point"):
         read_campaign(tmp_path)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.003])
+def test_weak_modes_below_the_flanks_of_strong_ones_set_the_rate(lost):
+    """Two strong modes near 0.33 Hz, white up to 10 Hz above their resonance, and modes of 2 % of their motion at 1.25
+    and 2.2 Hz, whose peaks lie below that; by modal superposition with exact recursions."""
+    rng, rate, level = np.random.default_rng(3), 20.0, np.linspace(0.3, 1.0, 4)
+    record = 1e-3 * rng.standard_normal((36000, 8))
+    for f, motion, along, shape in ((0.33, 1.0, 1, level), (0.34, 1.0, 0, level), (1.25, 0.02, 1, np.cos(4 * level)),
+                                    (2.2, 0.02, 0, np.cos(7 * level))):
+        pole = np.exp(2j * np.pi * f / rate * (1j * 0.01 + 1))
+        # b of an acceleration: the force less what spring and damper take
+        q = signal.lfilter([1.0, -2.0, 1.0], np.poly([pole, pole.conjugate()]).real, rng.standard_normal(40000))[4000:]
+        record += np.outer(motion * q / q.std(), np.concatenate([along * shape, (1 - along) * shape]))
+    record[rng.random(record.shape) < lost] = np.nan
+    peaks = np.array([f for f, _ in spectral_peaks(record, rate)])
+    for f in (0.335, 1.25, 2.2):
+        assert np.min(np.abs(np.log(peaks / f))) < 0.03
+    assert peaks.min() > 0.3 and peaks.max() < 2.3
