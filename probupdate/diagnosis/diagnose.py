@@ -35,10 +35,18 @@ from probupdate.diagnosis.engine.verdict import CHANCE, POWER, verdict_of
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Explored, exchanged, explore, without
+from probupdate.diagnosis.model_error import (
+    DISCREPANCY_SCALES,
+    FREQUENCY_SCALES,
+    LARGER_ERROR,
+    constant,
+    error_factors,
+    error_without,
+    larger_error,
+    stated_error,
+)
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import (
-    DISCREPANCY_LOG,
-    DISCREPANCY_SHAPE,
     DiagnosisProblem,
     IncludedEffect,
     diagnosis_problem,
@@ -56,6 +64,7 @@ from probupdate.diagnosis.search import (
     search,
 )
 from probupdate.diagnosis.time_profiles import DAY_H, DAY_STD, TIME_OF_DAY
+from probupdate.diagnosis.wording import error_words
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.io.result_table import plural
@@ -67,9 +76,6 @@ from probupdate.runtime.progress import Progress, silent
 MOST_EFFECTS = 3
 # chance alone makes a largest score as high so seldom that it is no explanation, however improbable each cause
 NOT_BY_CHANCE = 1e-3
-# of the standard deviations of what a model leaves out, where a few sets show nothing of them: of all alike, then of
-# frequencies beside shapes
-DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0, 16.0)
 # sets of which nothing is compared are said where they are so many, as a share of all, on one side of a time, and this
 # share of that side
 LOST_SHARE, MOSTLY = 0.1, 0.8
@@ -141,7 +147,7 @@ def examine(
     unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or far or beyond or foreign
                    or _is_distorted_by_others(problem, fitted) or not fitted.settled or (lost and not findings))
     verdict = "unexplained" if unexplained else verdict_of([*findings, *day])
-    details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
+    details: dict[str, dict | list[str]] = {"adequacy": remaining, **error_without(problem, chosen)}
     if verdict == "unexplained":
         # what a fit shows that does not follow the record is nothing to say
         details["nearest"] = [f"{f.cause}, {f.location}" for f in (*findings, *day)]
@@ -194,6 +200,9 @@ def _add_elementary_parts(
     found_instead = runs.in_order(in_place_of, [(numbers,) for numbers in together],
                                   shared=(parts, explored.problem, best))
     instead = dict(zip(together, found_instead, strict=True))
+    for numbers in together:
+        if constant(best, numbers):
+            instead[numbers] = [*instead[numbers], larger_error(explored.problem, best, numbers)]
     most = max((evidence + prior for found in instead.values() for _, evidence, prior in found), default=-np.inf)
     responses = [one for one in own_responses(explored) if one.log_evidence + one.log_prior > most]
     if responses or any(instead.values()):
@@ -267,19 +276,14 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
     """The problem with so many times the usual discrepancy of frequencies and of shapes, and a note that says so."""
     if frequencies == shapes == 1:
         return problem
+    scaled = replace(problem, discrepancy_std=tuple(
+        std * factor for std, factor in zip(problem.discrepancy_std, error_factors(problem, frequencies, shapes),
+                                            strict=True)))
     times = f"{shapes:g}" if frequencies == shapes else f"{frequencies:g} and {shapes:g}"
-    usual = 100 * problem.discrepancy_scale
-    note = (f"what the model leaves out is taken {times} times as large as {'usual' if usual == 100 else 'stated'} "
-            f"({usual * frequencies * DISCREPANCY_LOG:.2g} % of a frequency, "
-            f"{usual * shapes * DISCREPANCY_SHAPE:.2g} % of a shape's largest component): so the measured modes are "
-            "most probable")
-    n_channel = len(problem.blocks.channels)
-    scaled = []
-    for std, group in zip(problem.discrepancy_std, problem.blocks.groups, strict=True):
-        n_shape = 2 * n_channel * len(group)
-        scaled.append(std * np.repeat([frequencies, shapes], [len(std) - n_shape, n_shape]))
-    return replace(problem, discrepancy_std=tuple(scaled),
-                   blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
+    note = (f"what the model leaves out is taken {times} times as large as "
+            f"{'usual' if problem.discrepancy_scale == 1 else 'stated'} ({error_words(stated_error(scaled))}): so the "
+            "measured modes are most probable")
+    return replace(scaled, blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
 def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
@@ -314,7 +318,7 @@ def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findi
 
 def findings_of(
     explored: Explored,
-    instead: Mapping[tuple[int, ...], Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
+    instead: Mapping[tuple[int, ...], Sequence[tuple[Effect | Alternative, float, float]]] = MappingProxyType({}),
     refuted: Collection[int] = (), responses: Sequence[OwnResponse] = (),
 ) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
@@ -361,7 +365,9 @@ def findings_of(
     return result
 
 
-def _alternatives(others: Sequence[Effect | None], probability: Sequence[float]) -> tuple[Alternative, ...]:
+def _alternatives(
+    others: Sequence[Effect | Alternative | None], probability: Sequence[float]
+) -> tuple[Alternative, ...]:
     """The most probable first; the same part in place of one finding and of several is one."""
     together: dict[Hashable, Alternative] = {}
     for other, p in zip(others, probability, strict=True):
@@ -546,15 +552,17 @@ def _foreign(findings: Sequence[Finding]) -> list[str]:
         _, part = pairs[0]
         names = " and ".join(f"{f.cause}, {f.location}," for f, _ in pairs)
         least, most = min(p.posterior_probability for _, p in pairs), max(f.posterior_probability for f, _ in pairs)
-        result.append(f"{names} {'is' if len(pairs) == 1 else 'are'} less probable ({most:.2g}) than an elementary "
-                      f"part, {part.cause}: {part.location} ({least:.2g}); no row of the catalogue describes what is "
-                      "there")
+        what, meaning = f"an elementary part, {part.cause}", "no row of the catalogue describes what is there"
+        if part.cause == LARGER_ERROR:
+            what, meaning = f"a {part.cause}", "compare with another model of that part, or state it with --discrepancy"
+        result.append(f"{names} {'is' if len(pairs) == 1 else 'are'} less probable ({most:.2g}) than {what}: "
+                      f"{part.location} ({least:.2g}); {meaning}")
     return result
 
 
 def _likelier_part(found: Finding) -> Alternative | None:
     """The most probable elementary part, where it is more probable than a finding."""
-    part = next((a for a in found.alternatives if a.cause in (*PART_CAUSES, OWN_RESPONSE)), None)
+    part = next((a for a in found.alternatives if a.cause in (*PART_CAUSES, OWN_RESPONSE, LARGER_ERROR)), None)
     return part if part is not None and part.posterior_probability > found.posterior_probability else None
 
 

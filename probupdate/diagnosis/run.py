@@ -17,6 +17,7 @@ from probupdate.diagnosis.extension_sampling import bounded
 from probupdate.diagnosis.free_form import free_form, own_response_content
 from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.hypotheses import MOST_MOVES
+from probupdate.diagnosis.model_error import LARGER_ERRORS
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.problem import DISCREPANCY_LOG, DISCREPANCY_SHAPE
 from probupdate.diagnosis.residuals import residuals
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 SEEN_TILT = 0.001
 # how much parameters of a group change together, in any unit from shares to N/m
 LEAST_CHANGE, MOST_CHANGE = 1e-9, 1e9
-# of what a model usually leaves out, tried for a record that is unexplained, the largest first
-LARGER_ERRORS = (4.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -196,7 +195,8 @@ def _with_larger_error(
         if found.verdict == "unexplained":
             break
         findings = [asdict(f) | {"since": f.time_profile_start} for f in found.findings]
-        said = [larger_error_words(share, scale * DISCREPANCY_SHAPE, found.verdict, findings)]
+        error = {"frequency": share, "shape": scale * DISCREPANCY_SHAPE}
+        said = [larger_error_words(error, found.verdict, findings)]
     return said
 
 

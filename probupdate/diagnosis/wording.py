@@ -154,13 +154,12 @@ def nearest_part_words(found: Mapping) -> str:
             f"{gain_words(found)}")
 
 
-def larger_error_words(share: float, shape_share: float, verdict: str, findings: Sequence[Mapping]) -> str:
+def larger_error_words(error: Mapping[str, float], verdict: str, findings: Sequence[Mapping]) -> str:
     """Of a record that is unexplained, what explains it if the model is known no better than this."""
     found = "; ".join(finding_words(f) for f in findings) or "nothing beyond that"
-    return (f"if the model were known no better than {100 * share:.2g} % of a frequency and {100 * shape_share:.2g} % "
-            f"of a shape's largest component (--discrepancy {share:g}), the record would be explained ({verdict}): "
-            f"{found}; what no row describes passes for the model's error then, so state it only where that is all it "
-            "can be")
+    return (f"if the model were known no better than {error_words(error)} (--discrepancy {error['frequency']:g}), the "
+            f"record would be explained ({verdict}): {found}; what no row describes passes for the model's error then, "
+            "so state it only where that is all it can be")
 
 
 def probability_words(p: float | None) -> str:
@@ -195,10 +194,27 @@ def verdict_words(content: Mapping) -> str:
                     f"is not, {rest}{meaning}.")
         return f"{parted} beyond tolerances and chance ({p}), {rest}{meaning}."
     count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
+    limit = _model_error_words(content)
     if verdict == "ambiguous":
-        return f"{parted} ({p}) by {count}; for what, several causes look alike."
+        return f"{parted} ({p}) by {count}; for what, several causes look alike{limit}."
     each = "each " if len(findings) > 1 else ""
-    return f"{parted} ({p}) by {count}, {each}with a posterior probability of 0.95 or more."
+    return f"{parted} ({p}) by {count}, {each}with a posterior probability of 0.95 or more{limit}."
+
+
+def error_words(error: Mapping[str, float]) -> str:
+    """"0.3 % of a frequency and 1 % of a shape's largest component"."""
+    of = {"frequency": "of a frequency", "shape": "of a shape's largest component"}
+    return " and ".join(f"{100 * error[k]:.2g} % {words}" for k, words in of.items() if k in error)
+
+
+def _model_error_words(content: Mapping) -> str:
+    """Where what is constant would not be found beside a plausible larger error of the model: at which."""
+    limit = content["details"].get("model_error")
+    if not limit:
+        return ""
+    lost = "nothing" if len(limit["lost"]) == len(content["findings"]) else f"no {' and no '.join(limit['lost'])}"
+    return (f"; this rests on a model error of {error_words(limit['taken'])}: at {error_words(limit['least'])} {lost} "
+            "would be found")
 
 
 def threshold_words(content: Mapping) -> str:
