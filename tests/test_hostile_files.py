@@ -208,3 +208,12 @@ def test_a_file_of_very_many_small_objects_is_sound(tmp_path, monkeypatch):
     monkeypatch.setattr(hdf5_file, "SECONDS", 1)
     with open_hdf5(tmp_path / "a.h5", "is no file", "copy it again") as file:
         assert len(file) == 12_000
+
+
+def test_an_archive_that_was_sound_is_looked_at_anew_when_it_changes(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, K=np.eye(2))
+    assert files.archive_arrays(path, "is none", "copy it again")["K"].shape == (2, 2)
+    np.savez(path, K=np.array([{}]))
+    with pytest.raises(InputError, match="objects"):
+        files.archive_arrays(path, "is none", "copy it again")

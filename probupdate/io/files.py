@@ -403,6 +403,11 @@ def archive_arrays(path: str | Path, problem: str, remedy: str,
         return {key: opened[key] for key in opened.files}
 
 
+# archives that were found good, as they were then: a block is opened a dozen times, and heads are most of its time
+_sound: set[tuple[int, ...]] = set()
+MOST_KNOWN = 100_000
+
+
 @contextlib.contextmanager
 def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> Iterator[Any]:
     """An .npz file, each array read as it is asked for: no objects, none larger than its member, together at most
@@ -412,10 +417,16 @@ def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGE
     path = input_file(path, remedy)
     # opened here: numpy leaves the file open where it turns out to be no archive
     with parsing(str(path), problem, remedy), path.open("rb") as stream:
-        # numpy takes whatever is no archive for a pickle and advises to load it as one
-        if not zipfile.is_zipfile(stream):
-            raise InputError(str(path), f"{problem} (no .npz archive)", remedy)
-        _refuse_bomb(path, stream, remedy, largest)
+        now = os.fstat(stream.fileno())
+        state = (now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns, now.st_ctime_ns, largest)
+        if state not in _sound:
+            # numpy takes whatever is no archive for a pickle and advises to load it as one
+            if not zipfile.is_zipfile(stream):
+                raise InputError(str(path), f"{problem} (no .npz archive)", remedy)
+            _refuse_bomb(path, stream, remedy, largest)
+            if len(_sound) > MOST_KNOWN:
+                _sound.clear()
+            _sound.add(state)
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as opened:
             yield opened
