@@ -49,10 +49,6 @@ STUDIES = {
         runs=(("run.py", OUT, "--case", "own-paper-normal", "--case", "turbine-record-normal"), ("tables.py", OUT)),
         quick=(("run.py", OUT, "--case", "own-paper-normal", "--replicates", "2"),),
         seeds="the number of the replicate", takes="hours"),
-    "data_first": Study(
-        question="What does a wrong model cost the identification?",
-        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.1", "--seeds", "11"),), seeds="11, 12",
-        takes="minutes"),
     "discovery": Study(
         question="Are three faults in one month found, and what does knowing them gain?",
         runs=(("run.py", OUT),), seeds="7", takes="minutes"),

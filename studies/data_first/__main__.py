@@ -1,5 +1,0 @@
-import sys
-
-from studies.command import main
-
-sys.exit(main("data_first"))
