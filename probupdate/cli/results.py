@@ -35,12 +35,13 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
 
 def run_stresses(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
+    from probupdate.lifetime.gauges import GaugeFiles
     from probupdate.lifetime.stress_files import refuse_filled
 
     refuse_filled(Path(a.out))
     result = probupdate.stresses(
-        a.campaign, a.run, a.fatigue, without=a.without, gauges=a.gauges, draws=a.draws, worst=a.worst,
-        accept=a.accept, seed=a.seed, progress=progress)
+        a.campaign, a.run, a.fatigue, without=a.without, gauges=GaugeFiles(held_out=a.gauges, joined=a.with_gauges),
+        draws=a.draws, worst=a.worst, accept=a.accept, seed=a.seed, progress=progress)
     answer(a, result, result.write(a.out))
 
 
@@ -137,6 +138,8 @@ def _add_stresses(verb: AddCommand) -> None:
     p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
     p.add_argument("--gauges", metavar="CSV", help="stresses by strain gauges (time, hot_spot_N_mpa), held against the "
                    "estimate, in which they take no part")
+    p.add_argument("--with-gauges", metavar="CSV", help="gauges, in the same form, that join the accelerations in the "
+                   "estimate")
     p.add_argument("--draws", type=positive(int, "draws"), default=8,
                    help="draws that carry the posterior's uncertainty (8)")
     p.add_argument("--worst", type=positive(int, "hot spots"), default=6,

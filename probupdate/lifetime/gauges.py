@@ -23,6 +23,14 @@ LARGEST = 2**31
 WHOLE = 0.98
 
 
+@dataclass(frozen=True, kw_only=True)
+class GaugeFiles:
+    """Tables of strain gauges: held_out of the estimate, to be held against it; joined with the accelerations in it."""
+
+    held_out: str | Path | None = None
+    joined: str | Path | None = None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GaugeCheck:
     """rows: what `beside_gauges` says of every block and gauge. Of the first block that gauges recorded, its id, time_s

@@ -35,6 +35,10 @@ USED_OF_RATE = 0.4
 SHAPE_ERROR = 0.01
 # unit of a channel's quantity in terms of its acceleration: divisions by i omega
 INTEGRATED = {"acceleration": 0, "velocity": 1, "displacement": 2}
+# share of a strain gauge's stress that the model misses: its section and place, the gauge's factor
+GAUGE_ERROR = 0.03
+# up to so much of its sampling rate a gauge is used, whose samples are joined by lines; noise where it is not
+GAUGE_OF_RATE, UNUSED = 0.1, 1e12
 CHUNK = 256
 # between nodes of waves' loads: at 0.6 Hz their phase 25 m from the axis turns by 0.4 rad, of which splines miss 1e-4
 NODE_HZ = 0.003
@@ -70,6 +74,21 @@ class Driven:
     order: np.ndarray
     stated: np.ndarray
     names: tuple[str, ...]
+    n_gauge: int = 0
+    gauge_to_hz: float = np.inf
+    past: np.ndarray | None = None
+
+    def with_gauges(self, detail: np.ndarray, weight: np.ndarray, rate_hz: float) -> Driven:
+        """With strain gauges as further channels, in MPa: detail (n,) that each lies at, weight (n, 3) of its nominal
+        stresses, their sampling rate."""
+        def rows(x: np.ndarray) -> np.ndarray:
+            return np.einsum("ki,ki...->k...", weight, x.reshape(-1, 3, *x.shape[1:])[detail])
+
+        # R_K q - omega^2 R_M q, as channels read -(omega^2 motion + tilt) q
+        return replace(
+            self, motion=np.vstack([self.motion, rows(self.modes.RM)]),
+            tilt=np.vstack([self.tilt, -rows(self.modes.RK)]), order=np.append(self.order, np.zeros(len(detail), int)),
+            n_gauge=len(detail), gauge_to_hz=GAUGE_OF_RATE * rate_hz, past=np.stack([rows(x) for x in self.own]))
 
     @property
     def n_constant(self) -> int:
@@ -88,7 +107,11 @@ class Driven:
         """(n, n_channel, n_input) H: what the channels read under each unit load."""
         q, omega = self.unit_motion(lines), self.modes.omega[lines]
         felt = _real_times(self.motion, q) * omega[:, None, None] ** 2 + _real_times(self.tilt, q)
-        return -felt / (1j * omega[:, None])[:, :, None] ** self.order[None, :, None]
+        found = -felt / (1j * omega[:, None])[:, :, None] ** self.order[None, :, None]
+        if self.n_gauge:
+            wet = lines < self.wave.shape[2]
+            found[wet, -self.n_gauge :, self.n_constant :] -= self.past[:, :, lines[wet]].transpose(2, 1, 0)
+        return found
 
     @cached_property
     def _stress_rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -208,21 +231,38 @@ def smoother(of: Driven, cross: np.ndarray, channels: np.ndarray) -> Smoother:
     chosen = [np.unique(np.linspace(first, last - 1, min(LINES, last - first)).astype(int)) for first, last in band]
     lines, first = np.concatenate(chosen), np.cumsum([0, *map(len, chosen[:-1])])
     stated = np.array([np.mean(of.stated[:, own], axis=1) for own in chosen])
-    missed = SHAPE_ERROR**2 * np.array([np.mean(auto[own], axis=0) for own in chosen])
-    D, nu = _learn(of.read(lines)[:, channels], cross[lines], first, stated, missed)
+    gauge = channels - (len(of.motion) - of.n_gauge)
+    error, floor = np.where(gauge >= 0, GAUGE_ERROR, SHAPE_ERROR) ** 2, _gauge_noise(of, auto, band, gauge >= 0)
+    missed = error * np.concatenate([np.tile(np.mean(auto[own], axis=0), (len(own), 1)) for own in chosen])
+    D, nu = _learn(of.read(lines)[:, channels], cross[lines], first, stated, missed + floor[lines], gauge < 0)
     middle = [np.log(np.mean(f[own])) for own in chosen]
     learnt_load, learnt_noise = np.log(D / stated), np.log(nu)
     at = np.log(f)
     for i in range(len(load)):
         load[i] *= np.exp(np.interp(at, middle, learnt_load[:, i]))
     smooth = np.exp(_interpolate_bands(at, middle, np.log([np.mean(auto[a:b], axis=0) for a, b in band])))
-    noise = np.exp(np.interp(at, middle, learnt_noise))[:, None] + SHAPE_ERROR**2 * smooth
+    noise = np.exp(np.interp(at, middle, learnt_noise))[:, None] * (gauge < 0) + error * smooth + floor
     gain = np.empty((len(f), len(load), len(channels)), complex)
     for start in range(0, len(f), CHUNK):
         lines = np.arange(start, min(start + CHUNK, len(f)))
         gain[lines] = _gain(of.read(lines)[:, channels], load[:, lines].T, noise[lines])
-    return Smoother(of=replace(of, motion=of.motion[channels], tilt=of.tilt[channels], order=of.order[channels]),
-                    load=load, noise=noise, gain=gain)
+    past = None if of.past is None else of.past[:, gauge[gauge >= 0]]
+    kept = replace(of, motion=of.motion[channels], tilt=of.tilt[channels], order=of.order[channels], past=past,
+                   n_gauge=int(np.sum(gauge >= 0)))
+    return Smoother(of=kept, load=load, noise=noise, gain=gain)
+
+
+def _gauge_noise(of: Driven, auto: np.ndarray, band: list[tuple[int, int]], gauge: np.ndarray) -> np.ndarray:
+    """(n_line, n_channel) densities of gauges' own noise, none of other channels: white, as large as the least that a
+    band holds, and without bound above the frequency up to which gauges are used."""
+    f, floor = of.frequency_hz, np.zeros_like(auto)
+    if np.any(gauge):
+        within = [(a, b) for a, b in band if f[b - 1] <= of.gauge_to_hz] or band[:1]
+        own = auto[:, gauge]
+        floor[:, gauge] = np.maximum(np.min([np.mean(own[a:b], axis=0) for a, b in within], axis=0),
+                                     np.max(own, axis=0) / UNUSED)
+        floor[np.ix_(f > of.gauge_to_hz, gauge)] = UNUSED * np.max(own)
+    return floor
 
 
 def _above_zero(density: np.ndarray) -> np.ndarray:
@@ -242,12 +282,12 @@ def _bands(f: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _learn(
-    H: np.ndarray, cross: np.ndarray, first: np.ndarray, load: np.ndarray, missed: np.ndarray
+    H: np.ndarray, cross: np.ndarray, first: np.ndarray, load: np.ndarray, missed: np.ndarray, noisy: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Densities of the loads (n_band, n_input) and of a noise that all channels have (n_band,), from H (n, n_channel,
-    n_input) and mean cross-spectral densities (n, n_channel, n_channel) at lines of which each band's begin at `first`
-    (n_band,); `load` before, `missed` (n_band, n_channel) of the readings the model does not follow. Each step makes
-    the records more probable."""
+    """Densities of the loads (n_band, n_input) and of a noise that all `noisy` channels (n_channel,) have (n_band,),
+    from H (n, n_channel, n_input) and mean cross-spectral densities (n, n_channel, n_channel) at lines of which each
+    band's begin at `first` (n_band,); `load` before, `missed` (n, n_channel) of the readings known not to be followed.
+    Each step makes the records more probable."""
     count = np.diff(np.r_[first, len(H)])
     of_line = np.repeat(np.arange(len(first)), count)
 
@@ -255,12 +295,14 @@ def _learn(
         return np.add.reduceat(x, first, axis=0) / count[:, None]
 
     auto = np.real(np.einsum("lcc->lc", cross))
-    nu = 0.01 * np.mean(mean(auto), axis=1) + 1e-300
+    weight = noisy / max(np.sum(noisy), 1)
+    nu = 0.01 * mean(auto) @ weight + 1e-300
     unit = np.arange(H.shape[2])
     for _ in range(STEPS):
-        N = nu[:, None] + missed
+        common = nu[of_line][:, None] * noisy
+        N = common + missed
         # readings over their noise, loads over their standard deviation
-        root, std = 1 / np.sqrt(N[of_line]), np.sqrt(load[of_line])
+        root, std = 1 / np.sqrt(N), np.sqrt(load[of_line])
         B = H * root[:, :, None] * std[:, None, :]
         BH = np.conj(B.transpose(0, 2, 1))
         Q = np.matmul(BH, B)
@@ -272,10 +314,10 @@ def _learn(
         E = np.matmul(AY, np.conj(A.transpose(0, 2, 1))) + Q
         seen = np.real(np.einsum("lcj,lcj->lc", np.matmul(B, E), np.conj(B)))
         with_readings = np.real(np.einsum("lci,lic->lc", B, AY))
-        residual = np.maximum(auto * root**2 - 2 * with_readings + seen, 0.0) * N[of_line]
+        residual = np.maximum(auto * root**2 - 2 * with_readings + seen, 0.0) * N
         load = np.maximum(load * mean(np.real(E[:, unit, unit])), 1e-300)
-        share = nu[:, None] / N
-        nu = np.mean(share**2 * mean(residual) + nu[:, None] * (1 - share), axis=1)
+        share = common / N
+        nu = mean(share**2 * residual + common * (1 - share)) @ weight + 1e-300
     return load, nu
 
 

@@ -25,7 +25,7 @@ from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_s
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
-from probupdate.lifetime.gauges import GaugeCheck, Gauges, beside_gauges, read_gauges
+from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, beside_gauges, read_gauges
 from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
@@ -52,6 +52,8 @@ RESAMPLED = 400
 # on stress ranges, for the power with which damage grows
 FACTOR = 1.02
 IDLING = "idling"
+NO_GAUGE = "no gauge recorded a whole block of the campaign"
+GAUGE_TIMES = "give times in UTC, as the campaign's records have them"
 # cosine of eight degrees, as rounded directions may differ
 SAME_DIRECTION = 0.99
 
@@ -164,11 +166,10 @@ class _Planned:
 def measured_stresses(
     campaign: Campaign, model: Path, fatigue: Path, draws: np.ndarray, damping: StateDamping, *,
     names: Sequence[str] = (), without: Sequence[str] = (), settings: StressSettings | None = None,
-    gauges: Path | None = None, progress: Progress = silent,
+    gauges: GaugeFiles | None = None, progress: Progress = silent,
 ) -> MeasuredStress:
     """Of all blocks of a campaign that are whole. model: its TOML; draws (n, n_param) of its posterior, of
-    parameters of these names where they are given; damping: measured ratios; without: channels not to be used; gauges:
-    a table of strain gauges to hold the estimate against.
+    parameters of these names where they are given; damping: measured ratios; without: channels not to be used.
 
     Raises InputError where no channel of the campaign is one of the model's, one measures along another direction
     there, or no block is whole."""
@@ -177,7 +178,9 @@ def measured_stresses(
     spectra = thrust_spectra(conditions, fatigue)
     planned = _plan(campaign, conditions)
     work = _Work(campaign, model, conditions, spectra, draws, names, damping, tuple(without), settings)
-    known = None if gauges is None else read_gauges(gauges, len(work.spots))
+    gauges = gauges or GaugeFiles()
+    known, work.joined = (None if path is None else read_gauges(path, len(work.spots))
+                          for path in (gauges.held_out, gauges.joined))
     groups: dict[tuple[float, int], list[_Planned]] = {}
     for one in planned:
         groups.setdefault((one.heading_deg, one.state), []).append(one)
@@ -199,6 +202,8 @@ def measured_stresses(
     if not blocks:
         raise InputError(str(campaign.path), "no block is whole with a channel of the model in it",
                          "see `probupdate check` for what its records lack")
+    if gauges.joined is not None and not work.with_strain:
+        raise InputError(str(gauges.joined), NO_GAUGE, GAUGE_TIMES)
     damage = np.array([b.damage_per_hour for b in blocks])
     worst = _one_a_side(work.spots, damage.mean(axis=0), settings.n_worst)
     top = blocks[int(np.argmax(np.max(damage[:, worst] / damage.mean(axis=0)[worst], axis=1)))].id
@@ -208,15 +213,14 @@ def measured_stresses(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
         draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
         histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed,
-        gauges=None if gauges is None else _join_gauge_rows(beside, gauges))
+        gauges=None if gauges.held_out is None else _join_gauge_rows(beside, gauges.held_out))
 
 
-def _join_gauge_rows(beside: Sequence[GaugeCheck | None], path: Path) -> GaugeCheck:
+def _join_gauge_rows(beside: Sequence[GaugeCheck | None], path: str | Path) -> GaugeCheck:
     """All blocks' rows by time, with the first block's histories."""
     some = sorted((one for one in beside if one is not None), key=lambda one: one.block)
     if not some:
-        raise InputError(str(path), "no gauge recorded a whole block of the campaign",
-                         "give times in UTC, as the campaign's records have them")
+        raise InputError(str(path), NO_GAUGE, GAUGE_TIMES)
     return replace(some[0], rows=tuple(row for one in some for row in one.rows))
 
 
@@ -276,6 +280,9 @@ class _Work:
         self.draws = draws[rng.choice(len(draws), size=min(settings.n_draw, len(draws)), replace=False)]
         self.mean = draws.mean(axis=0)
         self._headings: dict[float, StressModel] = {}
+        # gauges that take part, and whether any recorded a block
+        self.joined: Gauges | None = None
+        self.with_strain = False
         first = self.at(0.0)
         if names and tuple(names) != tuple(first.parameters.names):
             raise InputError(str(model), f"has the parameters {', '.join(first.parameters.names)}, the posterior "
@@ -327,6 +334,11 @@ class _Work:
             return block, np.array([], int), np.zeros((len(self.number), 0))
         data = block.data[:, self.columns[whole]]
         data = np.where(np.isnan(data), 0.0, data - np.nanmean(data, axis=0))
+        if self.joined is not None:
+            strain = self.joined.over(planned.start, np.arange(len(data)) / block.sampling_rate_hz)
+            there = np.flatnonzero(np.isfinite(strain).all(axis=0))
+            self.with_strain |= there.size > 0
+            data, whole = np.hstack([data, strain[:, there]]), np.append(whole, len(self.channels) + there)
         lines = np.fft.rfft(data * self.window[:, None], axis=0)[self.number]
         return block, whole, lines * self.to_density
 
@@ -334,7 +346,17 @@ class _Work:
         return both_ways(self.at(heading_deg), state, self.frequency_hz)
 
     def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
-        return driven(self.at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
+        found = driven(self.at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
+        if self.joined is None:
+            return found
+        at, w = weights(self.spots)
+        spots, step = self.joined.spots, np.median(np.diff(self.joined.time_s))
+        return found.with_gauges(at[spots], w[spots], float(1 / step))
+
+    def channel_rows(self, whole: np.ndarray) -> np.ndarray:
+        """Numbers, in the model with its gauges, of channels that are whole."""
+        gauges = len(self.order) + np.arange(0 if self.joined is None else len(self.joined.spots))
+        return np.append(self.rows, gauges)[whole]
 
     def histories(self, planned: Sequence[_Planned], worst: np.ndarray) -> list[History]:
         found = []
@@ -351,6 +373,9 @@ class _Work:
             "intervals carry the posterior, the scatter of blocks and x_scf of fatigue.toml; what else the model "
             "misses of a stress is to be stated there",
         ]
+        if self.joined is not None:
+            found.append("strain gauges take part in the estimate: hot spots "
+                         f"{', '.join(str(k + 1) for k in self.joined.spots)}")
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")
         if all("nacelle_heading_deg" not in p.conditions for p in planned):
@@ -384,7 +409,7 @@ class _Group:
         else of the block itself."""
         key = tuple(whole.tolist())
         if key not in self._smoothers:
-            one = smoother(self.of, self._cross(key, lines), self.work.rows[whole])
+            one = smoother(self.of, self._cross(key, lines), self.work.channel_rows(whole))
             self._smoothers[key] = one, _unresolved(one, len(self.work.details))
         return self._smoothers[key]
 
@@ -441,7 +466,7 @@ class _Group:
             for whole, lines in blocks:
                 key = tuple(whole.tolist())
                 if key not in made:
-                    made[key] = smoother(of, self._cross(key, lines), self.work.rows[whole])
+                    made[key] = smoother(of, self._cross(key, lines), self.work.channel_rows(whole))
                 seen = made[key].of.stress(made[key].estimate(lines))
                 total += self._damage(self._moments_at_spots(_moments(of.frequency_hz, seen)))
             return total

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from probupdate.lifetime.damping import StateDamping
+    from probupdate.lifetime.gauges import GaugeFiles
     from probupdate.lifetime.stress_files import StressResult
 
 
@@ -52,20 +53,22 @@ class StressStep:
 @names_files("campaign", "run")
 def stresses(
     campaign: str | Path, run: str | Path, fatigue: str | Path, *, without: Sequence[str] | None = None,
-    gauges: str | Path | None = None, draws: int = 8, worst: int = 6, accept: bool = False, seed: int = 1,
+    gauges: str | Path | GaugeFiles | None = None, draws: int = 8, worst: int = 6, accept: bool = False, seed: int = 1,
     progress: Progress = silent,
 ) -> StressStep:
     """Stress histories, damage-equivalent ranges and damage at every hot spot of fatigue.toml, of what a campaign
     measured, through the model of a run at its posterior.
 
     without: channels not to be used; gauges: a CSV of stresses that strain gauges measured (`time`, hot_spot_N_mpa),
-    which take no part in the estimate and are held against it; draws: of the posterior, for its uncertainty; worst: hot
+    which take no part in the estimate and are held against it, or `lifetime.gauges.GaugeFiles`, which names one of
+    gauges that join the accelerations too; draws: of the posterior, for its uncertainty; worst: hot
     spots whose history is written and counted by rainflow. A run that did not converge, or whose diagnosis is
     unexplained, needs `accept`.
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.lifetime.export import RunStatus, refuse_without_members
+    from probupdate.lifetime.gauges import GaugeFiles
     from probupdate.lifetime.measured_stress import StressSettings, measured_stresses
     from probupdate.lifetime.stress_files import StressResult
     from probupdate.updating.posterior_file import read_posterior
@@ -90,8 +93,8 @@ def stresses(
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(
         records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
-        without=tuple(without or ()), settings=settings, gauges=None if gauges is None else Path(gauges),
-        progress=progress)
+        without=tuple(without or ()), settings=settings,
+        gauges=gauges if isinstance(gauges, GaugeFiles) else GaugeFiles(held_out=gauges), progress=progress)
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 
