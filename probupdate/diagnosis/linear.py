@@ -245,8 +245,8 @@ class Design:
         for q, sorted_unknowns in enumerate(self._by_profile):
             weighted = self.noise.precision[q] @ self.effect[q][:, :, effects]
             for row, number, made in sorted_unknowns:
-                shared = (weighted.transpose(0, 2, 1) * made[:, None] if made.ndim == 2 else
-                          np.einsum("gme,gmu->geu", weighted, made, optimize=True))
+                turned = weighted.transpose(0, 2, 1)
+                shared = turned * made[:, None] if made.ndim == 2 else turned @ made
                 # of all pairs for one kind of unknowns at a time: few effects follow all time profiles
                 cross = np.tensordot(self._times[q][:, profiles, row], shared, (0, 0))
                 B[:, number] += cross[time_profile, effect]
@@ -407,10 +407,13 @@ class Design:
         (effect, time_profile), (effect2, time_profile2) = self.which[rows].T, self.which[others].T
         if len(np.unique([*effect, *effect2])) == 1:
             return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - self._taken(rows, others)
+        (mine, effect), (their, effect2) = (np.unique(one, return_inverse=True) for one in (effect, effect2))
+        at_times, of_effects = np.ix_(time_profile, time_profile2), np.ix_(effect, effect2)
         total = np.zeros((len(rows), len(others)))
         for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
-            for own, time in zip(E, times, strict=True):
-                total += time[np.ix_(time_profile, time_profile2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
+            alone = E[:, :, mine].transpose(0, 2, 1) @ (precision @ E[:, :, their])
+            for between, time in zip(alone, times, strict=True):
+                total += time[at_times] * between[of_effects]
         return total - self._taken(rows, others)
 
     def _taken(self, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
