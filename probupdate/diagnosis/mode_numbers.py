@@ -62,7 +62,8 @@ def tensor_numbers(tensor: np.ndarray) -> np.ndarray:
 
 def _stack(tensor: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """tensor (..., k, k) and complex shape parts (..., n_channel, k) as numbers."""
-    flat = np.swapaxes(shape, -1, -2).reshape(*shape.shape[:-2], -1)
+    *lead, n_channel, k = shape.shape
+    flat = np.swapaxes(shape, -1, -2).reshape(*lead, n_channel * k)
     return np.concatenate([tensor_numbers(tensor), np.real(flat), np.imag(flat)], axis=-1)
 
 
@@ -145,57 +146,69 @@ def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
 def signature(
     reference: Reference, tensor_change: np.ndarray, shape_change: np.ndarray, axes: np.ndarray
 ) -> np.ndarray:
-    """First-order change of the numbers (n_response, n) with changes of the tensor (k, k, n) in the reference's own
-    axes and of its shapes (n_channel, k, n), both without regard to what the alignment takes away."""
+    """First-order change of the numbers (..., n_response, n) with changes of the tensor (..., k, k, n) in the
+    reference's own axes and of its shapes (..., n_channel, k, n), both without regard to what the alignment takes
+    away; of a reference of as many places as stand in front."""
     if not axes.size:
-        return frozen_array(_stack(tensor_change.transpose(2, 0, 1), shape_change.transpose(2, 0, 1)).T)
+        return frozen_array(_stack_columns(tensor_change, shape_change))
     onto = _inverse(axes)
     in_plane = onto @ reference.shape
     try:
         back = np.linalg.inv(in_plane)
     except np.linalg.LinAlgError:
         raise ConvergenceError(ACROSS, axes) from None
-    plane_change = np.tensordot(onto, shape_change, 1)
+    plane_change = _times_columns(onto, shape_change)
     turning, aligned = _onto_columns(plane_change, back), _onto_columns(shape_change, back)
-    outside = aligned - np.tensordot(reference.shape @ back, turning, 1)
+    outside = aligned - _times_columns(reference.shape @ back, turning)
     tensor = tensor_change
-    if len(in_plane) > 1:
+    if in_plane.shape[-1] > 1:
         tensor = _tensor_change(reference, tensor_change, in_plane, plane_change)
-    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1)).T)
+    return frozen_array(_stack_columns(tensor, outside))
+
+
+def _stack_columns(tensor: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """`_stack` (..., n_response, n) of changes (..., k, k, n) and (..., n_channel, k, n)."""
+    return np.swapaxes(_stack(np.moveaxis(tensor, -1, -3), np.moveaxis(shape, -1, -3)), -1, -2)
+
+
+def _times_columns(matrix: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(..., m, k, n) of matrix (..., m, l) and change (..., l, k, n)."""
+    *lead, n_row, k, n = change.shape
+    product = matrix @ change.reshape(*lead, n_row, k * n)
+    return product.reshape(*product.shape[:-1], k, n)
 
 
 def _onto_columns(change: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(m, k, n) of change (m, k, n) of columns that are then multiplied with turn (k, k)."""
-    return change * turn[0, 0] if len(turn) == 1 else np.einsum("cjn,ji->cin", change, turn)
+    """(..., m, k, n) of change (..., m, k, n) of columns that are then multiplied with turn (..., k, k)."""
+    return sum(change[..., [j], :] * turn[..., None, j, :, None] for j in range(turn.shape[-1]))
 
 
 def _tensor_change(
     reference: Reference, tensor_change: np.ndarray, in_plane: np.ndarray, plane_change: np.ndarray
 ) -> np.ndarray:
-    """(k, k, n) change of R diag(ln f) R^T, R the rotation nearest to the modes' directions (its polar factor, of
+    """(..., k, k, n) change of R diag(ln f) R^T, R the rotation nearest to the modes' directions (its polar factor, of
     which the derivative solves a Lyapunov equation; Higham, Functions of Matrices, 2008, ch. 8), with changes of the
-    tensor in the reference's own axes and of its shapes in the plane (k, k, n)."""
+    tensor in the reference's own axes and of its shapes in the plane (..., k, k, n)."""
     log, turn = np.linalg.eigh(reference.tensor)
-    of_modes = np.einsum("ia,ijn,jb->abn", turn, tensor_change, turn)
-    apart = log - log[:, None]
+    of_modes = np.einsum("...ia,...ijn,...jb->...abn", turn, tensor_change, turn)
+    apart, itself = log[..., None, :] - log[..., None], np.eye(log.shape[-1])[:, :, None] > 0
     # modes turn by one over this, and the tensor by this times their turn: equal ones are as good as a little apart
-    apart = np.where(np.abs(apart) < EQUAL, EQUAL * np.where(np.tri(len(log), k=-1) > 0, -1, 1), apart)
-    own = np.where(np.eye(len(log))[:, :, None] > 0, 0.0, of_modes / apart[:, :, None])
+    below = np.where(np.tri(log.shape[-1], k=-1) > 0, -1, 1)
+    apart = np.where(np.abs(apart) < EQUAL, EQUAL * below, apart)[..., None]
     shape = in_plane @ turn
-    change = np.einsum("ijn,jb->ibn", plane_change, turn) + np.einsum("ia,abn->ibn", shape, own)
-    phase = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
-    shape, change = (shape * phase).real, (change * phase[:, None]).real
-    length = np.linalg.norm(shape, axis=0)
+    change = _onto_columns(plane_change, turn) + _times_columns(shape, np.where(itself, 0.0, of_modes / apart))
+    phase = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=-2)))[..., None, :]
+    shape, change = (shape * phase).real, (change * phase[..., None]).real
+    length = np.linalg.norm(shape, axis=-2)[..., None, :]
     direction = shape / length
-    along = np.einsum("ib,ibn->bn", direction, change)
-    change = (change - direction[:, :, None] * along) / length[:, None]
+    along = np.sum(direction[..., None] * change, axis=-3, keepdims=True)
+    change = (change - direction[..., None] * along) / length[..., None]
     left, singular, right = np.linalg.svd(direction)
     rotation = left @ right
-    spin = np.einsum("ai,ibn->abn", left.T, np.einsum("ijn,bj->ibn", change, right))
-    spin = (spin - spin.transpose(1, 0, 2)) / (singular + singular[:, None])[:, :, None]
-    spin = np.einsum("ia,abn,jb->ijn", right.T, spin, right.T)
-    within = np.where(np.eye(len(log))[:, :, None] > 0, of_modes, spin * apart[:, :, None])
-    return np.einsum("ia,abn,jb->ijn", rotation, within, rotation)
+    spin = np.einsum("...ia,...ijn,...bj->...abn", left, change, right)
+    spin = (spin - np.swapaxes(spin, -3, -2)) / (singular[..., None] + singular[..., None, :])[..., None]
+    spin = np.einsum("...ai,...abn,...bj->...ijn", right, spin, right)
+    return np.einsum("...ia,...abn,...jb->...ijn", rotation, np.where(itself, of_modes, spin * apart), rotation)
 
 
 def stated_columns(

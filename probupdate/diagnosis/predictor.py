@@ -288,25 +288,34 @@ def effect_signatures(
     amounts = sparse.csr_array(amounts.T)
     plain = [reference for (reference, _, _), _ in places]
     d_shape, d_log = _sensor_changes([e for e in effects if e.observe is not None], plain, seen)
-    result = []
-    for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen),
-                                                              strict=True):
+    own, there = _columns(plain), observed(plain, seen)
+    of_group: dict[int, list[int]] = {}
+    for number, (_, axes) in enumerate(places):
+        of_group.setdefault(id(axes), []).append(number)
+    result = [np.empty(0)] * len(places)
+    for numbers in of_group.values():
+        sloped, axes = [places[i][0] for i in numbers], places[numbers[0]][1]
+        reference = Reference(tensor=np.array([there[i].tensor for i in numbers]),
+                              shape=np.array([there[i].shape for i in numbers]))
         # of real numbers by themselves in half of the time
-        moved = signature(there, _summed(tensor, amounts), _summed(_observed_change(reference, shape, seen), amounts),
-                          axes)
-        made = np.empty((len(moved), len(effects)))
-        made[:, ~of_sensors] = moved
+        moved = signature(reference, _summed(np.array([tensor for _, tensor, _ in sloped]), amounts),
+                          _summed(np.array([_observed_change(*one[::2], seen) for one in sloped]), amounts), axes)
+        made = np.empty((*moved.shape[:2], len(effects)))
+        made[:, :, ~of_sensors] = moved
         if of_sensors.any():
-            turn = reference.members[1]
-            made[:, of_sensors] = signature(there, np.einsum("ai,ip,bi->abp", turn, d_log[own], turn),
-                                            np.einsum("cip,ki->ckp", d_shape[:, own], turn), axes)
-        result.append(made)
+            turn = np.array([plain[i].members[1] for i in numbers])
+            of_log, of_shape = (np.array([d[own[i]] for i in numbers]) for d in (d_log, np.swapaxes(d_shape, 0, 1)))
+            made[:, :, of_sensors] = signature(reference, np.einsum("gai,gip,gbi->gabp", turn, of_log, turn),
+                                               np.einsum("gicp,gki->gckp", of_shape, turn), axes)
+        for i, one in zip(numbers, made, strict=True):
+            result[i] = one
     return result
 
 
 def _summed(change: np.ndarray, amounts: sparse.csr_array) -> np.ndarray:
     """(..., n_effect) of changes (..., n_param) and the parameters' amounts in each effect (n_effect, n_param)."""
-    return (amounts @ change.reshape(-1, change.shape[-1]).T).T.reshape(*change.shape[:-1], amounts.shape[0])
+    *lead, n_param = change.shape
+    return (amounts @ change.reshape(int(np.prod(lead)), n_param).T).T.reshape(*lead, amounts.shape[0])
 
 
 def _sensor_changes(
