@@ -9,7 +9,7 @@ undisturbed one, whatever it runs on.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
 BURN_IN, SPREAD_ESS = CONSTANTS.burn_in, CONSTANTS.spread_ess
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
+# steps from which a chain is given up that would need so many times the most that are allowed
+LEAST_STEPS, HOPELESS = 1000, 2.0
 # share of proposals from the surrogate, and where its weighted draws serve by themselves
 SURROGATE_SHARE, TRUSTED_SHARE = 0.5, 0.8
 # proposals that do not depend on the walkers are drawn so many at once
@@ -209,10 +211,13 @@ def sample(
             if rounds:
                 chain = _judge(rounds, parameters, settings)
                 # as far as it is known: the worst effective size grows about with the number of steps
-                wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
-                progress("sampling", n_step, max(wanted, n_step))
+                forecast = n_step if chain.converged else _forecast(chain, n_step, settings)
+                progress("sampling", n_step, max(min(settings.max_steps, forecast), n_step))
                 if chain.converged or n_step >= settings.max_steps:
                     return chain
+                if n_step >= LEAST_STEPS and forecast > HOPELESS * settings.max_steps:
+                    return replace(chain, verdict=f"{chain.verdict[:-1]}, given up: about {forecast} would be needed, "
+                                   f"at most {settings.max_steps} are allowed.")
                 states = [segment.state for segment in rounds[-1]]
             else:
                 states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)

@@ -2,18 +2,21 @@
 
 The proposal is a mixture: a truncated Gaussian approximation for every maximum that was found, Student t distributions
 fitted to weighted draws in rounds (population Monte Carlo: Cappe, Guillin, Marin & Robert 2004), and a share of the
-prior, which bounds the weights and shows a mode that was missed (defensive mixture: Hesterberg 1995). It is frozen
-before the draws that count: estimates from the draws it was fitted to would be biased.
+prior, which bounds the weights and shows a mode that was missed (defensive mixture: Hesterberg 1995). Where few draws
+count, the rounds go from a wide distribution to the posterior by powers of their ratio, as draws allow (sequential
+Monte Carlo: Del Moral, Doucet & Jasra 2006): a fit to what few draws found about the maximum would keep to that part.
+It is frozen before the draws that count: estimates from the draws it was fitted to would be biased.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import linalg, special
 
+from probupdate.errors import ProbupdateError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -21,12 +24,15 @@ from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_s
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.surrogate import Density, Proposal
+from probupdate.updating.tikhonov import HALVINGS, bounded_step
 from probupdate.updating.transport import Transport, fit_transport
 
 GOOD_K = CONSTANTS.good_k
-# draws that count, and those of one round of fitting; rounds at most and at least, as one round's draws may miss an arm
-# of the posterior, and the effective share at which they stop
-N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 10, 4, 0.4
+# draws that count, and those of one round of fitting; rounds at most, and the fewest whose proposals serve, as one
+# round's draws may miss an arm of the posterior, and the effective share from which they do
+N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 40, 4, 0.4
+# rounds whose draws are kept, and at the posterior itself without a larger share of draws that count before they end
+KEPT, PATIENCE = 5, 4
 # share of draws from the prior, and the least of any other component
 PRIOR_SHARE, LEAST_PART = 0.05, 0.02
 # Student t distributions: degrees of freedom (tails heavier than any posterior's of a few stiffnesses), how much wider
@@ -34,8 +40,18 @@ PRIOR_SHARE, LEAST_PART = 0.05, 0.02
 DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
 EM_STEPS = 15
 MOST_Z, LEAST_APART = CONSTANTS.most_z, CONSTANTS.least_apart
-# weights are flattened until so many draws count, as few would make a thin fit
-FLATTENED = 60.0
+# the power is the largest at which so many draws count for each coefficient of a map, and no fewer; from a wide
+# distribution it begins no higher than this and grows by no more than this factor, as few draws would show the ends of
+# a ridge that is much thinner
+PER_COEFFICIENT, LEAST_COUNT, FIRST_POWER, GROWTH, POWER_STEP = 6, 400, 3e-5, 4.0, 0.8
+# points that draws of the prior lead to: how many at least, how many a parameter, steps at most, and how far off bounds
+# in standard deviations of the prior
+N_PROBE, PER_PARAMETER, PROBE_STEPS, INSIDE = 40, 4, 8, 1e-3
+# posterior over proposal, over its mean, from which such a point is not reached: one draw there would outweigh all
+# others, and none shows it; how many of these are no chance
+UNREACHED, FEW = float(N_DRAW), 2
+# the wide Student t over the spread of the probes
+WIDER = 2.0
 # variance of the thinnest direction, over that of the draws
 THINNEST = 1e-10
 CHUNK = 500
@@ -100,11 +116,13 @@ def coordinates(theta: np.ndarray, logarithmic: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mixture:
-    """Components with their weights (n,); draws may lie outside the bounds of the parameters."""
+    """Components with their weights (n,); draws may lie outside the bounds of the parameters. probes (n, n_param):
+    points that it ought to reach."""
 
     parameters: Parameters
     components: tuple[Density, ...]
     weight: np.ndarray
+    probes: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     def draw(self, n: int, random) -> np.ndarray:
         chosen = np.searchsorted(np.cumsum(self.weight)[:-1], random.uniform(size=n), side="right")
@@ -133,7 +151,8 @@ class Mixture:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WeightedDraws:
     """theta (n, n_param) with normalised weights (n,), their effective number and Pareto k; log_evidence with its
-    standard deviation; evaluated: how many points were solved in all."""
+    standard deviation; evaluated: how many points were solved in all; unreached: of the proposal's probes, how many it
+    would hardly ever draw, which no weight shows."""
 
     names: tuple[str, ...]
     theta: np.ndarray
@@ -144,6 +163,7 @@ class WeightedDraws:
     log_evidence_std: float
     evaluated: int
     without_modes: int
+    unreached: int = 0
 
     @property
     def mean(self) -> np.ndarray:
@@ -182,7 +202,7 @@ class WeightedDraws:
     @property
     def good(self) -> bool:
         """Whether these draws stand for the posterior by themselves."""
-        return self.pareto_k < GOOD_K
+        return self.pareto_k < GOOD_K and self.unreached < FEW
 
 
 def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Progress) -> np.ndarray:
@@ -197,39 +217,134 @@ def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Prog
     return value
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Round:
+    """A proposal with its draws inside the bounds (n, n_param) of `number`, and ln of the posterior there (n,)."""
+
+    proposal: Density
+    number: int
+    theta: np.ndarray
+    value: np.ndarray
+    known: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def at(self, other: _Round) -> np.ndarray:
+        """ln of the proposal's density at another round's draws, computed once."""
+        if id(other) not in self.known:
+            self.known[id(other)] = self.proposal.log_density(other.theta)
+        return self.known[id(other)]
+
+
+def _round(problem: Problem, proposal: Density, number: int, rng: np.random.Generator, progress: Progress) -> _Round:
+    theta = proposal.draw(number, rng)
+    value = log_posterior(problem, theta, "proposal", progress)
+    known = np.isfinite(value)
+    return _Round(proposal=proposal, number=number, theta=theta[known], value=value[known])
+
+
 def fitted_proposal(
     problem: Problem, approximations: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent
 ) -> tuple[Mixture, int]:
     """A frozen mixture for this posterior, and how many points were solved for it.
 
-    The Gaussian approximations as they are where their draws serve; else rounds of Student t distributions fitted to
-    all weighted draws so far, each weighed by the mixture of all that proposed them.
+    The Gaussian approximations as they are where their draws serve; else rounds of Student t distributions and maps
+    fitted to the weighted draws of the last rounds, each weighed by the mixture of all that proposed them, on the way
+    from a wide Student t about the probes and the prior to the posterior.
     """
     parameters = problem.parameters
-    prior = PriorDensity(parameters)
-    current = _weighed(parameters, [*approximations], prior)
-    logarithmic = parameters.lower >= 0
-    proposed: list[Mixture] = []
-    drawn = np.empty(0)
-    theta, value, share = np.empty((0, len(parameters))), np.empty(0), np.empty(0)
-    for _ in range(ROUNDS):
-        proposed.append(current)
+    n, prior, logarithmic = len(parameters), PriorDensity(parameters), parameters.lower >= 0
+    wanted = max(LEAST_COUNT, PER_COEFFICIENT * (n + 1) * (n + 2) // 2)
+    rounds = [_round(problem, _weighed(parameters, [*approximations], prior), N_ROUND, rng, progress)]
+    best, best_share, since, served, solved = rounds[0].proposal, 0.0, 0, 0, N_ROUND
+    probes, broad, power = np.empty((0, n)), None, 1.0
+    wide: list[Transport] = []
+    for number in range(ROUNDS):
+        kept = rounds[-KEPT:]
+        theta, value = (np.concatenate([getattr(r, k) for r in kept]) for k in ("theta", "value"))
+        known = np.array([np.concatenate([r.at(other) for other in kept]) for r in kept])
+        drawn = np.array([r.number for r in kept])
+        proposed = special.logsumexp(known.T + np.log(drawn / drawn.sum()), axis=1)
+        if number == 0 and 1 / np.sum(_weights(value - proposed) ** 2) < wanted:
+            probes = _probes(problem, rng, progress)
+            broad = _about(probes, prior, rng)
+            rounds.append(_round(problem, broad, N_ROUND, rng, progress))
+            solved, power = solved + N_ROUND, FIRST_POWER
+            continue
+        begin = proposed if broad is None else broad.log_density(theta)
+        power, weight = _tempered(value - begin, begin - proposed, wanted, (power, min(GROWTH * power, 1.0)))
+        if power == 1.0:
+            share = _shares(value, known, value - proposed)
+            since += 1
+            # of the same draws, so that shares can be compared
+            j = int(np.argmax(share))
+            if best_share < share[j]:
+                best, best_share, since = kept[j].proposal, share[j], 0
+            served += int(best_share >= ENOUGH)
+            if served >= FEWEST or since >= PATIENCE:
+                break
+        parts = _fit(coordinates(theta, logarithmic), weight, PER_MAXIMUM * len(approximations), logarithmic, rng)
+        bent = _transports(theta, weight, approximations)
+        current = _weighed(parameters, [*bent, *wide, *parts, *approximations], prior, (theta, weight))
+        # of a lower power: it reaches where those of the posterior end
+        wide = bent if power < 1 else wide
         # where the last ones served, fewer show whether an arm was missed
-        number = N_ROUND if not share.size or share.max() < ENOUGH else N_ROUND // 4
-        theta = np.vstack([theta, current.draw(number, rng)])
-        drawn = np.append(drawn, number)
-        value = np.append(value, log_posterior(problem, theta[-number:], "proposal", progress))
-        inside = np.isfinite(value)
-        known = np.array([m.log_density(theta[inside]) for m in proposed])
-        log_weight = value[inside] - special.logsumexp(known.T + np.log(drawn / drawn.sum()), axis=1)
-        share = _shares(value[inside], known, log_weight)
-        if len(proposed) >= FEWEST and share.max() >= ENOUGH:
-            break
-        u, weight = coordinates(theta[inside], logarithmic), _flattened(log_weight)
-        parts = _fit(u, weight, PER_MAXIMUM * len(approximations), logarithmic, rng)
-        bent = _transports(theta[inside], weight, approximations)
-        current = _weighed(parameters, [*bent, *parts, *approximations], prior, (theta[inside], weight))
-    return proposed[int(np.argmax(share))], len(theta)
+        more = N_ROUND if broad is not None or best_share < ENOUGH else N_ROUND // 4
+        rounds.append(_round(problem, current, more, rng, progress))
+        solved += more
+    return replace(best, probes=probes), solved
+
+
+def _about(probes: np.ndarray, prior: PriorDensity, rng: np.random.Generator) -> Density:
+    """A wide Student t about the probes (n, n_param) and the prior, which stands alone where probes are too few."""
+    if len(probes) <= len(prior.parameters):
+        return prior
+    logarithmic = prior.parameters.lower >= 0
+    (about,) = _fit(coordinates(probes, logarithmic), np.full(len(probes), 1 / len(probes)), 1, logarithmic, rng)
+    return Mixture(parameters=prior.parameters, components=(replace(about, factor=WIDER * about.factor), prior),
+                   weight=np.array([0.5, 0.5]))
+
+
+def _probes(problem: Problem, rng: np.random.Generator, progress: Progress) -> np.ndarray:
+    """About where each of some draws of the prior would be the prior's mean, the maximum of the posterior (randomised
+    maximum likelihood: Oliver, He & Reynolds 1996): places all over the posterior, found by none of its proposals."""
+    starts = problem.parameters.draw(rng, max(N_PROBE, PER_PARAMETER * len(problem.parameters)))
+    found = []
+    for number, start in enumerate(starts):
+        progress("ends of the posterior", number, len(starts))
+        found.append(_led_by_data(problem, start))
+    progress("ends of the posterior", len(starts), len(starts))
+    # at a bound a coordinate may have no end
+    inside = INSIDE * np.minimum(problem.parameters.std, problem.parameters.upper - problem.parameters.lower)
+    low, high = problem.parameters.lower + inside, problem.parameters.upper - inside
+    return frozen_array([np.clip(theta, low, high) for theta in found if theta is not None])
+
+
+def _led_by_data(problem: Problem, start: np.ndarray) -> np.ndarray | None:
+    """From `start` by a few bounded Gauss-Newton steps; None where the model has no modes on the way."""
+    parameters = problem.parameters
+
+    def descent(theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        response, slope = problem.sensitivity(theta)
+        residual = np.concatenate([problem.weighted(problem.measured - response), (start - theta) / parameters.std])
+        matrix = np.vstack([problem.weighted(slope.T).T, np.diag(1 / parameters.std)])
+        return float(residual @ residual), residual, matrix
+
+    theta = start
+    try:
+        value, residual, matrix = descent(theta)
+        for _ in range(PROBE_STEPS):
+            step = bounded_step(matrix, residual, theta, parameters)
+            trial = descent(theta + step)
+            for _ in range(HALVINGS):
+                if trial[0] < value:
+                    break
+                step = 0.5 * step
+                trial = descent(theta + step)
+            if not trial[0] < value:
+                break
+            theta, (value, residual, matrix) = theta + step, trial
+    except (ProbupdateError, np.linalg.LinAlgError):
+        return None
+    return theta
 
 
 def _transports(theta: np.ndarray, weight: np.ndarray, approximations: Sequence[Proposal]) -> list[Transport]:
@@ -288,7 +403,17 @@ def importance_sample(
         log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)),
         evaluated=evaluated + N_DRAW,
         without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
+        unreached=_unreached(problem, proposal, getattr(proposal, "probes", np.empty((0, 0))),
+                             log_evidence - constant),
     )
+
+
+def _unreached(problem: Problem, proposal: Density, probes: np.ndarray, level: float) -> int:
+    """Of probes (n, n_param), at how many the posterior over the proposal is far above exp(level)."""
+    if not len(probes):
+        return 0
+    ratio = log_ratio(problem.log_posterior(probes)[0], proposal, probes)
+    return int(np.sum(ratio > level + np.log(UNREACHED)))
 
 
 def log_ratio(value: np.ndarray, proposal: Density, theta: np.ndarray) -> np.ndarray:
@@ -304,15 +429,22 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
     return relative / relative.sum()
 
 
-def _flattened(log_weight: np.ndarray) -> np.ndarray:
-    """Weights to the largest power at which FLATTENED draws count."""
-    low, high = 0.0, 1.0
-    if 1 / np.sum(_weights(log_weight) ** 2) >= FLATTENED:
-        return _weights(log_weight)
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if 1 / np.sum(_weights(middle * log_weight) ** 2) >= FLATTENED else (low, middle)
-    return _weights(low * log_weight)
+def _tempered(
+    log_ratio: np.ndarray, log_weight: np.ndarray, wanted: float, powers: tuple[float, float]
+) -> tuple[float, np.ndarray]:
+    """The largest of the powers of a ratio at which `wanted` draws count, or the least of them, and the weights there,
+    no larger than the root of n times their mean (Ionides 2008); log_weight (n,) are those without it."""
+
+    def weights(power: float) -> np.ndarray:
+        value = power * log_ratio + log_weight
+        return _weights(np.minimum(value, special.logsumexp(value) - 0.5 * np.log(len(value))))
+
+    low, high = powers
+    for _ in range(40):
+        if 1 / np.sum(weights(high) ** 2) >= wanted or high <= low:
+            break
+        high = max(low, POWER_STEP * high)
+    return high, weights(high)
 
 
 def _fit(u, weight, count: int, logarithmic, rng) -> list[StudentT]:
@@ -372,10 +504,14 @@ class Agreement:
     spread_apart: float
     spread_parameter: str
     without_modes: int
+    unreached: int = 0
 
     @property
     def agrees(self) -> bool:
-        """False where both claim an answer and the answers differ: one of them has missed a part of the posterior."""
+        """False where both claim an answer and the answers differ, one of them has missed a part of the posterior; or
+        where both begin with a proposal that does not reach all of it."""
+        if self.unreached >= FEW:
+            return False
         same_mean = self.z < MOST_Z or self.apart < LEAST_APART
         same_spread = self.spread_z < MOST_Z or abs(self.spread_apart) < LEAST_APART
         return self.pareto_k >= GOOD_K or (same_mean and same_spread)
@@ -389,6 +525,10 @@ class Agreement:
         if self.without_modes:
             text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
                      "allow what is no structure, such as a negative stiffness")
+        if self.unreached >= FEW:
+            return (f"{text}; PARTS OF THE POSTERIOR ARE MISSED: {self.unreached} points that the data "
+                    "lead to from draws of the prior are hardly ever proposed; give parameters that the data do not "
+                    "separate a narrower prior, or fix one of them")
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: a few draws carry its weights, so that it is no check of the chain"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
@@ -408,7 +548,7 @@ def agree(weighted: WeightedDraws, chain) -> Agreement:
     spread_error = np.hypot(weighted.std_error, std / np.sqrt(2 * np.maximum(chain.spread_ess, 1.0)))
     wide = int(np.argmax(spread / spread_error))
     # heavy weights understate their own error, and what a chain that has not converged confirms is nothing
-    stated = weighted.pareto_k < (TRUSTED_K if chain.converged else GOOD_K)
+    stated = weighted.unreached < FEW and weighted.pareto_k < (TRUSTED_K if chain.converged else GOOD_K)
     return Agreement(
         effective=weighted.effective, n_draw=len(weighted.theta), pareto_k=weighted.pareto_k,
         log_evidence=weighted.log_evidence if stated else None,
@@ -416,5 +556,5 @@ def agree(weighted: WeightedDraws, chain) -> Agreement:
         spread_z=float(spread[wide] / spread_error[wide]), spread_apart=float(weighted.std[wide] / std[wide] - 1),
         spread_parameter=weighted.names[wide],
         z=float(gap[worst] / error[worst]), apart=float(gap[worst] / std[worst]), parameter=weighted.names[worst],
-        without_modes=weighted.without_modes,
+        without_modes=weighted.without_modes, unreached=weighted.unreached,
     )

@@ -1,9 +1,9 @@
 """A proposal that bends: a triangular map of independent numbers, fitted to weighted draws.
 
 Sharp posteriors are thin, bent ridges that no Gaussian follows. In coordinates ordered from the widest direction to the
-thinnest each number is a quadratic of those before it, with a scatter whose logarithm is linear in them: a
-Knothe-Rosenblatt rearrangement of polynomials (El Moselhy & Marzouk 2012; Parno & Marzouk 2018). Every part of the fit
-is a regression, draws follow one after another, and the density is exact and normalised.
+thinnest each number is a quadratic of those before it and a cubic spline along each, with a scatter whose logarithm is
+linear in them and such splines: a Knothe-Rosenblatt rearrangement (El Moselhy & Marzouk 2012; Parno & Marzouk 2018).
+Every part of the fit is a regression, draws follow one after another, and the density is exact and normalised.
 """
 
 from __future__ import annotations
@@ -18,10 +18,16 @@ from probupdate.updating.surrogate import GaussianApproximation, from_coordinate
 
 # degrees of freedom of the independent numbers, whose tails are heavier than the posterior's, and how much wider
 DEGREES, SPREAD = 12.0, 1.05
-# of the coefficients, in effective draws: few draws leave the map straight
+# of the coefficients, in effective draws of what is left of the number: few draws leave the map straight, and a number
+# that those before it determine bends as they want
 RIDGE = 3.0
 # rounds in which the scatter of a number along those before it is found, and ln of its most and least over its mean
-ROUNDS, MOST_LN = 3, 1.5
+ROUNDS, MOST_LN = 5, 2.5
+# knots of a spline: draws that count for each, at most, fewest that are better than the quadratic alone, and the share
+# of the draws that lies beyond them
+PER_KNOT, MOST_KNOTS, FEWEST_KNOTS, BEYOND = 8, 20, 4, 1e-4
+# of the variance, the most that coefficients are said to have taken
+MOST_TAKEN = 0.5
 # no draw is farther out, in standard deviations of the draws fitted to, than quadratics are believed
 FARTHEST = 4.0
 
@@ -29,19 +35,20 @@ FARTHEST = 4.0
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Transport:
     """u = mean + root x; x_k = middle_k(x before) + exp(ln_scale_k(x before)) t_k, t_k Student t of DEGREES: `middle`
-    and `ln_scale` hold the coefficients of each k. u are the coordinates of `like`, a Gaussian approximation."""
+    and `ln_scale` hold the coefficients of each k, `columns` what they multiply. u are the coordinates of `like`, a
+    Gaussian approximation."""
 
     mean: np.ndarray
     root: np.ndarray
+    columns: tuple[_Columns, ...]
     middle: tuple[np.ndarray, ...]
     ln_scale: tuple[np.ndarray, ...]
     like: GaussianApproximation
 
     def _at(self, k: int, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle and ln of the scatter (n,) of the k-th number given those before it (n, k)."""
-        known = np.clip(before, -FARTHEST, FARTHEST)
-        ln = np.clip(_linear(known) @ self.ln_scale[k], *_limits(self.ln_scale[k]))
-        return _quadratic(known) @ self.middle[k], ln
+        straight, bent = self.columns[k](before)
+        return bent @ self.middle[k], np.clip(straight @ self.ln_scale[k], *_limits(self.ln_scale[k]))
 
     def draw(self, n: int, random) -> np.ndarray:
         """(n, n_param); draws may lie outside the parameters' bounds. `random` has uniform(size=n)."""
@@ -72,13 +79,43 @@ def _coordinates(theta: np.ndarray, like: GaussianApproximation) -> tuple[np.nda
     return to_coordinates(x, like.powers), log_jacobian(x, like.powers)
 
 
-def _linear(x: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.ones((len(x), 1)), x], axis=1)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Columns:
+    """What the scatter and the middle of a number follow of those before it (n, k), each column about its mean over the
+    draws that were fitted to: splines of equally spaced knots (k, n_knot), straight beyond them; products of two."""
+
+    knots: np.ndarray
+    centre: np.ndarray
+
+    def raw(self, before: np.ndarray) -> np.ndarray:
+        x = np.clip(before, -FARTHEST, FARTHEST)
+        n, k = x.shape
+        # each has the second derivative of a roof over three knots
+        cubes = np.maximum(x[:, :, None] - self.knots, 0.0) ** 3
+        width = 6 * np.diff(self.knots[:, :2], axis=1)
+        splines = (cubes[:, :, :-2] - 2 * cubes[:, :, 1:-1] + cubes[:, :, 2:]) / width
+        i, j = np.triu_indices(k)
+        return np.concatenate([x, splines.reshape(n, -1), x[:, i] * x[:, j]], axis=1)
+
+    def __call__(self, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        columns = np.concatenate([np.ones((len(before), 1)), self.raw(before) - self.centre], axis=1)
+        k, n_knot = self.knots.shape
+        return columns[:, : 1 + k * (n_knot - 1)], columns
 
 
-def _quadratic(x: np.ndarray) -> np.ndarray:
-    i, j = np.triu_indices(x.shape[1])
-    return np.concatenate([_linear(x), x[:, i] * x[:, j]], axis=1)
+def _columns(before: np.ndarray, weight: np.ndarray, counts: float) -> _Columns:
+    """Of draws (n, k) with weights (n,), `counts` of which count."""
+    k = before.shape[1]
+    number = int(min(counts / (PER_KNOT * max(k, 1)), MOST_KNOTS))
+    # two knots make no spline
+    number = 2 if number < FEWEST_KNOTS else number
+    knots = np.empty((k, number))
+    for i in range(k):
+        order = np.argsort(before[:, i])
+        ends = np.interp([BEYOND, 1 - BEYOND], np.cumsum(weight[order]), before[order, i])
+        knots[i] = np.linspace(*ends, number)
+    blank = _Columns(knots=frozen_array(knots), centre=np.zeros(1))
+    return _Columns(knots=blank.knots, centre=frozen_array(weight @ blank.raw(before)))
 
 
 def _limits(ln_scale: np.ndarray) -> tuple[float, float]:
@@ -95,28 +132,31 @@ def fit_transport(theta: np.ndarray, weight: np.ndarray, like: GaussianApproxima
     root = vector[:, ::-1] * np.sqrt(np.maximum(value[::-1], 1e-12))
     x = np.linalg.solve(root, z.T).T
     counts = 1 / np.sum(weight**2)
-    middle, ln_scale = [], []
+    columns, middle, ln_scale = [], [], []
     for k in range(x.shape[1]):
-        before = np.clip(x[:, :k], -FARTHEST, FARTHEST)
-        straight, bent = _linear(before), _quadratic(before)
-        own_weight, ln = weight, np.zeros(1 + k)
+        columns.append(_columns(x[:, :k], weight, counts))
+        straight, bent = columns[k](x[:, :k])
+        own_weight, ln, left = weight, np.zeros(straight.shape[1]), 1.0
         for _ in range(ROUNDS if k else 1):
-            coefficient = _regression(bent, x[:, k], own_weight, counts)
+            coefficient = _regression(bent, x[:, k], own_weight, counts / left)
             off = x[:, k] - bent @ coefficient
             along = np.clip(straight @ ln, *_limits(ln)) if k else np.full(len(x), ln[0])
             # one step of scoring for a scatter that is log-linear
             excess = off**2 * np.exp(-2 * along)
             mean_excess = weight @ excess
+            left = min(float(own_weight @ off**2), 1.0)
             ln = ln + np.concatenate([[0.5 * np.log(max(mean_excess, 1e-24))],
                                       _regression(straight, 0.5 * (np.minimum(excess / mean_excess, 9.0) - 1), weight,
                                                   counts)[1:]])
             own_weight = weight * np.exp(-2 * (np.clip(straight @ ln, *_limits(ln)) - ln[0]))
             own_weight = own_weight / own_weight.sum()
-        ln[0] += 0.5 * np.log(SPREAD)
+        # what the coefficients took from the draws, and their own error at others
+        taken = min(bent.shape[1] / counts, MOST_TAKEN)
+        ln[0] += 0.5 * np.log(SPREAD * (1 + taken) / (1 - taken))
         middle.append(frozen_array(coefficient))
         ln_scale.append(frozen_array(ln))
-    return Transport(mean=frozen_array(mean), root=frozen_array(scale[:, None] * root), middle=tuple(middle),
-                     ln_scale=tuple(ln_scale), like=like)
+    return Transport(mean=frozen_array(mean), root=frozen_array(scale[:, None] * root), columns=tuple(columns),
+                     middle=tuple(middle), ln_scale=tuple(ln_scale), like=like)
 
 
 def _regression(columns: np.ndarray, value: np.ndarray, weight: np.ndarray, counts: float) -> np.ndarray:

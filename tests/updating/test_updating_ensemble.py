@@ -168,6 +168,14 @@ def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path, validatio
 SHORT = SamplerSettings(target_ess=10**7, max_steps=3 * ensemble.SEGMENT, ensembles=2)
 
 
+def test_a_chain_that_would_need_far_too_long_is_given_up(tmp_path):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    settings = SamplerSettings(target_ess=10**7, max_steps=2000, ensembles=2)
+    chain = sample(problem, approximated(problem), tmp_path / "chain", settings)
+    assert len(chain.theta) == 1000 and not chain.converged
+    assert "NOT converged" in chain.verdict and "at most 2000 are allowed" in chain.verdict
+
+
 def test_a_stopped_chain_goes_on_with_the_same_numbers(tmp_path):
     problem = linear_problem(LINEAR_HZ + 0.05)
     surrogate = approximated(problem)
