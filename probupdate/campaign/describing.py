@@ -20,8 +20,8 @@ from probupdate.campaign.logger_files import (
 )
 from probupdate.campaign.reading import BLANK
 from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
-from probupdate.campaign.stated import UNITS, Stated, known_unit, unit_in, without_unit
-from probupdate.campaign.table_layout import TableLayout, is_number, table_layout
+from probupdate.campaign.stated import UNITS, Stated, heading_rate, known_unit, unit_in, without_unit
+from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, table_layout
 from probupdate.campaign.uff_file import read_uff_records
 from probupdate.campaign.universal import Translation
 from probupdate.errors import InputError
@@ -92,7 +92,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
         return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
     if kind == "table":
-        return _table_channels(_layout_of(first))
+        return _table_channels(first, _layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
         return [_FileChannel(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
@@ -115,9 +115,10 @@ def _time_column(found: TableLayout) -> str | int:
     return found.names[at] if found.names else at + 1
 
 
-def _table_channels(found: TableLayout) -> list[_FileChannel]:
+def _table_channels(path: Path, found: TableLayout) -> list[_FileChannel]:
     time, columns = _time_column(found), found.names or range(1, len(found.rows[0]) + 1)
     step = _step_s([row[list(columns).index(time)].replace(found.decimal, ".") for row in found.rows])
+    rate = 1 / step if step else heading_rate(first_lines(path, found.encoding)[0][: found.skip_rows])
     seen = []
     for k, column in enumerate(columns):
         # a second column of times is no channel
@@ -125,7 +126,7 @@ def _table_channels(found: TableLayout) -> list[_FileChannel]:
             continue
         name = without_unit(column) if isinstance(column, str) else column
         unit = found.units[k] if found.units else unit_in(str(column))
-        seen.append(_FileChannel(column=name, stated=Stated(unit=unit or None), rate_hz=step and 1 / step, start=None))
+        seen.append(_FileChannel(column=name, stated=Stated(unit=unit or None), rate_hz=rate, start=None))
     return seen
 
 

@@ -44,6 +44,11 @@ RATE_KEYS = ("fs", "sampling_rate", "sampling_rate_hz", "samplingrate", "sample_
              "sampling_frequency", "samplefrequency", "sf")
 STEP_KEYS = ("dt", "delta_t", "tsample", "sample_interval", "time_step")
 SAME_RATE = 1e-3
+# "Sampling rate (Hz): 51.2", '# fs = 100 Hz', "SampleRate;50"
+HEADING = re.compile(
+    r"""[#%;"'\s]*([A-Za-z][\w -]*?)\s*(?:[(\[]\s*(?:Hz|s)\s*[)\]])?["']?\s*[=:;,\t]\s*"""
+    r"""["']?(\d+(?:[.,]\d+)?)\s*(?:Hz|s|sec)?["';,\s]*$""", re.IGNORECASE)
+LONGEST_HEADING = 200
 BRACKETS = re.compile(r"[\[(]([^\[\]()]{1,16})[\])]\s*$")
 
 
@@ -107,6 +112,12 @@ def keyed_rate(values: Mapping[str, float]) -> float | None:
         if key in STEP_KEYS and 0 < value < np.inf:
             return 1 / float(value)
     return None
+
+
+def heading_rate(lines: Sequence[str]) -> float | None:
+    """The rate that lines above a table state, as "Sampling rate: 51.2 Hz" or "# fs = 100"."""
+    found = (HEADING.match(line) for line in lines if len(line) <= LONGEST_HEADING)
+    return keyed_rate({re.sub(r"\W+", "_", one[1].strip()): float(one[2].replace(",", ".")) for one in found if one})
 
 
 def refuse_other_rate(where: str, own: OwnWords, rate_hz: float, overruled: Sequence[str]) -> None:

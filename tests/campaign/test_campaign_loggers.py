@@ -4,6 +4,7 @@ import json
 import re
 import struct
 import sys
+import tomllib
 
 import h5py
 import numpy as np
@@ -368,6 +369,18 @@ def test_spoilt_logger_files_are_refused_in_one_line(job, module, ending, conten
 
 
 # Files to fill in ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("line, rate", [
+    ("Sampling rate: 51.2 Hz", 51.2), ("# fs = 100", 100.0), ("Sample Rate (Hz);200", 200.0), ("% dt: 0,01 s", 100.0),
+    ("Channels: 5", None),
+])
+def test_a_rate_stated_above_a_table_is_its_rate(tmp_path, line, rate):
+    rows = "".join(f"{0.02 * k:.3f};{k}.5;{k}.1\n" for k in range(30))
+    (tmp_path / "raw.csv").write_text(f"{line}\nt;A1 [m/s2];A2 [m/s2]\n{rows}")
+    out = tmp_path / "described" / "campaign.toml"
+    assert main(["convert", "--describe", str(tmp_path / "raw.csv"), "--out", str(out)]) == 0
+    assert tomllib.loads(out.read_text())["sampling_rate_hz"] == (rate or "?")
 
 
 def described(folder, *, fill=()):
