@@ -26,11 +26,17 @@ def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent
 
 
 def setup_names(paths: Sequence[Path]) -> list[str]:
-    """The folders' own names. Raises InputError where two are alike."""
-    names = [path.resolve().name for path in paths]
-    if len(set(names)) < len(names):
-        raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
-    return names
+    """The folders' own names. Raises InputError where one is given twice, or two are named alike."""
+    folders = [path.resolve() for path in paths]
+    for k, folder in enumerate(folders):
+        if folder in folders[:k]:
+            raise InputError(str(paths[k]), "is given twice; setups are campaigns in folders of their own",
+                             "give each folder once")
+        alike = next((paths[i] for i in range(k) if folders[i].name == folder.name), None)
+        if alike is not None:
+            raise InputError(str(paths[k]), f"has the name of {alike}, and setups are called by their folders' names",
+                             f"rename one of them, such as `mv {paths[k]} {paths[k]}-{k + 1}`")
+    return [folder.name for folder in folders]
 
 
 def convert(

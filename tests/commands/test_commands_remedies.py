@@ -329,7 +329,21 @@ def new_name(camp: Path) -> None:
     changed("campaign.toml", "T90-x", "T91-x")(camp)
 
 
+def copied(folder: Path) -> list[str]:
+    camp = write_campaign(folder / "camp")
+    shutil.copytree(camp, folder / "later" / "camp")
+    return ["check", str(camp), str(folder / "later" / "camp")]
+
+
+def moved(folder: Path, words: list[str], text: str) -> list[str]:
+    old, new = re.search(r"`mv (\S+) (\S+)`", text).groups()
+    shutil.move(old, new)
+    return [w.replace(old, new) for w in words]
+
+
 CAMPAIGNS |= {
+    "a folder twice": (campaign("check", "OUT/camp"), "is given twice", lambda f, words, text: words[:-1]),
+    "folders of one name": (copied, "has the name of", moved),
     "order of sensors": (campaign("check", spoil=swapped), "were put in another order", by(ordered)),
     "a sensor's name": (campaign("check", spoil=new_name), "was renamed or replaced", by(lambda f, text: changed(
         "campaign.toml", "T91-x", re.search(r"name it '([^']*)' again", text)[1])(f / "camp"))),
