@@ -31,9 +31,12 @@ MANY_FALLBACKS = 0.2
 NO_CHANCE = 0.01
 # standardised shift of one parameter beyond which it is said without a diagnosis; a prior is rarely better known
 FAR_SHIFT = 2.0
-CHECK_PRIORS = (
-    "Check the priors of these parameters against drawings and site data; where they hold, inspect what these "
-    "parameters stand for: either the structure has changed there, or they absorb an error of the model.")
+
+
+def check_priors(names: Sequence[str]) -> str:
+    who = f"the prior{'s' * (len(names) != 1)} of {', '.join(names)}" if names else "all priors"
+    return (f"Check {who} against drawings and site data; where they hold, inspect what these parameters stand for: "
+            "either the structure has changed there, or they absorb an error of the model.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +70,8 @@ def _fit_findings(run: Run) -> list[Finding]:
     if misses(update):
         its = "more of its" if stated_error(update) else "its"
         return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
-                        action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
-                        "--discrepancy and update again.")]
+                        action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error: by other "
+                        "models of this structure (--alternatives), or with --discrepancy, and update again.")]
     if blunt(update):
         return [Finding(level="warning", short="the fit is no test of the model",
                         text=full_sentence(fit_sentence(update)), action="Find what is wrong with model "
@@ -160,7 +163,7 @@ def _shift_findings(run: Run) -> list[Finding]:
     return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
                     text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard "
                     "deviations.",
-                    action=f"{CHECK_PRIORS} `probupdate diagnose` tests which.")]
+                    action=f"{check_priors([s.name for s in far])} `probupdate diagnose` tests which.")]
 
 
 def _diagnosed_shift_findings(content: Mapping) -> list[Finding]:
@@ -175,7 +178,7 @@ def _diagnosed_shift_findings(content: Mapping) -> list[Finding]:
     together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
     who = ", ".join(names) or "the parameters together"
     return [Finding(level="caution", short=f"{who} far from the prior",
-                    text=typeset(" ".join(shifts)) + together, action=CHECK_PRIORS)]
+                    text=typeset(" ".join(shifts)) + together, action=check_priors(names))]
 
 
 def _update_findings(run: Run) -> list[Finding]:

@@ -172,6 +172,8 @@ def test_the_verdict_has_the_colour_of_its_worst_finding(sound, p, size, level):
     section = verdict_section(shifted(sound, p, size))
     assert section.level == level
     assert ("k_t far from the prior" in section.headline) == (level != "good")
+    asked = [f.action for f in findings(shifted(sound, p, size)) if "Check the prior" in f.action]
+    assert bool(asked) == (level != "good") and all(a.startswith("Check the prior of k_t against") for a in asked)
     if level != "good":
         alarm = alarms(section)
         assert any(f"{size:+.1f}" in t for t in alarm.statements) and alarm.level == level
