@@ -23,9 +23,10 @@ from probupdate.diagnosis.results import Alternative
 from probupdate.diagnosis.wording import error_words
 
 LARGER_ERROR = "larger model error"
-# of the standard deviations of what a model leaves out: of all alike, then of frequencies, or of the shapes at one
-# place, beside all else
-DISCREPANCY_SCALES, FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0), (1.0, 2.0, 4.0, 8.0, 16.0)
+# of the standard deviations of what a model leaves out: of frequencies, or of the shapes at one place, beside all else,
+# and of all alike
+FREQUENCY_SCALES = (1.0, 2.0, 4.0, 8.0, 16.0)
+DISCREPANCY_SCALES = FREQUENCY_SCALES[:-1]
 # of what a model usually leaves out, tried for a record that is unexplained and for what is constant, the largest first
 LARGER_ERRORS = (4.0, 2.0)
 
