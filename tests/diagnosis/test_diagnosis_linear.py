@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from probupdate.diagnosis import diagnose, linear, wording
+from probupdate.diagnosis.arrow import ArrowFactor
 from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
 from probupdate.diagnosis.fitting import driver_profiles
 from probupdate.diagnosis.linear import Design
@@ -319,3 +320,36 @@ def test_the_stated_threshold_is_said_to_be_of_the_first_search():
     assert "of the first look" in wording.threshold_words({"threshold": 3.2, "details": {"without_model": True}})
     assert "nothing can be distinguished" in wording.threshold_words({"threshold": None, "details": {}})
     assert wording.threshold_words({"details": {}}) == ""
+
+
+@pytest.mark.parametrize("sizes, n_shared", [((90, 3, 70, 20, 1), 6), ((70, 80), 0), ((5,), 2)])
+def test_equations_of_groups_that_share_unknowns_have_the_dense_solution(sizes, n_shared, validation):
+    row = validation(what="equations of groups that meet in shared unknowns: solution, half of it, ln determinant",
+                     reference="dense solution and determinant", why="rounding")
+    rng, n = np.random.default_rng(5), sum(sizes) + n_shared
+    numbers = rng.permutation(n)
+    *groups, shared = np.split(numbers, np.cumsum(sizes))
+    A = np.zeros((n, n))
+    for own in groups:
+        seen = np.concatenate([own, shared])
+        root = rng.standard_normal((len(seen), len(seen) + 3))
+        A[np.ix_(seen, seen)] += root @ root.T
+    scale, right = rng.uniform(0.1, 3.0, n), rng.standard_normal((n, 4))
+    factor = ArrowFactor.of(A, groups, shared, scale, 0.0)
+    dense = np.eye(n) + A * np.outer(scale, scale)
+    exact = np.linalg.solve(dense, right)
+    row.error(factor.solve(right) - exact, 1e-11, of="solution")
+    row.error(factor.solve(right[:, 0]) - exact[:, 0], 1e-11, of="solution")
+    row.error(np.sum(factor.half(right) ** 2, axis=0) - np.sum(right * exact, axis=0), 1e-11, of="half")
+    row.error(factor.log_diagonal - 0.5 * np.linalg.slogdet(dense)[1], 1e-10, of="ln determinant")
+
+
+def test_unknowns_held_are_left_out_of_the_equations():
+    rng = np.random.default_rng(6)
+    root = rng.standard_normal((9, 9))
+    A, groups = root @ root.T, [np.arange(4), np.arange(4, 6)]
+    A[:4, 4:6] = A[4:6, :4] = 0.0
+    right, used = rng.standard_normal((9, 2)), [*range(7), 8]
+    half = ArrowFactor.of(A, groups, np.array([6, 8]), np.full(9, 0.1), 0.0).half(right)
+    exact = np.linalg.solve(np.eye(8) + 0.01 * A[np.ix_(used, used)], right[used])
+    assert np.allclose(np.sum(half**2, axis=0), np.sum(right[used] * exact, axis=0), rtol=1e-12) and not half[7].any()
