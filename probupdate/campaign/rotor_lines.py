@@ -12,11 +12,9 @@ import numpy as np
 import pandas as pd
 from scipy import fft
 
-from probupdate.campaign.blocks import Block, block_files, read_block
+from probupdate.campaign.blocks import Block
 from probupdate.campaign.gaps import zero_filled
-from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import SLOWEST_RPM
-from probupdate.runtime.progress import Progress, silent
 
 ROW_S = 600.0
 # of a shorter block lines are sought if it is at least so long
@@ -44,32 +42,6 @@ class RateRatio:
     ratio: float
     std: float
     rows: int
-
-
-def rotor_lines_against_scada(campaign: Campaign, *, progress: Progress = silent) -> RateRatio:
-    """The rotor's lines in the records over where SCADA's rotor speed puts them: ratio and its standard deviation, from
-    up to 720 ten-minute rows of blocks evenly spread over the campaign. The true sampling rate is the stated one
-    divided by the ratio. NaN, with the rows that were looked at, where SCADA has no rotor speed or no line stands
-    out."""
-    if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
-        return rate_ratio([])
-    files = list(block_files(campaign).items())
-    # blocks in which the rotor turned
-    turning = []
-    for start, touching in files:
-        end = start + pd.Timedelta(minutes=campaign.block_minutes)
-        rows = campaign.scada.iloc[campaign.scada.index.searchsorted(start): campaign.scada.index.searchsorted(end)]
-        if (rows["rotor_speed_rpm"] >= SLOWEST_RPM).any():
-            turning.append((start, touching))
-    per_block = max(campaign.block_minutes * 60 / ROW_S, 1.0)
-    n_block = min(len(turning), int(MOST_ROWS / per_block))
-    chosen = np.unique(np.round(np.linspace(0, len(turning) - 1, n_block)).astype(int))
-    scores: list[np.ndarray] = []
-    for number, k in enumerate(chosen if turning else ()):
-        progress("following the rotor's lines", number, len(chosen))
-        scores += line_scores(read_block(campaign, *turning[k]), campaign.scada)
-    progress("following the rotor's lines", len(chosen) if turning else 1, len(chosen) if turning else 1)
-    return rate_ratio(scores)
 
 
 def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
