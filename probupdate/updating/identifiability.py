@@ -28,8 +28,9 @@ def gaussian_width(covariance: np.ndarray, parameters: Parameters) -> np.ndarray
 
 def cov_of(mean: float, std: float, parameter: Parameter) -> float:
     """Coefficient of variation; NaN of what may be zero, as a change about zero, where it would be over next to
-    nothing: lower bound below zero and zero within two standard deviations."""
-    near = parameter.prior != "lognormal" and parameter.lower < 0 and abs(mean) < 2 * std
+    nothing: zero within two standard deviations, and expected there or allowed below."""
+    about_zero = parameter.lower < 0 or parameter.initial == 0
+    near = parameter.prior != "lognormal" and about_zero and abs(mean) < 2 * std
     return float("nan") if near or mean == 0 else std / abs(mean)
 
 

@@ -128,11 +128,12 @@ def test_what_a_uniform_prior_needs_is_said():
     assert parameter_from_table(row, "t").std == pytest.approx(1.5 / np.sqrt(12))
 
 
-@pytest.mark.parametrize(("mean", "std", "lower", "known"), [
-    (0.01, 0.1, -np.inf, False), (-1.0, 0.7, -3.0, False), (1.0, 0.8, 0.0, True), (-1.0, 0.2, -3.0, True),
+@pytest.mark.parametrize(("mean", "std", "initial", "lower", "known"), [
+    (0.01, 0.1, 1.0, -np.inf, False), (-1.0, 0.7, 1.0, -3.0, False), (1.0, 0.8, 1.0, 0.0, True),
+    (-1.0, 0.2, 1.0, -3.0, True), (0.01, 0.1, 0.0, 0.0, False), (4.0, 1.2, 0.0, 0.0, True),
 ])
-def test_a_coefficient_of_variation_about_zero_is_none(mean, std, lower, known):
-    parameter = Parameter(name="a", unit="m", initial=1.0, std=1.0, lower=lower)
+def test_a_coefficient_of_variation_about_zero_is_none(mean, std, initial, lower, known):
+    parameter = Parameter(name="a", unit="m", initial=initial, std=1.0, lower=lower)
     assert np.isfinite(cov_of(mean, std, parameter)) == known
 
 
