@@ -19,6 +19,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, levelled
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SensorFinding
+from probupdate.campaign.stated import UNITS
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import Sensor
 
@@ -44,6 +45,12 @@ RATE_LIMIT = 0.01
 # running, from a breath of wind to a storm: orders of magnitude, wide on purpose
 PLAUSIBLE = {"idling": (2e-4, 0.25), "running": (8e-3, 0.4), "any": (1e-5, 1.0)}
 GRAVITY = 9.80665
+# gravity as vertical channels may read it, over as they should
+GRAVITY_READ = ((1.0, ""), (1 / GRAVITY, "they seem to be in g"), (GRAVITY, "they seem to be in m/s2 already"),
+                (1e-3, "they seem to be in km/s2 or a thousandth"), (1e3, "they seem to be in mm/s2"),
+                (1e3 / GRAVITY, "they seem to be in mg"))
+# zero offsets, calibration and a mounting a few degrees askew leave a mean so near to gravity's, as a share of it
+GRAVITY_SPREAD = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -365,22 +372,41 @@ def rate_findings(campaign: Campaign, ratio: RateRatio) -> tuple[list[str], str 
 # All channels together ----------------------------------------------------------------------------------------------
 
 
+def _gravity_findings(
+    table: pd.DataFrame, sensors: Sequence[Sensor], mentioned: Sequence[str]
+) -> tuple[list[str], str]:
+    """Channels whose mean has the sign that gravity does not have along their direction, and a sentence where gravity
+    has another size than it should (else ""). Nothing where fewer than half of the vertical channels hold gravity in
+    their mean. At rest an accelerometer reads its direction's z times g."""
+    felt = [s for s in sensors if abs(s.direction[2]) > 0.3 and s.quantity == "acceleration"]
+    offset = table.groupby("channel")["offset"].median()
+    read = np.array([offset[s.channel] / s.direction[2] for s in felt])
+    upright = np.abs(read[[abs(s.direction[2]) > 0.9 for s in felt]])
+    factor, unit = next(((f, u) for f, u in GRAVITY_READ if 2 * np.sum(abs(upright / (f * GRAVITY) - 1) < 0.03)
+                         > len(upright)), (0.0, ""))
+    if not factor:
+        return [], ""
+    held = np.abs(np.abs(read) / (factor * GRAVITY) - 1) < GRAVITY_SPREAD
+    # where most agree on the other sign their logger counts gravity's pull, and they are right among one another
+    sign = -1.0 if np.sum(read[held] < 0) > max(1, np.sum(read[held] > 0)) else 1.0
+    found = []
+    for s in (s for s, mean, holds in zip(felt, read, held, strict=True) if holds and sign * mean < 0):
+        value = offset[s.channel] / UNITS[s.quantity][s.unit]
+        if not any(m.startswith(f"suspect: {s.channel} looks flipped") for m in mentioned):
+            found.append(f"suspect: {s.channel} looks flipped: its mean is {value:+.3g} {s.unit}, where gravity reads "
+                         f"{-value:+.3g} {s.unit} along its direction{' by the other channels' if sign < 0 else ''}; "
+                         "turn its direction in campaign.toml once its mounting has been looked at")
+    return found, f"suspect: vertical channels read gravity as {factor * GRAVITY:.3g} m/s2; {unit}" if unit else ""
+
+
 def scale_findings(
     table: pd.DataFrame, states: Mapping[str, str], sensors: Sequence[Sensor], mentioned: Sequence[str]
 ) -> list[str]:
     """The size of everything: gravity in vertical channels, and the top's acceleration against what turbines have.
     Channels that a sentence of `mentioned` suspects already do not count."""
-    found = []
-    vertical = [s for s in sensors if abs(s.direction[2]) > 0.9 and s.quantity == "acceleration"]
-    offset = table.groupby("channel")["offset"].median()
-    read = np.array([abs(offset[s.channel]) for s in vertical])
-    for factor, unit in ((1 / GRAVITY, "they seem to be in g"), (GRAVITY, "they seem to be in m/s2 already"),
-                         (1e-3, "they seem to be in km/s2 or a thousandth"), (1e3, "they seem to be in mm/s2"),
-                         (1e3 / GRAVITY, "they seem to be in mg")):
-        off = [s.channel for s, v in zip(vertical, read, strict=True) if abs(v / (factor * GRAVITY) - 1) < 0.03]
-        if off and len(off) * 2 > len(vertical):
-            found.append(f"suspect: vertical channels read gravity as {factor * GRAVITY:.3g} m/s2; {unit}")
-            return found
+    found, unit = _gravity_findings(table, sensors, mentioned)
+    if unit:
+        return [*found, unit]
     across = [s for s in sensors if abs(s.direction[2]) < 0.3 and s.quantity == "acceleration"]
     if not across or not mounting.is_upright(tuple(sensors)):
         return found

@@ -173,3 +173,56 @@ def test_kelvin_are_no_degrees_celsius(tmp_path):
     (tmp_path / "scada.csv").write_text("time,air_temperature_c\n" + rows)
     with pytest.raises(InputError, match=r"scada\.csv, air_temperature_c: 281.6 .* kelvin.*; give degrees Celsius"):
         read_scada(tmp_path / "scada.csv")
+
+
+# Gravity in the mean ------------------------------------------------------------------------------------------------
+
+
+def flipped(folder) -> list[str]:
+    return [f for f in check(read_campaign(folder)).findings if "looks flipped" in f and "gravity" in f]
+
+
+def upright(direction_z, unit="g") -> str:
+    text = head([unit] * len(direction_z))
+    for k, z in enumerate(direction_z):
+        text = text.replace(f"{3.0 * (k + 1)}]\ndirection = [1.0, 0.0, 0.0]",
+                            f"{3.0 * (k + 1)}]\ndirection = [{(1 - z * z) ** 0.5}, 0.0, {z}]")
+    return text
+
+
+def resting(mean, seed=3) -> np.ndarray:
+    """Records (6000, n) whose sensors' zero offsets are some hundredths."""
+    rng = np.random.default_rng(seed)
+    return np.array(mean) * (1 + 0.01 * rng.standard_normal(len(mean))) + 1e-3 * rng.standard_normal((6000, len(mean)))
+
+
+@pytest.mark.parametrize(("stated", "mean", "names", "unit", "size"), [
+    ([1, 1, 1, 1], [1, 1, -1, 1], ["f3"], "m/s2", 9.80665),
+    ([1, 1, 1, 1], [1, 1, -1, 1], ["f3"], "m/s2", 1.0),
+    ([1, -1, 1, 1], [1, 1, 1, 1], ["f2"], "g", 1.0),
+    ([1, -1, 1, -1], [1, -1, 1, -1], [], "g", 1.0),
+    # a logger that counts gravity's pull, of which one is reversed
+    ([1, 1, 1, 1], [-1, -1, -1, 1], ["f4"], "g", 1.0),
+    ([1, 1, 1, 1], [-1, -1, -1, -1], [], "g", 1.0),
+    ([1, 1], [-1, 1], ["f1"], "g", 1.0),
+    ([1], [-1], ["f1"], "g", 1.0),
+    # an oblique one holds its share of gravity, a horizontal one none but its tilt's
+    ([1, 1, 0.6, 0.0], [1, 1, -0.6, -0.02], ["f3"], "g", 1.0),
+    # without a constant part most do not hold gravity
+    ([1, 1, 1, 1], [0.001, -0.002, -1, 0.003], [], "g", 1.0),
+])
+def test_a_mean_against_gravity_names_the_reversed_channel(campaign_folder, stated, mean, names, unit, size):
+    folder = campaign_folder([(0, resting(size * np.array(mean)))], head=upright(stated, unit))
+    found = flipped(folder)
+    assert [f.split()[1] for f in found] == names, found
+    if not names:
+        return
+    said = check(read_campaign(folder)).findings
+    assert any("read gravity as" in f for f in said) == ((unit, size) == ("m/s2", 1.0))
+    # what the sentence asks for ends it
+    text = (folder / "campaign.toml").read_text().split("[[sensor]]")
+    k = int(names[0][1:])
+    z = float(stated[k - 1])
+    text[k] = upright([*stated[: k - 1], -z, *stated[k:]], unit).split("[[sensor]]")[k]
+    (folder / "campaign.toml").write_text("[[sensor]]".join(text))
+    assert flipped(folder) == []
