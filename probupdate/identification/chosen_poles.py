@@ -6,6 +6,7 @@ deviations rule a pole out.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -210,6 +211,7 @@ def without_uncertain(
     by_hand = {} if first.hand is None else {s: first.picked[s] for s in first.hand.picked if s in first.picked}
     blocks.fill_factors(all_wanted(by_hand), jobs=jobs, progress=progress)
     known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
+    ruled_out: defaultdict[pd.Timestamp, set[int]] = defaultdict(set)
     todo, again = {start: stands for start, stands in first.picked.items() if start not in by_hand}, {}
     while todo:
         wanted = all_wanted(todo)
@@ -224,12 +226,16 @@ def without_uncertain(
             if not np.all(np.isfinite(list(found.values()))):
                 raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: standard deviations of its poles are not "
                                       "finite; please report it, with the block's record")
-            if all(f <= settings.frequency_std and zeta <= settings.damping_std for f, zeta in found.values()):
+            # a pole's may become larger where one beside it, which it was fitted to the spectra with, is gone
+            beyond = {pole for pole, (f, zeta) in found.items()
+                      if f > settings.frequency_std or zeta > settings.damping_std}
+            if not beyond:
                 continue
-            if found.keys() <= known.get(start, {}).keys():
+            if beyond <= ruled_out[start]:
                 raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: poles with too large standard deviations are "
                                       "chosen again and again; please report it, with the block's record")
             known[start] = known.get(start, {}) | found
+            ruled_out[start] |= beyond
             judged = first.judge(first.usable[place[start]])
             std = np.full((2, len(judged.poles.poles.order)), np.nan)
             std[:, list(known[start])] = np.array(list(known[start].values())).T
