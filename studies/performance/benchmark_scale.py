@@ -1,10 +1,11 @@
 """Memory and processor time of `identify` and `diagnose` by how many blocks a campaign has, and the exponent of each.
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/performance/benchmark_scale.py OUT [--blocks 50 500]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/performance/benchmark_scale.py OUT [--blocks 50 500 5000]
 
 Half hours of a frame of four storeys at 10 Hz, one file a day, in OUT; each command in a process of its own, with one
-job. What a process takes before its work (`modes` of the frame) is taken off before the exponent. What was measured
-stands in OUT/measured.json and is not measured again.
+job; `identify` once more with all blocks in its store, which is what no worker shares. What a process takes before its
+work (`modes` of the frame) is taken off before the exponent, which is of the last two numbers of blocks, as is the
+ratio of memory. What was measured stands in OUT/measured.json and is not measured again.
 """
 
 from __future__ import annotations
@@ -110,6 +111,7 @@ def main() -> None:
         modes = a.out / f"modes-{count}.json"
         for name, words in {
             "identify": ("identify", campaign, "--jobs", "1", "--out", modes),
+            "identify, blocks stored": ("identify", campaign, "--jobs", "1", "--out", modes),
             "diagnose without a model": ("diagnose", "--modes", modes, "--jobs", "1", "--out", a.out / "w.json"),
             "diagnose with a model": ("diagnose", *model, "--modes", modes, "--no-extend", "--jobs", "1", "--out",
                                       a.out / "d.json"),
@@ -117,11 +119,13 @@ def main() -> None:
                                     a.out / "r.json"),
         }.items():
             found.setdefault(name, []).append(once(f"{count} {name}", *words))
-    few, many = a.blocks
-    print(f"| command, one job | {few} blocks | {many} blocks | exponent of time | memory |\n|---|---|---|---|---|")
-    for name, ((t1, m1), (t2, m2)) in found.items():
-        exponent = np.log((t2 - begin) / max(t1 - begin, 0.01)) / np.log(many / few)
-        print(f"| {name} | {t1:.1f} s, {m1:.0f} MB | {t2:.1f} s, {m2:.0f} MB | {exponent:.2f} | {m2 / m1:.2f} |")
+    heads = " | ".join(f"{count} blocks" for count in a.blocks)
+    print(f"| command, one job | {heads} | exponent of time | memory |\n|---|{'---|' * len(a.blocks)}---|---|")
+    for name, measures in found.items():
+        (t1, m1), (t2, m2) = measures[-2:]
+        exponent = np.log((t2 - begin) / max(t1 - begin, 0.01)) / np.log(a.blocks[-1] / a.blocks[-2])
+        cells = " | ".join(f"{t:.1f} s, {m:.0f} MB" for t, m in measures)
+        print(f"| {name} | {cells} | {exponent:.2f} | {m2 / m1:.2f} |")
     print(f"before the work: {begin:.1f} s")
 
 
