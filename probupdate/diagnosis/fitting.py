@@ -604,7 +604,7 @@ def noise_of(problem: DiagnosisProblem, residuals: Sequence[np.ndarray]) -> Nois
     blocks = problem.blocks
     sizes = tuple(len(g) for g in blocks.groups)
     return estimate_noise(tuple(residuals), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
-                          problem.stated, blocks.few, blocks.std_alone)
+                          problem.stated, blocks.few, blocks.std_alone, problem.mixing)
 
 
 def turning_freely(

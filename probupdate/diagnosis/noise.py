@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import linalg, stats
 
 from probupdate.runtime.arrays import frozen_array
 
@@ -23,6 +23,9 @@ WRONG = 4.0
 BEYOND_EDGE, SCATTERS = 2.0, 1e-12
 # variance, in that of a block, along a way below which leaving it free changes nothing
 HIDDEN = 2.0
+# steps of the variances of own scatter and of mixing; modes nearer to one another than this, as a share of their
+# frequency, mix as if they were so far apart
+MOST_SPLITS, NEAREST = 60, 0.01
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -94,54 +97,135 @@ class Noise:
         return result
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mixing:
+    """How identified shapes mix with those of other modes, per group: `free` (n, n_free) orthonormal, what aligning
+    leaves of its shapes' real parts or of their phases; `made` (n_group, n, n) what mixing with each other group makes
+    of their covariance, per unit of the standard deviations of both groups' ln f."""
+
+    free: tuple[np.ndarray, ...]
+    made: tuple[np.ndarray, ...]
+
+
+def mixing_of(axes: Sequence[np.ndarray], frequency_hz: np.ndarray) -> Mixing:
+    """Of groups with these real shapes (n_channel, k) at these frequencies (n_group,): what moves poles at random by
+    s_i and s_j mixes the vector of one with the other's by sqrt(s_i s_j) over their distance (first-order perturbation;
+    Kato 1966)."""
+    result = []
+    for q, A in enumerate(axes):
+        beside, f = np.eye(len(A)) - A @ np.linalg.pinv(A), frequency_hz[q]
+        share = f * frequency_hz / np.maximum((f - frequency_hz) ** 2, (NEAREST * f) ** 2)
+        share[q] = 0.0
+        result.append(frozen_array([np.kron(np.eye(A.shape[1]), s * beside @ B @ B.T @ beside)
+                                    for s, B in zip(share, axes, strict=True)]))
+    free = [linalg.block_diag(*[linalg.null_space(A.T)] * A.shape[1]) for A in axes]
+    return Mixing(free=tuple(map(frozen_array, free)), made=tuple(result))
+
+
 def estimate_noise(
     residuals: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
     relative_std: np.ndarray, states: np.ndarray, stated: Sequence[np.ndarray | None] | None = None,
-    few: bool = False, std_alone: bool = False,
+    few: bool = False, std_alone: bool = False, mixing: Mixing | None = None,
 ) -> Noise:
     """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
 
     residuals per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
     relative_std (n_block, n_group), states (n_block,).
-    The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
-    the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
-    and the differences give its scale only, one for ln f and one for shapes; where standard deviations alone were
-    stated (`std_alone`), which do not say how much of a shape's is across its phase, one for its real parts and one for
-    its phases. With `few` blocks it is taken as stated.
+    The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005), or
+    where it is known how shapes mix (`mixing`) towards that beside a scatter of each component's own. Where the
+    identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead, and
+    the differences give its scale only, one for ln f and one for shapes; where standard deviations alone were stated
+    (`std_alone`), which say neither how shapes mix nor how much of a shape's is across its phase, one for its real
+    parts and one for its phases, beside mixing. With `few` blocks it is taken as stated.
     """
     if few:
         return _noise_as_stated(residuals, used, sizes, relative_std, stated)
-    covariances, precisions, weights, degrees, strays = [], [], [], [], []
-    for q, (y, ok) in enumerate(zip(residuals, used, strict=True)):
-        if np.count_nonzero(ok) < FEWEST:
-            # a group that says nothing
-            covariances.append(frozen_array(np.eye(y.shape[1])))
-            precisions.append(covariances[-1])
-            weights.append(frozen_array(np.zeros(len(y))))
-            degrees.append(frozen_array(np.ones(y.shape[1])))
-            strays.append(frozen_array(np.zeros(len(y)), bool))
-            continue
+    weights, differences, kinds, covariances = [], [], [], []
+    patterns: Sequence[np.ndarray | None] = [None] * len(sizes) if stated is None else stated
+    for q, (y, ok, pattern) in enumerate(zip(residuals, used, patterns, strict=True)):
         trust = _trust(y, ok, relative_std[:, q])
         weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
-        rows = np.flatnonzero(weight > 0)
-        before, after = rows[:-1], rows[1:]
-        scale = np.sqrt(1 / weight[before] + 1 / weight[after])
-        difference = (y[after] - y[before]) / scale[:, None]
-        difference = usual(difference)
-        n_log = 1 if sizes[q] == 1 else 3
-        pattern = None if stated is None else stated[q]
-        kinds = _kinds(y.shape[1], n_log, std_alone and pattern is not None)
-        covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, kinds)
-        covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
-        beside = _excess_variance(y, weight, np.linalg.inv(covariance))
-        weight = weight / beside
+        # a group of fewer blocks says nothing
+        weights.append(weight if np.count_nonzero(ok) >= FEWEST else np.zeros(len(y)))
+        differences.append(_differences(y, weights[q]))
+        m, n_log = y.shape[1], 1 if sizes[q] == 1 else 3
+        kinds.append(_kinds(m, n_log, mixing is not None or (std_alone and pattern is not None)))
+        if not len(differences[q]):
+            found = np.eye(m)
+        elif pattern is not None:
+            found = _scaled(pattern, differences[q], kinds[q])
+        else:
+            found = _shrunk(differences[q]) if mixing is None else _common_variances(differences[q], kinds[q])
+        covariances.append(found + np.diag(_least(m, n_log) ** 2))
+    if mixing is not None:
+        covariances = _add_mixing(covariances, differences, mixing)
+        covariances = [_shrink_towards(C, d) if pattern is None and len(d) else C
+                       for C, pattern, d in zip(covariances, patterns, differences, strict=True)]
+    degrees, strays = [], []
+    for q, (C, y) in enumerate(zip(covariances, residuals, strict=True)):
+        beside = _excess_variance(y, weights[q], np.linalg.inv(C))
+        weights[q] = weights[q] / beside
         strays.append(frozen_array(beside > 1, bool))
-        covariances.append(frozen_array(covariance))
-        precisions.append(frozen_array(np.linalg.inv(covariance)))
-        weights.append(frozen_array(weight))
-        degrees.append(_degrees(covariance, len(difference), kinds))
-    return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
+        degrees.append(_degrees(C, len(differences[q]), kinds[q]))
+    return Noise(covariance=tuple(map(frozen_array, covariances)), weight=tuple(map(frozen_array, weights)),
+                 precision=tuple(frozen_array(np.linalg.inv(C)) for C in covariances),
                  degrees=tuple(degrees), stray=tuple(strays))
+
+
+def _add_mixing(
+    covariances: Sequence[np.ndarray], differences: Sequence[np.ndarray], mixing: Mixing
+) -> list[np.ndarray]:
+    """Covariances with how far identified shapes mix with those of other modes, which standard deviations alone do not
+    say, nor the correlations of a dozen blocks: along the shapes of all others the structure's own changes lie too. Of
+    every group's own scatter, real parts and phases, a factor is estimated, and of all mixing one, by maximum
+    likelihood of the differences of successive blocks (Zhou, Hu, Zhou & Lange 2019)."""
+    log_std = np.array([np.sqrt(np.mean(np.diag(C)[: min(2, len(C) - 2 * made.shape[1])])) if len(d) else 0.0
+                        for C, d, made in zip(covariances, differences, mixing.made, strict=True)])
+    parts, result = [], [np.array(C) for C in covariances]
+    for q, (C, d, free, made) in enumerate(zip(result, differences, mixing.free, mixing.made, strict=True)):
+        if not len(d) or not free.size:
+            continue
+        mixed, n = log_std[q] * np.tensordot(log_std, made, 1), made.shape[1]
+        for part in (slice(len(C) - 2 * n, len(C) - n), slice(len(C) - n, len(C))):
+            share, turn = linalg.eigh(free.T @ mixed @ free, free.T @ C[part, part] @ free)
+            square = np.sum((d[:, part] @ free @ turn) ** 2, axis=0)
+            # shapes given as real numbers have no phases to scatter
+            if np.mean(square) > SCATTERS * len(d):
+                parts.append((q, part, mixed, share, square, len(d)))
+    if not parts:
+        return result
+    share, square = (np.concatenate([p[k] for p in parts]) for k in (3, 4))
+    lengths = [len(p[3]) for p in parts]
+    own, factor = _split_variances(share, square, np.repeat([p[5] for p in parts], lengths),
+                         np.repeat(np.arange(len(parts)), lengths))
+    for (q, part, mixed, *_), scale in zip(parts, np.sqrt(own), strict=True):
+        result[q][part] *= scale
+        result[q][:, part] *= scale
+        result[q][part, part] += factor * mixed
+    return result
+
+
+def _split_variances(
+    share: np.ndarray, square: np.ndarray, n: np.ndarray, part: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Factors of own variance, one a part, and of what mixing adds, one of all: of directions (n_direction,) of the
+    variance own + factor share whose n squares add up to `square`; `part`: the number of each one's part."""
+    own, factor = np.ones(part[-1] + 1), 1.0
+    for _ in range(MOST_SPLITS):
+        variance = own[part] + factor * share
+        seen, known = square / variance**2, n / variance
+        own = own * np.sqrt(np.bincount(part, seen) / np.bincount(part, known))
+        factor *= np.sqrt(np.sum(share * seen) / np.sum(share * known))
+    return np.maximum(own, LEAST_OWN), float(factor)
+
+
+def _differences(y: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(n, n_response) of successive blocks that show, in those of weight one."""
+    rows = np.flatnonzero(weight > 0)
+    if len(rows) < FEWEST:
+        return np.zeros((0, y.shape[1]))
+    before, after = rows[:-1], rows[1:]
+    return usual((y[after] - y[before]) / np.sqrt(1 / weight[before] + 1 / weight[after])[:, None])
 
 
 def usual(difference: np.ndarray) -> np.ndarray:
@@ -168,6 +252,14 @@ def _least(n_response: int, n_log: int) -> np.ndarray:
     least = np.full(n_response, SMALLEST_SHAPE)
     least[:n_log] = SMALLEST_LOG
     return least
+
+
+def _common_variances(sample: np.ndarray, kinds: Sequence[slice]) -> np.ndarray:
+    """Covariance (m, m) of rows of mean zero, all numbers of one of these kinds alike."""
+    variance = np.empty(sample.shape[1])
+    for part in kinds:
+        variance[part] = np.mean(sample[:, part] ** 2)
+    return np.diag(variance)
 
 
 def _kinds(n_response: int, n_log: int, apart: bool) -> list[slice]:
@@ -309,6 +401,17 @@ def factored(sample: np.ndarray) -> np.ndarray:
         if np.max(np.abs(np.log(own / before))) < 1e-3:
             break
     return (loading @ loading.T + np.diag(own)) * np.outer(std, std)
+
+
+def _shrink_towards(target: np.ndarray, sample: np.ndarray) -> np.ndarray:
+    """Covariance (m, m) of rows of mean zero, drawn towards the target by as much as so few rows ask for (Ledoit & Wolf
+    2004, of rows of unit covariance). Neighbouring differences share a block: three show what two rows would."""
+    root = np.linalg.cholesky(target)
+    x = linalg.solve_triangular(root, sample.T, lower=True).T
+    n, found = len(x), x.T @ x / len(x)
+    variance = 1.5 * ((x**2).T @ (x**2) / n - found**2) / n
+    share = float(np.clip(np.sum(variance) / np.sum((found - np.eye(len(found))) ** 2), 0.02, 1.0))
+    return root @ ((1 - share) * found + share * np.eye(len(found))) @ root.T
 
 
 def _shrunk(sample: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, of_model, with_derived
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
-from probupdate.diagnosis.noise import agrees, factored
+from probupdate.diagnosis.noise import Mixing, agrees, factored, mixing_of
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies, unit_scores
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.small_model import SmallModel
@@ -199,6 +199,15 @@ class DiagnosisProblem:
             n_log = 1 if len(group) == 1 else 3
             result.append(covariance if not blocks.std_alone or agrees(covariance, numbers, n_log) else None)
         return tuple(result)
+
+    @cached_property
+    def mixing(self) -> Mixing | None:
+        """How identified shapes mix with those of other modes; None where joint covariances say it, and of few blocks
+        or frequencies alone."""
+        if self.blocks.few or not self.blocks.channels or not self.blocks.std_alone:
+            return None
+        frequency = [np.exp(np.mean(log)) for log in self.predictor.log_frequency]
+        return mixing_of(self.predictor.axes, np.array(frequency))
 
     @property
     def notes(self) -> list[str]:

@@ -27,8 +27,8 @@ MARGIN = 5.0
 DIRECTIONS = 4
 # share of a candidate's information from which its signature along another time profile is an unknown
 LEAST = 1e-9
-# records whose noise is estimated anew; of fewer blocks than these so many that they show the tail, as one in a hundred
-# of their largest scores is twice as large as usual
+# records whose noise is estimated anew; of fewer blocks than these, where it is not known how shapes mix, so many that
+# they show the tail, as one in a hundred of their largest scores is twice as large as usual
 N_AGAIN, SHORT, N_SHORT = 30, 30, 400
 # share of the largest maxima by which a heavy tail is known
 TAIL = 0.1
@@ -148,10 +148,11 @@ def maxima_with_own_noise(problem: DiagnosisProblem, design: Design, can, usable
     weights = np.column_stack(design.noise.weight)
     relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
     maxima = []
-    for _ in range(N_SHORT if len(weights) < SHORT else N_AGAIN):
+    for _ in range(N_SHORT if len(weights) < SHORT and problem.mixing is None else N_AGAIN):
         y = design.simulate(rng)
         left = tuple(a - b for a, b in zip(y, design.expected(design.unknowns(y)), strict=True))
-        noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""))
+        noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""),
+                               mixing=problem.mixing)
         again = replace(design, noise=noise)
         z = np.where(usable, again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300)), 0.0)
         maxima.append(np.max(np.where(can(z), np.abs(z), 0.0)))
