@@ -31,7 +31,7 @@ GOOD_K = CONSTANTS.good_k
 # draws that count, and those of one round of fitting; rounds at most, and the fewest whose proposals serve, as one
 # round's draws may miss an arm of the posterior, and the effective share from which they do
 N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 40, 4, 0.4
-# rounds whose draws are kept, and at the posterior itself without a larger share of draws that count before they end
+# rounds whose draws are kept, and those without a higher power or a larger share of draws that count before they end
 KEPT, PATIENCE = 5, 4
 # share of draws from the prior, and the least of any other component
 PRIOR_SHARE, LEAST_PART = 0.05, 0.02
@@ -50,8 +50,9 @@ N_PROBE, PER_PARAMETER, PROBE_STEPS, INSIDE = 40, 4, 8, 1e-3
 # posterior over proposal, over its mean, from which such a point is not reached: one draw there would outweigh all
 # others, and none shows it; how many of these are no chance
 UNREACHED, FEW = float(N_DRAW), 2
-# the wide Student t over the spread of the probes
-WIDER = 2.0
+# volume of the wide Student t over that of the probes: so many times the spread itself would leave no draws in ten
+# dimensions
+WIDER = 4.0
 # variance of the thinnest direction, over that of the draws
 THINNEST = 1e-10
 CHUNK = 500
@@ -270,8 +271,13 @@ def fitted_proposal(
             solved, power = solved + N_ROUND, FIRST_POWER
             continue
         begin = proposed if broad is None else broad.log_density(theta)
+        before = power
         power, weight = _tempered(value - begin, begin - proposed, wanted, (power, min(GROWTH * power, 1.0)))
-        if power == 1.0:
+        if power < 1.0:
+            since = 0 if power > before else since + 1
+            if since >= PATIENCE:
+                break
+        else:
             share = _shares(value, known, value - proposed)
             since += 1
             # of the same draws, so that shares can be compared
@@ -299,8 +305,8 @@ def _about(probes: np.ndarray, prior: PriorDensity, rng: np.random.Generator) ->
         return prior
     logarithmic = prior.parameters.lower >= 0
     (about,) = _fit(coordinates(probes, logarithmic), np.full(len(probes), 1 / len(probes)), 1, logarithmic, rng)
-    return Mixture(parameters=prior.parameters, components=(replace(about, factor=WIDER * about.factor), prior),
-                   weight=np.array([0.5, 0.5]))
+    wide = replace(about, factor=WIDER ** (1 / len(about.centre)) * about.factor)
+    return Mixture(parameters=prior.parameters, components=(wide, prior), weight=np.array([0.5, 0.5]))
 
 
 def _probes(problem: Problem, rng: np.random.Generator, progress: Progress) -> np.ndarray:
