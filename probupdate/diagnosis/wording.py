@@ -73,6 +73,12 @@ def finding_words(finding: Mapping) -> str:
     return f"{name_of(finding)}: {size}, {profile}"
 
 
+def changes_of_structure(content: Mapping | None) -> tuple[str, ...]:
+    """Findings of a diagnosis.json with which the structure itself changed within the record, in words."""
+    return tuple(finding_words(f) for f in (content or {}).get("findings", ())
+                 if f["kind"] == "structural" and f.get("time_profile") in ("step", "ramp"))
+
+
 def found_words(content: Mapping) -> list[str]:
     """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
     return [finding_words(f) for f in content["findings"]] or [

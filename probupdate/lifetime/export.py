@@ -70,12 +70,13 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 @dataclass(frozen=True, kw_only=True)
 class RunStatus:
     """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
-    found."""
+    found. changes: those of its findings with which the structure itself changed within the records."""
 
     converged: bool
     sampler: str
     diagnosis: str | None
     findings: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
 
     @property
     def refused(self) -> str:
@@ -86,7 +87,18 @@ class RunStatus:
         if self.diagnosis == "unexplained":
             reasons.append("the diagnosis is unexplained: model and measurement disagree "
                            "and no listed cause explains it")
+        if self.changes:
+            reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and the draws are "
+                           "of before and after together")
         return "; ".join(reasons)
+
+    @property
+    def remedy(self) -> str:
+        """What to do where it is refused, but for accepting it."""
+        if self.changes and self.converged and self.diagnosis != "unexplained":
+            return ("export a directory that holds the model and, as posterior.nc, draws of the state after alone "
+                    "(diagnosis.posterior.nc, where `diagnose` wrote it)")
+        return "sample longer, or find the cause"
 
     @property
     def remark(self) -> str:
@@ -95,7 +107,7 @@ class RunStatus:
                 f"diagnosis: {self.diagnosis or 'not made'}")
         if self.findings:
             # a run with them in its model is another run: that of the extended model
-            text += f" ({', '.join(self.findings)}: not in this model)"
+            text += f" ({', '.join(self.findings)}: not in these draws)"
         return f"ACCEPTED ALTHOUGH {self.refused} ({text})" if self.refused else text
 
 
@@ -132,7 +144,8 @@ class Export:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunResults:
     """What of a run is exported. path: the model's file; diagnosis, findings: verdict and causes of diagnosis.json,
-    None and empty without one; source: files of the run by name, whose hashes are kept."""
+    None and empty without one, changes: those of the structure within the records; source: files of the run by name,
+    whose hashes are kept."""
 
     posterior: Posterior
     model: Model
@@ -141,17 +154,18 @@ class RunResults:
     modes: ModalData | None = None
     diagnosis: str | None = None
     findings: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     source: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def status(self) -> RunStatus:
         return RunStatus(converged=bool(self.posterior.converged), sampler=self.posterior.verdict,
-                         diagnosis=self.diagnosis, findings=self.findings)
+                         diagnosis=self.diagnosis, findings=self.findings, changes=self.changes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings:
-    """n_draw: draws; n_mode: Craig-Bampton modes; accept: export a run that did not converge or is not explained."""
+    """n_draw: draws; n_mode: Craig-Bampton modes; accept: export a run that is refused (`RunStatus.refused`)."""
 
     n_draw: int = 100
     n_mode: int = 10
@@ -164,7 +178,7 @@ def refuse_unfit(run: RunResults, out: Path, settings: ExportSettings, *, reliab
     posterior, model, status, n = run.posterior, run.model, run.status, settings.n_draw
     if status.refused and not settings.accept:
         raise InputError(str(out), f"this run is not fit to be exported: {status.refused}",
-                         "sample longer, or find the cause; --accept exports it with that said in every file")
+                         f"{status.remedy}; --accept exports it with that said in every file")
     if tuple(posterior.names) != tuple(model.parameters.names):
         raise InputError(str(run.path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
                          f"{', '.join(posterior.names)}", "sample again with this model")

@@ -113,11 +113,13 @@ def export(
     accept: bool = False, seed: int = 1, fatigue: str | Path | None = None, progress: Progress = silent,
 ) -> Export:
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
-    modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
+    modes, each read back and checked. A run that did not converge, whose diagnosis is unexplained, or whose structure
+    changed within the records, needs `accept`.
 
     fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.diagnosis.wording import changes_of_structure
     from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, refuse_unfit
 
     if to != "lifetime":
@@ -135,7 +137,7 @@ def export(
         posterior=read_posterior(places["posterior.nc"]), model=load_model(places["model"], parameters=parameters),
         path=places["model"], parameters_file=parameters,
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
-        source=places)
+        changes=changes_of_structure(found), source=places)
     settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
     refuse_unfit(results, Path(out), settings, reliability=fatigue is not None)
     return export_lifetime(

@@ -67,6 +67,7 @@ def stresses(
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
     from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.diagnosis.wording import changes_of_structure
     from probupdate.lifetime.export import RunStatus, refuse_without_members
     from probupdate.lifetime.gauges import GaugeFiles
     from probupdate.lifetime.measured_stress import StressSettings, measured_stresses
@@ -84,11 +85,12 @@ def stresses(
         raise InputError("--without", f"'{unknown[0]}' is no channel of {campaign}",
                          f"choose from {', '.join(records.channels)}")
     posterior = read_posterior(places["posterior.nc"])
-    verdict = read_diagnosis(places["diagnosis.json"])["verdict"] if "diagnosis.json" in places else None
-    status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=verdict)
+    diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict,
+                       diagnosis=diagnosis and diagnosis["verdict"], changes=changes_of_structure(diagnosis))
     if status.refused and not accept:
         raise InputError(str(folder), f"this run is not fit to be used: {status.refused}",
-                         "sample longer, or find the cause; --accept uses it with that said")
+                         f"{status.remedy}; --accept uses it with that said")
     modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(

@@ -9,6 +9,7 @@ import pytest
 from scipy import sparse, stats
 
 from probupdate.cli import main
+from probupdate.diagnosis.wording import changes_of_structure
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
@@ -60,10 +61,10 @@ def posterior(model, *, converged=True, n=400) -> Posterior:
     )
 
 
-def exported(run, out="out", **found):
+def exported(run, out="out", accept=False, **found):
     model = load_model(run / "model.toml")
     results = RunResults(posterior=posterior(model), model=model, path=run / "model.toml", **found)
-    return export_lifetime(results, run / out, ExportSettings(n_draw=3, n_mode=4))
+    return export_lifetime(results, run / out, ExportSettings(n_draw=3, n_mode=4, accept=accept))
 
 
 def test_every_file_is_there_with_its_hash_and_the_verdict(run):
@@ -205,7 +206,24 @@ def test_files_in_neighbouring_folders_stay_neighbours(run):
 
 def test_a_named_cause_is_said_to_be_outside_the_draws(run):
     done = exported(run, diagnosis="named", findings=("parameter soil_63",))
-    assert "parameter soil_63: not in this model" in (done.folder / "draws.csv").read_text()
+    assert "parameter soil_63: not in these draws" in (done.folder / "draws.csv").read_text()
+
+
+def test_draws_of_two_states_of_a_structure_are_not_exported_in_silence(run):
+    changed = {"diagnosis": "named", "findings": ("parameter soil_63",), "changes": ("parameter soil_63: -0.3",)}
+    with pytest.raises(InputError, match=r"changed within the records .*of before and after .*after alone.*--accept"):
+        exported(run, **changed)
+    assert "ACCEPTED ALTHOUGH" in (exported(run, accept=True, **changed).folder / "draws.csv").read_text()
+
+
+def test_a_change_of_the_structure_is_told_from_the_weather_and_from_sensors():
+    rows = [("structural", "step"), ("structural", "ramp"), ("structural", "constant"), ("environmental", "covariate"),
+            ("measurement", "step")]
+    content = {"findings": [{"kind": kind, "cause": "parameter", "location": f"k_{n}", "size": -0.3, "size_std": 0.04,
+                             "unit": "-", "time_profile": profile, "since": "2025-10-14T08:10Z"}
+                            for n, (kind, profile) in enumerate(rows)]}
+    assert [text.split(":")[0] for text in changes_of_structure(content)] == ["parameter, k_0", "parameter, k_1"]
+    assert changes_of_structure(None) == ()
 
 
 def test_damping_is_that_of_the_sets(run):
