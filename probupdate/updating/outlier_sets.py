@@ -25,6 +25,9 @@ FEWEST, PASSES = 4, 4
 LEAST = 1e-6
 # so many sets that are off alike are said one by one
 MOST_SINGLE = 2
+# sets on each side of a step; its size over the scatter within both: of a straight drift cut in halves that is
+# 2 sqrt(3) = 3.5, of a sine cut where it crosses its mean 4.1
+FEWEST_SIDE, STEP = 3, 6.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,3 +131,33 @@ def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
     kept = tuple(s for k, s in enumerate(data.sets) if k not in found.numbers)
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference), found.sentences
+
+
+def step_between_sets(data: ModalData) -> list[str]:
+    """A sentence where frequencies stand at one level up to a set and at another from it on: their mean is of neither
+    state. The sets are in the order of the data, which is that of time."""
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    frequency = np.array([s.frequency_hz for s in data.sets], float)
+    stated = np.array([s.frequency_std_hz for s in data.sets], float) / frequency
+    found = {}
+    for j, label in enumerate(labels):
+        there = np.flatnonzero(np.isfinite(frequency[:, j]))
+        value, floor = np.log(frequency[there, j]), np.nanmedian([LEAST, *stated[there, j]])
+        steps = [_step(value, at, floor) for at in range(FEWEST_SIDE, len(there) - FEWEST_SIDE + 1)]
+        if steps:
+            at = int(np.argmax([abs(size) / scatter for size, scatter in steps]))
+            found[label] = (*steps[at], data.sets[there[at + FEWEST_SIDE]].id)
+    changed = {label: one for label, one in found.items() if abs(one[0]) >= STEP * one[1]}
+    if not changed:
+        return []
+    clearest = max(changed, key=lambda label: abs(changed[label][0]) / changed[label][1])
+    sizes = ", ".join(f"{label} by {100 * np.expm1(size):+.2g} %" for label, (size, _, _) in changed.items())
+    return [f"frequencies step at set {changed[clearest][2]} ({sizes}): the structure changed there, and these numbers "
+            "are of neither state; `diagnose` says what changed"]
+
+
+def _step(value: np.ndarray, at: int, least: float) -> tuple[float, float]:
+    """What the mean of values from number `at` on is more than that before, and the scatter within both."""
+    before, after = value[:at], value[at:]
+    within = (len(before) * np.var(before) + len(after) * np.var(after)) / (len(value) - 2)
+    return float(after.mean() - before.mean()), max(float(np.sqrt(within)), least)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from updating_cases import LINEAR_HZ, linear_data, linear_model
 
 from probupdate import verbs
-from probupdate.updating.outlier_sets import outlier_sets, without_outliers
+from probupdate.updating.joint_set import joint_set
+from probupdate.updating.outlier_sets import outlier_sets, step_between_sets, without_outliers
 
 NOISE = 0.003
 
@@ -86,3 +88,30 @@ def test_many_sets_that_differ_alike_are_one_sentence():
     y[12:, 1] *= 0.95
     (one,) = outlier_sets(linear_data(y, cov=NOISE)).sentences
     assert "4 of 16 sets, set 12 to set 15" in one and "5.1 % below" in one and "`diagnose`" in one
+
+
+def moved(course, seed=3):
+    """Sets whose frequencies follow a course (n_set,) of ln f, beside what each scatters by itself."""
+    return linear_data(measured(seed, len(course)) * np.exp(course)[:, None], cov=NOISE)
+
+
+@pytest.mark.parametrize("at", [3, 14, 21])
+def test_a_step_between_sets_is_said_with_its_set(at: int):
+    data = moved(np.where(np.arange(24) < at, 0.0, -0.04))
+    (words,) = step_between_sets(data)
+    assert f"step at set {data.sets[at].id} " in words and "of neither state" in words and "`diagnose`" in words
+    assert at != 14 or any("step at set set 14 " in note for note in joint_set(data).notes)
+
+
+def test_drift_and_daily_waves_are_no_step():
+    hours = np.arange(24)
+    for change in (0.04 * hours / 24, 0.02 * np.sin(2 * np.pi * hours / 24), 0.02 * np.cos(2 * np.pi * hours / 24)):
+        assert step_between_sets(moved(change)) == []
+
+
+def test_sets_of_one_population_hardly_ever_show_a_step():
+    """Of six sets a step of six times the scatter is a t of 7.3 with four degrees of freedom: 0.2 % a frequency."""
+    n_draw, n_mode = 300, len(LINEAR_HZ)
+    alarms = sum(bool(step_between_sets(moved(np.zeros(6), seed))) for seed in range(n_draw))
+    chance = n_mode * 2 * stats.t.sf(6 / np.sqrt(2 / 3), 4)
+    assert alarms <= stats.binom.ppf(0.999, n_draw, chance)
