@@ -54,7 +54,7 @@ def table_layout(path: Path) -> TableLayout | None:
 
 
 def _split_by(lines: list[str], separator: str, encoding: str) -> TableLayout | None:
-    cells = [_cells(line, separator) for line in lines]
+    cells = [row_cells(line, separator) for line in lines]
     # with a separator of its own a comma within a cell is the decimal sign
     decimal = "," if separator != "," and any("," in c and is_number(c, ",") for row in cells for c in row) else "."
     width = len(cells[-1]) if cells else 0
@@ -71,7 +71,7 @@ def _split_by(lines: list[str], separator: str, encoding: str) -> TableLayout | 
         units=() if of_units is None else cells[of_units], rows=tuple(rows))
 
 
-def _cells(line: str, separator: str) -> tuple[str, ...]:
+def row_cells(line: str, separator: str) -> tuple[str, ...]:
     try:
         return tuple(c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True), []))
     except csv.Error:

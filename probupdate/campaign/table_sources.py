@@ -6,12 +6,14 @@ import csv
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description
+from probupdate.campaign.last_line import beginning, unfinished_line
 from probupdate.campaign.reading import nearest
 from probupdate.campaign.stated import (
     NOT_A_NUMBER,
@@ -55,28 +57,31 @@ def read_csv(path: Path, d: Description) -> Iterator:
     """OwnWords, then pieces of a table as text."""
     said = str(path), "is no table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
+    size, note = unfinished_line(path, d)
     names, units, skipped = _layout(path, d, head)
     if d.header and names is None:
         _refuse_other_head(path, d, skipped)
-    with parsing(*said):
-        table = pd.read_csv(
-            path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
-            chunksize=PIECE, skipinitialspace=True, encoding=d.encoding, low_memory=False, na_values=_lost_markers(d),
-        )
-    whole = first = False
-    with table:
-        for frame in one_by_one(table, *said):
-            if names is not None and len(names) == frame.shape[1]:
-                frame.columns = names
-            if not first:
-                yield _table_words(path, d, list(frame.columns), units, _rate_of(head[: d.skip_rows]))
-                first = True
-            # pandas fills a short row with NaN at its end, as it reads an empty cell, which is a gap
-            if not whole and len(d.separator) == 1 and frame.iloc[:, -1].isna().any():
-                with parsing(*said):
-                    _refuse_short_rows(path, d, frame.shape[1], skipped)
-                whole = True
-            yield _from_frame(path, d, frame)
+    with beginning(path, d.encoding, size) as stream:
+        with parsing(*said):
+            table = pd.read_csv(
+                stream, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
+                chunksize=PIECE, skipinitialspace=True, low_memory=False, na_values=_lost_markers(d),
+            )
+        whole = first = False
+        with table:
+            for frame in one_by_one(table, *said):
+                if names is not None and len(names) == frame.shape[1]:
+                    frame.columns = names
+                if not first:
+                    words = _table_words(path, d, list(frame.columns), units, _rate_of(head[: d.skip_rows]))
+                    yield replace(words, notes=(*words.notes, note)) if note else words
+                    first = True
+                # pandas fills a short row with NaN at its end, as it reads an empty cell, which is a gap
+                if not whole and len(d.separator) == 1 and frame.iloc[:, -1].isna().any():
+                    with parsing(*said):
+                        _refuse_short_rows(path, d, frame.shape[1], skipped, size)
+                    whole = True
+                yield _from_frame(path, d, frame)
     if not first:
         yield OwnWords()
 
@@ -153,8 +158,8 @@ def _table_words(path: Path, d: Description, names: list, units: Sequence[str] |
     return OwnWords(channels=found, rate_hz=rate)
 
 
-def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int]) -> None:
-    with path.open(encoding=d.encoding, newline="") as stream:
+def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int], size: int) -> None:
+    with beginning(path, d.encoding, size) as stream:
         lines = (line for k, line in enumerate(stream) if k not in skipped)
         rows = csv.reader(lines, delimiter=d.separator, skipinitialspace=True)
         for row in rows:

@@ -310,6 +310,29 @@ def test_a_row_with_too_few_cells_is_named_and_an_empty_cell_is_a_gap(job, line,
         assert convert(raw, campaign).samples >= 5
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-16"])
+@pytest.mark.parametrize(("last", "kept"), [
+    ("0,123456;-0,012345", True), ("0,123456;-0,0", False), ("0,123456;-0,", False), ("0,123456;-", False),
+    ("0,123456;", False), ("0,12", False), ("0", False),
+])
+def test_a_last_line_cut_off_is_left_out_and_said(job, encoding, last, kept):
+    raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"\nseparator = ";"\ndecimal = ","\n'
+                        f'encoding = "{encoding}"\n[columns]\n"a-x" = "läng"\n"a-y" = "quer"\n')
+    rows = [f"{a:.6f};{b:.6f}".replace(".", ",") for a, b in noise(40)]
+    (raw / "r.csv").write_bytes("\r\n".join(["läng;quer", *rows, last]).encode(encoding))
+    done = convert(raw, campaign)
+    ((_, data),) = records(campaign)
+    assert len(data) == 40 + kept and np.isfinite(data).all()
+    assert ("its last line has no end and is cut off" in done.summary) is not kept, done.summary
+
+
+def test_where_decimals_vary_a_last_line_without_end_is_said(job):
+    raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"' + COLUMNS)
+    (raw / "r.csv").write_text("east,north\n" + "\n".join(f"{(7 * k) % 30},{k * k / 4}" for k in range(30)))
+    done = convert(raw, campaign)
+    assert done.samples == 30 and "its last line has no end, and was taken as whole" in done.summary
+
+
 def test_lost_markers_factors_and_text_cells(job):
     raw, campaign = job('files = "*.csv"\ntime = "when"\nlost = [-999.0]' + COLUMNS + '[factor]\n"a-y" = -2.0\n')
     data = noise()
