@@ -30,7 +30,8 @@ MOST_ROWS = 2_000_000
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProgramMatrices:
     """K, M (n, n) as read; node and direction (n,) of each row, direction 1 to 6, None where the file does not say;
-    place: node -> (3,) as far as known; frequency_hz: what the program printed of the same model, if it did; notes."""
+    place: node -> (3,) as far as known; frequency_hz: what the program printed of the same model, if it did; notes;
+    model_arrays: of a model.npz, its channels and places as its archive has them."""
 
     stiffness: sparse.csc_array
     mass: sparse.csc_array
@@ -39,6 +40,7 @@ class ProgramMatrices:
     place: dict[int, np.ndarray] | None = None
     frequency_hz: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    model_arrays: dict[str, np.ndarray] | None = None
 
 
 def read_program_matrices(files: Sequence[Path]) -> ProgramMatrices:

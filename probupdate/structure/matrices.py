@@ -25,7 +25,7 @@ from probupdate.structure.readings import STANDARD_MPS2, FeltGravity
 SPARSE_PARTS = ("_data", "_indices", "_indptr")
 # what a file holds beside K_<name> and M_<name>
 ARRAYS = ("channel", "channel_dof", "channel_sign", "channel_tilt_dof", "channel_tilt_sign", "gravity",
-          "node_position_m", "dof_node", "dof_direction", "line",
+          "node_position_m", "node_number", "dof_node", "dof_direction", "line",
           *(f"{name}{part}" for name in ("K0", "M0", "channel_row", "channel_tilt_row")
             for part in ("", *SPARSE_PARTS)))
 # of the largest entry of a matrix: a spring is 1e13 N/m, and units of length and force are 1e9 apart

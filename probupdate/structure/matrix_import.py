@@ -19,7 +19,8 @@ from probupdate.io.program_matrices import ProgramMatrices, opensees_matrices, r
 from probupdate.io.result_table import plural, table_of
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
-from probupdate.structure.parameter_table import updated_parameters
+from probupdate.structure.matrices import SPARSE_PARTS, load_matrices, read_archive
+from probupdate.structure.parameter_table import read_parameters, updated_parameters
 from probupdate.structure.schema import Number, Positive, Table, nearest
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ REFUSED_DIFFERENCE = 0.02
 COUNT = 8
 # channels that are written where none are named
 MOST_CHANNELS = 12
+# names of a model's matrices in its archive
+MATRIX_KEYS = ("K0", "M0", "K_", "M_")
 
 
 class ChannelRow(Table):
@@ -122,17 +125,46 @@ class ImportedMatrices:
 def import_matrices(
     source: Sequence[str | Path], out: str | Path, *, groups: str | Path | None = None
 ) -> ImportedMatrices:
-    """Write `out` (an .npz) and parameters.toml beside it. `source`: one file that holds or names both matrices, or
-    stiffness and mass; `groups`: a groups.toml. Raises InputError where a file is missing, not of a known form, or
-    cannot be right."""
+    """Write `out` (an .npz) and parameters.toml beside it. `source`: one file that holds or names both matrices (a
+    model.npz too), or stiffness and mass; `groups`: a groups.toml. Raises InputError where a file is missing, not of a
+    known form, or cannot be right."""
     files = [Path(s) for s in source]
-    return write_matrices(read_program_matrices(files), out, files=files, groups=groups)
+    return write_matrices(_read_files(files), out, files=files, groups=groups)
 
 
 def from_opensees(out: str | Path, *, ops=None, groups: str | Path | None = None) -> ImportedMatrices:
     """The model that OpenSeesPy holds, as `import_matrices` writes it. ops: `openseespy.opensees`; a groups.toml may
-    name channels here, runs of parameters are of files."""
+    name channels here; runs of parameters are of files, such as those that this writes."""
     return write_matrices(opensees_matrices(ops), out, files=[Path("OpenSees")], groups=groups)
+
+
+def _read_files(files: Sequence[Path]) -> ProgramMatrices:
+    """Of a program's files, or of a model.npz."""
+    path = files[0]
+    if len(files) == 1 and path.suffix.lower() == ".npz" and path.is_file():
+        content = read_archive(path)
+        if "K0_data" in content or ("K0" in content and ("channel" in content or any(
+                key[:2] in ("K_", "M_") for key in content))):
+            return _model_matrices(path, content)
+    return read_program_matrices(files)
+
+
+def _model_matrices(path: Path, content: dict[str, np.ndarray]) -> ProgramMatrices:
+    """K and M of a model.npz at the initial values of the parameters.toml beside it, and its other arrays as they
+    are."""
+    table = path.with_name("parameters.toml")
+    parameters = read_parameters(table)
+    model = load_matrices(path, parameters, table=table)
+    stiffness, mass = model.matrices(parameters.initial)
+    node = direction = None
+    if "node_number" in content:
+        number = np.asarray(content["node_number"])
+        if number.shape != (len(content.get("node_position_m", ())),) or number.dtype.kind not in "iu":
+            raise InputError(f"{path}, node_number", "is not a whole number for each row of node_position_m",
+                             "correct it, or leave it out")
+        node, direction = number[content["dof_node"]], np.asarray(content["dof_direction"]).astype(int) + 1
+    return ProgramMatrices(stiffness=stiffness, mass=mass, node=node, direction=direction, model_arrays={
+        key: value for key, value in content.items() if not key.startswith(MATRIX_KEYS)})
 
 
 def write_matrices(
@@ -150,11 +182,10 @@ def write_matrices(
     notes: list[str] = []
     kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
-    names, rows, signs = _channels(asked, base, str(groups or files[0]), notes)
+    arrays = _channels_and_places(asked, base, str(groups or files[0]), notes)
     printed = given.frequency_hz if asked.check is None else np.array(asked.check.frequencies_hz)
     found = _solve_and_check(base, str(files[0]), printed)
     out.parent.mkdir(parents=True, exist_ok=True)
-    arrays = {"channel": np.array(names), "channel_dof": rows, "channel_sign": signs, **_geometry(base, notes)}
     stiffness, mass = base.stiffness, base.mass
     for name, initial, K, M in terms:
         arrays |= _csr(f"K_{name}", K) | ({} if M is None else _csr(f"M_{name}", M))
@@ -164,7 +195,7 @@ def write_matrices(
     write_arrays(out, arrays)
     write_text(beside, _parameters_text(asked))
     return ImportedMatrices(
-        files=(out, beside), n_row=base.stiffness.shape[0], channels=tuple(names),
+        files=(out, beside), n_row=base.stiffness.shape[0], channels=tuple(str(c) for c in arrays["channel"]),
         parameters=tuple(name for name, *_ in terms), frequency_hz=frozen_array(found), printed_hz=printed,
         notes=(*given.notes, *notes))
 
@@ -192,6 +223,9 @@ def _clean_matrices(given: ProgramMatrices, where: str, notes: list[str]) -> tup
                          "export both of one run")
     empty = (_largest(K) == 0) & (_largest(M) == 0)
     held = _penalty_rows(K) & ~empty
+    if given.model_arrays is not None:
+        # a model's rows are what its channels and nodes count
+        empty = held = np.zeros(K.shape[0], bool)
     for rows, words in ((empty, "held rows, kept as zeros by the program, are left out"),
                         (held, "rows held by a penalty are left out")):
         if rows.any():
@@ -204,10 +238,11 @@ def _clean_matrices(given: ProgramMatrices, where: str, notes: list[str]) -> tup
     if massless:
         notes.append(f"{massless} of {len(kept)} rows have no mass: they follow the others statically")
     node, direction = (None if x is None else x[kept] for x in (given.node, given.direction))
-    if direction is not None and not np.all((direction >= 1) & (direction <= 6)):
+    if given.model_arrays is None and direction is not None and not np.all((direction >= 1) & (direction <= 6)):
         raise InputError(where, f"has a row of direction {int(direction[(direction < 1) | (direction > 6)][0])}",
                          "export displacements and rotations alone (1 to 6)")
-    return kept, ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction, place=given.place)
+    return kept, ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction, place=given.place,
+                                 model_arrays=given.model_arrays)
 
 
 def _largest(matrix: sparse.csc_array) -> np.ndarray:
@@ -303,7 +338,7 @@ def _slope(row: GroupRow, run: RunRow, where: Path, base: ProgramMatrices, kept,
     for path in paths:
         if path != (files[1] if len(files) > 1 else None) and not path.resolve().is_relative_to(where.resolve().parent):
             raise InputError(f"{where}: parameter {row.name}", f"'{run.file}' leaves the folder", "put it beside it")
-    other = read_program_matrices(paths)
+    other = _read_files(paths)
     quiet: list[str] = []
     K, M = (_mirror_triangle(x, str(paths[0]), "matrix", quiet) for x in (other.stiffness, other.mass))
     if max(kept) >= K.shape[0] or (other.node is not None and base.node is not None
@@ -320,6 +355,16 @@ def _drop_roundoff(change: sparse.csc_array, base: sparse.csc_array) -> sparse.c
     change.data[np.abs(change.data) < 1e-12 * abs(base).max()] = 0.0
     change.eliminate_zeros()
     return change
+
+
+def _channels_and_places(asked: Groups, base: ProgramMatrices, where: str, notes: list[str]) -> dict[str, np.ndarray]:
+    """The arrays of a model beside its matrices; those of a model.npz stay where groups.toml names no channels."""
+    own = base.model_arrays
+    if own is not None and not asked.channel:
+        return own
+    names, rows, signs = _channels(asked, base, where, notes)
+    places = _geometry(base, notes) if own is None else {k: v for k, v in own.items() if not k.startswith("channel")}
+    return {"channel": np.array(names), "channel_dof": rows, "channel_sign": signs, **places}
 
 
 def _channels(asked: Groups, base: ProgramMatrices, where: str, notes: list[str]):
@@ -372,7 +417,7 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
         near = place[np.unique(index[own])]
         near = near[~np.isnan(near[:, 0])]
         place[k] = near.mean(axis=0) if len(near) else np.nanmean(place, axis=0)
-    return {"node_position_m": place, "dof_node": index, "dof_direction": base.direction - 1}
+    return {"node_position_m": place, "node_number": nodes, "dof_node": index, "dof_direction": base.direction - 1}
 
 
 def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:
@@ -394,7 +439,8 @@ def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | No
 
 def _csr(name: str, matrix) -> dict[str, np.ndarray]:
     rows = sparse.csr_array(matrix)
-    return {f"{name}_data": rows.data, f"{name}_indices": rows.indices, f"{name}_indptr": rows.indptr}
+    return {f"{name}{part}": values
+            for part, values in zip(SPARSE_PARTS, (rows.data, rows.indices, rows.indptr), strict=True)}
 
 
 def _parameters_text(asked: Groups) -> str:

@@ -187,6 +187,70 @@ def test_a_live_model_of_opensees_keeps_its_frequencies(tmp_path, ops):
     assert set(result.channels) <= {f"{n}-{d}" for n in range(2, 7) for d in "xy"}
 
 
+def model_of_opensees(ops, path, *, soft=1.0, heavy=1.0, groups=None):
+    """A plane tower whose upper elements' stiffness and all masses are scaled, and its frequencies by OpenSees."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    for k in range(7):
+        ops.node(10 * k + 10, 0.0, 2.0 * k)
+        if k:
+            ops.mass(10 * k + 10, 500.0 * heavy, 500.0 * heavy, 50.0 * heavy)
+    ops.fix(10, 1, 1, 1)
+    ops.geomTransf("Linear", 1)
+    for k in range(6):
+        ops.element("elasticBeamColumn", k + 1, 10 * k + 10, 10 * k + 20, 0.01, 2.1e11 * (soft if k > 2 else 1.0), 8e-6,
+                    1)
+    known = np.sqrt(np.array(ops.eigen("-fullGenLapack", 5))) / (2 * np.pi)
+    probupdate.matrices.from_opensees(path, ops=ops, groups=groups)
+    return known
+
+
+RUNS_OF_MODELS = """[[parameter]]
+name = "top"
+cov = 0.1
+lower = 0.2
+upper = 3.0
+runs = [{ file = "top/top.npz", value = 1.5 }]
+[[parameter]]
+name = "mass"
+cov = 0.1
+lower = 0.2
+upper = 3.0
+runs = [{ file = "mass/mass.npz", value = 1.2 }]
+"""
+
+
+@pytest.mark.parametrize("named", ["in each run", "with the parameters"])
+def test_runs_of_opensees_are_parameters(tmp_path, ops, named):
+    channel = '[[channel]]\nname = "tip"\nnode = 70\ndirection = "-x"\n'
+    (tmp_path / "channels.toml").write_text(channel)
+    of_runs = tmp_path / "channels.toml" if named == "in each run" else None
+    for name, factors in (("base", {}), ("top", {"soft": 1.5}), ("mass", {"heavy": 1.2})):
+        model_of_opensees(ops, tmp_path / name / f"{name}.npz", groups=of_runs, **factors)
+    (tmp_path / "groups.toml").write_text(RUNS_OF_MODELS if of_runs else channel + RUNS_OF_MODELS)
+    out = tmp_path / "run" / "model.npz"
+    assert main(["matrices", str(tmp_path / "base" / "base.npz"), "--parameters", str(tmp_path / "groups.toml"),
+                 "--out", str(out)]) == 0
+    model = load_model(out)
+    assert model.channels == ("tip",) and model.wire is not None
+    known = model_of_opensees(ops, tmp_path / "other.npz", soft=0.6, heavy=1.7)
+    found = model.solve(np.array([0.6, 1.7]), 5)
+    np.testing.assert_allclose(found.frequency_hz, known, rtol=1e-8)
+
+
+def test_a_model_is_read_at_the_initial_values(tmp_path):
+    """Not at K0 alone, which is what parameters leave of it."""
+    K, M = chain()
+    upper = chain(2.0)[0] - K
+    np.savez(tmp_path / "model.npz", K0=K - 1.5 * upper, M0=M, K_upper=upper, channel=["tip"], channel_dof=[N - 1])
+    (tmp_path / "parameters.toml").write_text(
+        '[[parameter]]\nname = "upper"\nunit = "-"\ninitial = 1.5\ncov = 0.1\nlower = 0.5\nupper = 2.0\n'
+        'prior = "normal"\n')
+    result = probupdate.matrices(tmp_path / "model.npz", tmp_path / "out" / "model.npz")
+    assert result.channels == ("tip",)
+    np.testing.assert_allclose(result.frequency_hz, frequencies(K, M)[: len(result.frequency_hz)], rtol=1e-9)
+
+
 CANTILEVER = """*NODE, NSET=ALL
 {nodes}
 *ELEMENT, TYPE=B31, ELSET=E
