@@ -14,7 +14,7 @@ from probupdate.runtime.arrays import frozen_array
 FEWEST = 2
 # blocks of a turbine state from which its own scatter is stated
 FEWEST_OF_STATE = 10
-# share of a response's variance that is its own at least, and steps in which factors settle
+# share of a response's variance that is its own at least, and steps in which variances settle
 LEAST_OWN, MOST_FACTORINGS = 1e-3, 200
 # standard deviations of chi-square beyond which a block that is far from both its neighbours counts less
 WRONG = 4.0
@@ -23,9 +23,8 @@ WRONG = 4.0
 BEYOND_EDGE, SCATTERS = 2.0, 1e-12
 # variance, in that of a block, along a way below which leaving it free changes nothing
 HIDDEN = 2.0
-# steps of the variances of own scatter and of mixing; modes nearer to one another than this, as a share of their
-# frequency, mix as if they were so far apart
-MOST_SPLITS, NEAREST = 60, 0.01
+# modes nearer to one another than this, as a share of their frequency, mix as if they were so far apart
+NEAREST = 0.01
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -211,7 +210,7 @@ def _split_variances(
     """Factors of own variance, one a part, and of what mixing adds, one of all: of directions (n_direction,) of the
     variance own + factor share whose n squares add up to `square`; `part`: the number of each one's part."""
     own, factor = np.ones(part[-1] + 1), 1.0
-    for _ in range(MOST_SPLITS):
+    for _ in range(MOST_FACTORINGS):
         variance = own[part] + factor * share
         seen, known = square / variance**2, n / variance
         own = own * np.sqrt(np.bincount(part, seen) / np.bincount(part, known))

@@ -27,9 +27,9 @@ MARGIN = 5.0
 DIRECTIONS = 4
 # share of a candidate's information from which its signature along another time profile is an unknown
 LEAST = 1e-9
-# records whose noise is estimated anew; of fewer blocks than these, where it is not known how shapes mix, so many that
-# they show the tail, as one in a hundred of their largest scores is twice as large as usual
-N_AGAIN, SHORT, N_SHORT = 30, 30, 400
+# records whose noise is estimated anew; of fewer blocks than these, where it is not known how shapes mix, N_BOOTSTRAP,
+# as one in a hundred of their largest scores is twice as large as usual
+N_AGAIN, SHORT = 30, 30
 # share of the largest maxima by which a heavy tail is known
 TAIL = 0.1
 # drawn records that are looked through at once; effects whose overlaps are
@@ -88,7 +88,7 @@ def search(
     if heavier is None:
         again = maxima_with_own_noise(problem, design, can, usable, seed=seed) if np.any(maxima) else maxima
         heavier = max(1.0, float(np.mean(again) / np.mean(maxima))) if len(again) and np.any(maxima) else 1.0
-        heavy = len(again) == N_SHORT and heavier > 1
+        heavy = len(again) == N_BOOTSTRAP and heavier > 1
         maxima = again if heavy else maxima * heavier
     else:
         maxima = maxima * heavier
@@ -148,7 +148,7 @@ def maxima_with_own_noise(problem: DiagnosisProblem, design: Design, can, usable
     weights = np.column_stack(design.noise.weight)
     relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
     maxima = []
-    for _ in range(N_SHORT if len(weights) < SHORT and problem.mixing is None else N_AGAIN):
+    for _ in range(N_BOOTSTRAP if len(weights) < SHORT and problem.mixing is None else N_AGAIN):
         y = design.simulate(rng)
         left = tuple(a - b for a, b in zip(y, design.expected(design.unknowns(y)), strict=True))
         noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""),
