@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
+from probupdate.campaign.last_line import last_lines
 from probupdate.campaign.logger_channels import OWN_TIME, LoggerChannel
 from probupdate.campaign.logger_files import (
     mdf_channels,
@@ -21,7 +23,7 @@ from probupdate.campaign.logger_files import (
 from probupdate.campaign.reading import BLANK
 from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
 from probupdate.campaign.stated import UNITS, Stated, heading_rate, known_unit, unit_in, without_unit
-from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, table_layout
+from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, row_cells, table_layout
 from probupdate.campaign.uff_file import read_uff_records
 from probupdate.campaign.universal import Translation
 from probupdate.errors import InputError
@@ -29,6 +31,9 @@ from probupdate.io.files import input_file, write_text
 
 # files of a channel each that are looked at
 MOST_FILES = 200
+# a date in three numbers and a time of day
+STAMP = re.compile(r"(?P<first>\d{1,4})(?P<by>[./-])\d{1,2}(?P=by)(?P<last>\d{1,4})(?P<gap>[ T]+)\d{1,2}:\d\d:\d\d"
+                   r"(?:(?P<sign>[.,:])\d{1,9})?(?P<half> ?[AaPp][Mm])?")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,7 +97,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
         return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
     if kind == "table":
-        return _table_channels(first, _layout_of(first))
+        return _table_channels(paths, _layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
         return [_FileChannel(column=name or place, stated=stated, rate_hz=records.rate_hz, start=None)
@@ -115,10 +120,10 @@ def _time_column(found: TableLayout) -> str | int:
     return found.names[at] if found.names else at + 1
 
 
-def _table_channels(path: Path, found: TableLayout) -> list[_FileChannel]:
+def _table_channels(paths: Sequence[Path], found: TableLayout) -> list[_FileChannel]:
     time, columns = _time_column(found), found.names or range(1, len(found.rows[0]) + 1)
-    step = _step_s([row[list(columns).index(time)].replace(found.decimal, ".") for row in found.rows])
-    rate = 1 / step if step else heading_rate(first_lines(path, found.encoding)[0][: found.skip_rows])
+    step = _step_s(_time_cells(found, found.rows), _time_formats(paths, found)[:1])
+    rate = 1 / step if step else heading_rate(first_lines(paths[0], found.encoding)[0][: found.skip_rows])
     seen = []
     for k, column in enumerate(columns):
         # a second column of times is no channel
@@ -130,17 +135,58 @@ def _table_channels(path: Path, found: TableLayout) -> list[_FileChannel]:
     return seen
 
 
-def _step_s(cells: Sequence[str]) -> float | None:
-    """Seconds from row to row; None where the times are not ISO 8601."""
+def _time_cells(found: TableLayout, rows: Iterable[Sequence[str]]) -> list[str]:
+    time = _time_column(found)
+    at = found.names.index(time) if found.names else int(time) - 1
+    return [row[at] for row in rows if len(row) == len(found.rows[0])]
+
+
+def _moments(cells: Sequence[str], form: str) -> pd.Series | None:
     try:
-        time = pd.to_datetime(pd.Series(list(cells)), format="ISO8601", utc=True)
+        return pd.to_datetime(pd.Series(list(cells)), format=form, utc=True)
     except ValueError:
+        return None
+
+
+def _time_formats(paths: Sequence[Path], found: TableLayout) -> list[str]:
+    """strptime's codes by which all stamps can be read, of the first rows and of each file's ends; none where they are
+    ISO 8601 or numbers. Several where no day is beyond 12."""
+    cells = _time_cells(found, found.rows)
+    parts = STAMP.fullmatch(cells[0])
+    if parts is None or _moments(cells, "ISO8601") is not None:
+        return []
+    for path in paths:
+        ends = [*first_lines(path, found.encoding)[0][found.skip_rows + 1:], *last_lines(path, found.encoding)[0][:-1]]
+        rows = (row_cells(line, found.separator) for line in (*ends[:1], *ends[-1:]))
+        cells += [c for c in _time_cells(found, rows) if STAMP.fullmatch(c)]
+    clock = "%I:%M:%S" if parts["half"] else "%H:%M:%S"
+    clock += (parts["sign"] + "%f" if parts["sign"] else "") + (f"{parts['half'][:-2]}%p" if parts["half"] else "")
+    year = "%Y" if 4 in (len(parts["first"]), len(parts["last"])) else "%y"
+    orders = (("%d", "%m", year), ("%m", "%d", year), (year, "%m", "%d"))
+    forms = [parts["by"].join(order) + parts["gap"] + clock for order in orders]
+    return [form for form in forms if _moments(cells, form) is not None]
+
+
+def _step_s(cells: Sequence[str], forms: Sequence[str]) -> float | None:
+    """Seconds from row to row; None where the times are neither ISO 8601 nor of one of the forms."""
+    time = next((t for form in ("ISO8601", *forms) if (t := _moments(cells, form)) is not None), None)
+    if time is None:
         return None
     step = (time.iloc[-1] - time.iloc[0]).total_seconds() / max(len(time) - 1, 1)
     return step if step > 0 else None
 
 
-def _table_text(found: TableLayout) -> list[str]:
+def _format_line(paths: Sequence[Path], found: TableLayout) -> list[str]:
+    cells, forms = _time_cells(found, found.rows), _time_formats(paths, found)
+    if not forms and _moments(cells, "ISO8601") is not None:
+        return []
+    if len(forms) == 1:
+        return [f"time_format = {json.dumps(forms[0])}"]
+    choice = " or ".join(map(json.dumps, forms)) or 'strptime\'s codes, such as "%d.%m.%Y %H:%M:%S.%f"'
+    return [f'time_format = "{BLANK}"  # of "{cells[0]}": {choice}']
+
+
+def _table_text(paths: Sequence[Path], found: TableLayout) -> list[str]:
     time = json.dumps(_time_column(found), ensure_ascii=False)
     first = found.rows[0][0 if not found.names else found.names.index(json.loads(time))]
     numeric = is_number(first, found.decimal)
@@ -148,6 +194,7 @@ def _table_text(found: TableLayout) -> list[str]:
              f'time_unit = "{BLANK}"  # s, ms, us, ns, day, matlab or excel; of s, start = "..." too' if numeric else
              f'zone = "{BLANK}"  # of times that do not state theirs, such as "UTC" or "Europe/Berlin"',
              f"separator = {json.dumps(found.separator)}", f"decimal = {json.dumps(found.decimal)}"]
+    lines[1:1] = [] if numeric else _format_line(paths, found)
     lines += [] if found.encoding == "utf-8" else [f'encoding = "{found.encoding}"']
     lines += [f"skip_rows = {found.skip_rows}"] if found.skip_rows else []
     lines += [] if found.names else ["header = false"]
@@ -195,7 +242,7 @@ def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_FileChannel]
     suffixes = {p.suffix for p in paths}
     lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
     if kind == "table":
-        lines += _table_text(_layout_of(paths[0]))
+        lines += _table_text(paths, _layout_of(paths[0]))
     elif kind == "uff":
         lines += [f'time = "{ABSCISSA}"', 'time_unit = "s"', f'start = "{BLANK}"']
     elif all(s.start for s in seen):

@@ -45,7 +45,7 @@ def unfinished_line(path: Path, d: Description) -> tuple[int, str]:
     A last line without an end is cut where it has fewer cells than those before, or its last cell fewer decimals than
     any of theirs; where their decimals differ in number, or there are none, this does not show."""
     size = path.stat().st_size
-    lines, width = _last_lines(path, d.encoding, size)
+    lines, width = last_lines(path, d.encoding)
     if len(lines) < 2 or lines[-1].endswith(("\n", "\r")) or not lines[-1].strip():
         return size, ""
     last, *before = (_row(line, d) for line in reversed(lines) if line.strip())
@@ -64,9 +64,9 @@ def unfinished_line(path: Path, d: Description) -> tuple[int, str]:
     return size, "" if least == most > 0 else "its last line has no end, and was taken as whole"
 
 
-def _last_lines(path: Path, encoding: str, size: int) -> tuple[list[str], int]:
+def last_lines(path: Path, encoding: str) -> tuple[list[str], int]:
     """The last lines as text with their ends, and bytes of the very last."""
-    mark = MARKED.get(encoding.lower().replace("_", "-"), 0)
+    size, mark = path.stat().st_size, MARKED.get(encoding.lower().replace("_", "-"), 0)
     with path.open("rb") as file:
         head = file.read(mark)
         file.seek(max(size - END - size % ALIGNED, mark) if mark else max(size - END, 0))

@@ -474,6 +474,27 @@ def test_a_described_table_converts_once_filled_in(job, tmp_path, kind):
     assert out.read_text().count(f'unit = "{unit}"') == 2
 
 
+@pytest.mark.parametrize(("days", "shown", "written"), [
+    ([14], "%d.%m.%Y %H:%M:%S,%f", "%d.%m.%Y %H:%M:%S,%f"),
+    ([14], "%m/%d/%Y %I:%M:%S.%f %p", "%m/%d/%Y %I:%M:%S.%f %p"),
+    # the second file's day shows what the first one's does not
+    ([12, 13], "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f"),
+    ([2], "%d/%m/%Y %H:%M:%S.%f", "?"), ([14], "%Y-%m-%d %H:%M:%S.%f", None), ([14], "%d.%m.%y %H:%M:%S,%f", "?"),
+])
+def test_stamps_that_are_not_iso_are_described(tmp_path, days, shown, written):
+    (tmp_path / "raw").mkdir()
+    for k, day in enumerate(days):
+        stamps = pd.date_range(f"2025-10-{day:02d} 09:00", periods=60, freq="20ms")
+        rows = "".join(f"{t.strftime(shown)};{0.1 * (n % 7):.4f};{0.2 * (n % 5):.4f}\n" for n, t in enumerate(stamps))
+        (tmp_path / "raw" / f"{k}.csv").write_text(f"when;F1 [g];F2 [g]\n{rows}")
+    out = described(tmp_path)
+    found = tomllib.loads(out.with_name("convert.toml").read_text())
+    assert found.get("time_format") == written
+    assert tomllib.loads(out.read_text())["sampling_rate_hz"] == 50.0
+    if written == "?":
+        assert shown in out.with_name("convert.toml").read_text()
+
+
 def test_check_names_the_blanks_of_a_described_campaign(job, tmp_path, capsys):
     raw, _ = job("")
     sac(raw / "r.sac", np.ones(600))
