@@ -171,7 +171,7 @@ def _hidden(hide: str | Path, days: float) -> str:
         return HIDDEN.format(half=12 * days)
     path = Path(hide)
     if not path.is_file():
-        raise InputError(str(path), "is no file", "give a truth.toml to --hide, or none, or default")
+        raise InputError(str(path), "is not a file", "give a truth.toml to --hide, or none, or default")
     return read_text(path, "write it as `simulate` writes truth.toml")
 
 
@@ -222,7 +222,7 @@ def _timed(step: Callable[..., str], *arguments) -> tuple[str, float]:
     return step(*arguments), time.monotonic() - begun
 
 
-# step -> what it does, in the order of the work; the last two are done anew each time
+# step -> what it does, in the order of the work; the last two are done again each time
 STEPS = {
     "simulate": "a virtual turbine is measured", "identify": "modes of every half hour", "select": "sets to trust",
     "paper": "the model as built with the paper's weights, for comparison",

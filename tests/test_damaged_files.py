@@ -97,4 +97,4 @@ def test_a_defect_of_the_program_is_not_the_files(kind):
 
 def test_an_error_of_ours_keeps_its_words():
     with pytest.raises(InputError, match="mine"), parsing("a.mat", "is none", "save it again"):
-        raise InputError("mine", "is wrong", "mend it")
+        raise InputError("mine", "is wrong", "correct it")

@@ -133,7 +133,8 @@ def test_a_link_to_itself_is_one_line(tmp_path):
 @pytest.mark.parametrize("text, words", [
     ("[" * 70 + "]" * 70, "nested deeper than 64"), ("[" * 200_000, "nested deeper than 64"),
     ("[1e999]", "number 1e999 overflows"), ("[" + "9" * 30 + "]", "beyond 64 bit"), ('["\\ud800"]', "surrogates"),
-    ("[" + "9" * 10_000 + "]", "beyond 64 bit"), ("[Infinity]", "Infinity is no JSON"), ('{"a": 1, "a": 2}', "twice"),
+    ("[" + "9" * 10_000 + "]", "beyond 64 bit"), ("[Infinity]", "Infinity is not valid JSON"), ('{"a": 1, "a": 2}',
+     "twice"),
     ("[1", "not JSON"), ("", "not JSON"),
 ])
 def test_json_within_limits(tmp_path, text, words):
@@ -192,9 +193,9 @@ def test_a_file_that_ends_or_holds_the_library_is_one_line(tmp_path, monkeypatch
             patch.setattr(hdf5_probe, "__file__", str(tmp_path / "child.py"))
             patch.setattr(hdf5_file, "SECONDS", 1)
             patch.setattr(hdf5_file, "_probe", probe)
-            with pytest.raises(InputError, match=words), open_hdf5(path, "is no file", "copy it again"):
+            with pytest.raises(InputError, match=words), open_hdf5(path, "is not a file", "copy it again"):
                 pass
-    with open_hdf5(path, "is no file", "copy it again") as file:
+    with open_hdf5(path, "is not a file", "copy it again") as file:
         assert file["data"][()] == 1.0
 
 
@@ -206,7 +207,7 @@ def test_a_file_of_very_many_small_objects_is_sound(tmp_path, monkeypatch):
         for k in range(12_000):
             file.create_group(str(k)).attrs["id"] = k
     monkeypatch.setattr(hdf5_file, "SECONDS", 1)
-    with open_hdf5(tmp_path / "a.h5", "is no file", "copy it again") as file:
+    with open_hdf5(tmp_path / "a.h5", "is not a file", "copy it again") as file:
         assert len(file) == 12_000
 
 

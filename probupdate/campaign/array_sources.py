@@ -84,7 +84,7 @@ def _one_table(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tuple[
     if n_column > n_row and (d.orientation is None or n_row < FEWEST):
         rows, columns = (n_column, n_row) if d.orientation == ROWS else (n_row, n_column)
         remedy = (f'if a row is a channel, write orientation = "{ROWS}" in convert.toml, else "{COLUMNS}"'
-                  if d.orientation is None else "mend orientation in convert.toml")
+                  if d.orientation is None else "correct orientation in convert.toml")
         raise InputError(where, f"has {rows} rows and {columns} columns, which are {n_row} samples of {n_column} "
                          f"channels{' as stated' if d.orientation else ''}", remedy)
     numbers = []
@@ -148,7 +148,7 @@ def _describe_arrays(path: Path, d: Description, found: Mapping[str, np.ndarray]
 
 
 def read_npy(path: Path, d: Description) -> Iterator:
-    with parsing(str(path), "is no array of numbers", "save it by numpy.save, without objects"):
+    with parsing(str(path), "is not an array of numbers", "save it by numpy.save, without objects"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     found = {name: array[name] for name in array.dtype.names} if array.dtype.names else {"data": array}
     yield from _from_arrays(_describe_arrays(path, d, found), d)
@@ -157,7 +157,7 @@ def read_npy(path: Path, d: Description) -> Iterator:
 def read_npz(path: Path, d: Description) -> Iterator:
     """Members are unpacked as they are read: a compressed array is walked through; one that lies channel by channel is
     loaded."""
-    said = str(path), "is no archive of arrays", "save it by numpy.savez, without objects"
+    said = str(path), "is not an archive of arrays", "save it by numpy.savez, without objects"
     # opened here: a ZipFile leaves its file open while a member of it is not read to the end
     with path.open("rb") as raw:
         with parsing(*said):

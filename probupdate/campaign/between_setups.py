@@ -258,7 +258,7 @@ def _judged(
 
 
 def _advice(size: float) -> str:
-    return ("mend its direction and unit in campaign.toml" if size < 0 else "mend its unit in campaign.toml")
+    return ("correct its direction and unit in campaign.toml" if size < 0 else "correct its unit in campaign.toml")
 
 
 @dataclass(frozen=True, kw_only=True)

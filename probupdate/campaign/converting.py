@@ -119,13 +119,13 @@ def _group_sources(sources: Path, described: Description) -> list[tuple[Path, ..
     if not sources.is_dir():
         raise InputError(str(sources), "is neither a folder nor a file", "give where the files to convert lie")
     inside = sources.resolve()
-    # what is no file but a folder, or leads nowhere, is asked about: records are not left out in silence
+    # what is not a file but a folder, or leads nowhere, is asked about: records are not left out in silence
     found = sorted(p for p in sources.glob(described.files) if not p.is_dir())
     if not found:
         raise InputError(str(sources), f"holds no file that matches '{described.files}'",
-                         f"mend files in {described.path}")
+                         f"correct files in {described.path}")
     for path in found:
-        input_file(path, f"remove it, or mend files in {described.path}")
+        input_file(path, f"remove it, or correct files in {described.path}")
         if not path.resolve().is_relative_to(inside):
             raise InputError(str(path), "leads out of the folder of the sources", "copy the file there")
     if described.join_pattern is None:
@@ -135,7 +135,7 @@ def _group_sources(sources: Path, described: Description) -> list[tuple[Path, ..
         alike = re.search(described.join_pattern, path.name)
         if alike is None:
             raise InputError(str(path), f"its name does not hold '{described.join_pattern}'",
-                             "mend join_pattern or files")
+                             "correct join_pattern or files")
         joined.setdefault(alike[1] or "", []).append(path)
     return [tuple(paths) for paths in joined.values()]
 
@@ -227,7 +227,7 @@ def _one_source(paths: Sequence[Path], name: str, described: Description, head: 
             refuse_time(str(path), head.channels, data)
         if markers:
             data = np.where(np.isin(data, markers), np.nan, data)
-        # what single precision does not hold is no acceleration: lost, and counted below
+        # what single precision does not hold is not an acceleration: lost, and counted below
         with np.errstate(over="ignore", invalid="ignore"):
             data = (data * factor).astype(np.float32)
         gone = ~np.isfinite(data)

@@ -115,7 +115,7 @@ def _layout_of(path: Path) -> TableLayout:
 
 
 def _time_column(found: TableLayout) -> str | int:
-    """The column of times: one that is no number, or the first."""
+    """The column of times: one that is not a number, or the first."""
     at = next((k for k, cell in enumerate(found.rows[0]) if not is_number(cell, found.decimal)), 0)
     return found.names[at] if found.names else at + 1
 
@@ -126,7 +126,7 @@ def _table_channels(paths: Sequence[Path], found: TableLayout) -> list[_FileChan
     rate = 1 / step if step else heading_rate(first_lines(paths[0], found.encoding)[0][: found.skip_rows])
     seen = []
     for k, column in enumerate(columns):
-        # a second column of times is no channel
+        # a second column of times is not a channel
         if column == time or not is_number(found.rows[0][k], found.decimal):
             continue
         name = without_unit(column) if isinstance(column, str) else column

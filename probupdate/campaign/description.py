@@ -115,7 +115,7 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     for key in ("columns", "factor"):
         for channel in getattr(described, key):
             if channel not in channels:
-                raise InputError(f"{path}, {key}", f"'{channel}' is no channel of campaign.toml",
+                raise InputError(f"{path}, {key}", f"'{channel}' is not a channel of campaign.toml",
                                  nearest(channel, channels))
     columns = {c: described.columns.get(c, c) for c in channels}
     twice = [c for c in channels if list(columns.values()).count(columns[c]) > 1]
@@ -132,11 +132,11 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
 
 
 def _encoding(path: Path, text: str) -> str:
-    """A text encoding that Python knows; a byte order mark is no letter."""
+    """A text encoding that Python knows; a byte order mark is not a letter."""
     try:
         "a".encode(text)
     except (LookupError, UnicodeError, ValueError):
-        raise InputError(f"{path}, encoding", f"'{text}' is no encoding", "use utf-8, cp1252 or utf-16") from None
+        raise InputError(f"{path}, encoding", f"'{text}' is not an encoding", "use utf-8, cp1252 or utf-16") from None
     return "utf-8-sig" if text.lower().replace("_", "-") in ("utf-8", "utf8") else text
 
 
@@ -152,4 +152,4 @@ def _zone(path: Path, text: str | None) -> tzinfo | None:
     try:
         return zoneinfo.ZoneInfo(text)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        raise InputError(f"{path}, zone", f"'{text}' is no time zone", "use UTC, +02:00 or Europe/Berlin") from None
+        raise InputError(f"{path}, zone", f"'{text}' is not a time zone", "use UTC, +02:00 or Europe/Berlin") from None

@@ -16,7 +16,7 @@ FEWEST, PILE = 20, 10.0
 ROUNDING = 4e-7
 # one value for longer is a sensor that stands still, a finding of its own
 LONGEST_REPEAT_S, LONGEST_REPEAT = 1.0, 20
-# a channel of which more lies on lines was made so, and is no record with gaps
+# a channel of which more lies on lines was made so, and is not a record with gaps
 MOST_FILLED = 0.9
 # smallest step of a converter, in standard deviations of the record, from which lines are no sign of anything
 COARSE = 0.05

@@ -85,6 +85,6 @@ def _row(line: str, d: Description) -> tuple[str, ...]:
 
 
 def _decimals(cell: str, d: Description) -> int:
-    """Characters behind the decimal sign; of what is no number all."""
+    """Characters behind the decimal sign; of what is not a number all."""
     whole, sign, behind = cell.partition(d.decimal)
     return len(behind) if sign else 0 if is_number(cell, d.decimal) else len(whole)

@@ -135,7 +135,7 @@ def _chosen(found: Sequence[LoggerChannel], wanted: str | int, where: str) -> Lo
     if len(same) != 1:
         known = tuple(c.name for c in (same or found)[:40])
         raise InputError(where, f"{len(same) or 'no'} channels are called '{wanted}'",
-                         f"mend [columns] in convert.toml; {nearest(str(wanted), known)}; files that hold a channel "
+                         f"correct [columns] in convert.toml; {nearest(str(wanted), known)}; files that hold a channel "
                          "each are read together by join_pattern")
     return same[0]
 
@@ -178,7 +178,8 @@ def _even(name: str, segment: Segment, d: Description, rate_hz: float) -> Iterat
     step = np.diff(moments)
     usual = float(np.median(step))
     if usual <= 0 or step.min() <= 0:
-        raise InputError(f"{segment.path}, {name}", "its times do not advance", "mend them, or leave the channel out")
+        raise InputError(f"{segment.path}, {name}", "its times do not advance",
+                         "correct them, or leave the channel out")
     edges = [0, *(np.flatnonzero(step > 1.5 * usual) + 1), len(moments)]
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         rate = 1e9 * (b - a - 1) / float(moments[b - 1] - moments[a]) if b - a > 1 else 1e9 / usual
@@ -191,8 +192,8 @@ def _even(name: str, segment: Segment, d: Description, rate_hz: float) -> Iterat
 
 
 def _decimation(where: str, even: dict[str, list[Segment]], d: Description, rate_hz: float) -> dict[str, int]:
-    """Channel -> how many of its samples make one of the campaign's. Raises InputError where that is no whole number,
-    or decimation is not asked for."""
+    """Channel -> how many of its samples make one of the campaign's. Raises InputError where that is not a whole
+    number, or decimation is not asked for."""
     rates = {name: float(np.median([s.rate_hz for s in segments])) for name, segments in even.items()}
     steps = {name: max(round(rate / rate_hz), 1) for name, rate in rates.items()}
     fits = all(abs(s.rate_hz / (steps[name] * rate_hz) - 1) <= SAME_RATE

@@ -213,7 +213,7 @@ def sac_channels(paths: Sequence[Path]) -> list[LoggerChannel]:
         known = found.setdefault(name, (stated, []))
         if known[0] != stated:
             raise InputError(f"{path}, {name}", f"states another kind of ordinate than {known[1][0].path}",
-                             "mend IDEP of one of them")
+                             "correct IDEP of one of them")
         known[1].append(segment)
     return [LoggerChannel(names=(name, name.split(".")[-1]), stated=stated, segments=tuple(segments))
             for name, (stated, segments) in found.items()]
@@ -233,11 +233,11 @@ def _sac(path: Path) -> tuple[str, Stated, Segment]:
         size = file.tell()
     order = sac_order(head)
     if order is None:
-        raise InputError(str(path), "is no SAC file of version 6 or 7", "export it again, as binary SAC")
+        raise InputError(str(path), "is not a SAC file of version 6 or 7", "export it again, as binary SAC")
     numbers, whole = np.frombuffer(head, f"{order}f4", 70), np.frombuffer(head, f"{order}i4", 40, 280)
     n_sample, even, delta, begins = int(whole[9]), int(whole[35]), float(numbers[0]), float(numbers[5])
     if even != 1 or whole[15] not in (1, SAC_NONE):
-        raise InputError(str(path), "is no evenly sampled time series (LEVEN, IFTYPE)", "export time series")
+        raise InputError(str(path), "is not an evenly sampled time series (LEVEN, IFTYPE)", "export time series")
     footer = 22 * 8 if whole[6] == 7 else 0
     if n_sample < 1 or size != SAC_HEAD + 4 * n_sample + footer:
         raise InputError(str(path), f"does not hold the {n_sample} samples that its head states", "export it again")
@@ -267,7 +267,7 @@ def _sac_start(path: Path, date: np.ndarray, begins: float) -> int | None:
     clock = [0 if v == SAC_NONE else v for v in (hour, minute, second, ms)]
     if not (1900 <= year < 2200 and 1 <= day <= 366 and 0 <= clock[0] < 24 and 0 <= clock[1] < 60
             and 0 <= clock[2] <= 60 and 0 <= clock[3] < 1000):
-        raise InputError(str(path), f"its start, day {day} of {year} at {clock}, is no time", "mend its head")
+        raise InputError(str(path), f"its start, day {day} of {year} at {clock}, is not a time", "correct its head")
     zero = int(pd.Timestamp(year=year, month=1, day=1).as_unit("ns").value) + (day - 1) * 86400 * 10**9
     return zero + ((clock[0] * 60 + clock[1]) * 60 + clock[2]) * 10**9 + clock[3] * 10**6 + round(begins * 1e9)
 

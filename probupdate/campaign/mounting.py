@@ -2,8 +2,8 @@
 
 Two facts are used. What is fixed to one level moves, at low frequencies, as one rigid body. And a tower or jacket
 bends, in its lowest motion, to one side over its whole height: more the higher, and it leans to where it goes. What
-breaks either fact and is mended by one change of one or two channels is suspected of just that. Of structures that keep
-neither (a bridge's deck, a plane frame) lines of sensors are judged by themselves (`sensor_lines`).
+breaks either fact and is corrected by one change of one or two channels is suspected of just that. Of structures that
+keep neither (a bridge's deck, a plane frame) lines of sensors are judged by themselves (`sensor_lines`).
 """
 
 from __future__ import annotations

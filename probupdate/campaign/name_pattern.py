@@ -22,11 +22,11 @@ def name_pattern(text: str, where: str) -> re.Pattern[str]:
     try:
         pattern = re.compile(text)
     except (re.error, OverflowError, RecursionError) as error:
-        raise InputError(where, f"is no pattern ({error})", "see Python's re") from None
+        raise InputError(where, f"is not a pattern ({error})", "see Python's re") from None
     if pattern.groups != 1:
         raise InputError(where, f"has {pattern.groups} groups", "put the time in one pair of brackets")
     if re.search(r"\(\?(?!:|P<)", text) or re.search(r"\\[1-9]", text) or "(?P=" in text:
-        raise InputError(where, "has a condition, a flag or a back reference, which may take for ever", REMEDY)
+        raise InputError(where, "has a condition, a flag or a back reference, which may take forever", REMEDY)
     _refuse_runaway(text, where)
     return pattern
 
@@ -52,7 +52,7 @@ def _refuse_runaway(text: str, where: str) -> None:
             fixed = found[2] == "" and found[1] != ""
             most = 1 if piece == "?" else int(found[3] or 10**6) if found[2] else int(found[1] or 0) if fixed else 10**6
             if closed and most > 1:
-                raise InputError(where, "repeats what repeats or has alternatives, which may take for ever", REMEDY)
+                raise InputError(where, "repeats what repeats or has alternatives, which may take forever", REMEDY)
             variable[-1] |= not fixed
             repeats += not fixed and most > 8
         else:

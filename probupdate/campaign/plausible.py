@@ -53,7 +53,7 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
             step = rise / (row[-1] - row[0])
             raise InputError(f"{where}, channel {channels[int(c)]}", f"its samples rise evenly, by {step:.6g} each: it "
                              "looks like the column of time, not like a record", "name another column for it "
-                             "(convert.toml, [columns]), or mend the order of [[sensor]]")
+                             "(convert.toml, [columns]), or correct the order of [[sensor]]")
 
 
 def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:

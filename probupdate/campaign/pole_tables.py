@@ -172,7 +172,7 @@ def _files(source: Path, described: PoleDescription, said: Path | None) -> list[
     found = sorted(p for p in source.glob(described.files) if not p.is_dir() and p.suffix.lower() in READERS)
     if not found:
         raise InputError(str(source), f"holds no file {', '.join(READERS)} that matches '{described.files}'",
-                         "mend files in poles.toml")
+                         "correct files in poles.toml")
     inside = source.resolve()
     for path in found:
         if not path.resolve().is_relative_to(inside):
@@ -247,7 +247,7 @@ def _order_by_time(blocks: Sequence[BlockOfPoles]) -> list[BlockOfPoles]:
 
 def _read_text(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
     d, path = s.described, s.path
-    with parsing(str(path), "is no table", "check separator, decimal, skip_rows and encoding in poles.toml"):
+    with parsing(str(path), "is not a table", "check separator, decimal, skip_rows and encoding in poles.toml"):
         table = pd.read_csv(path, sep=d.separator, decimal=d.decimal, skiprows=d.skip_rows, encoding=d.encoding,
                             skipinitialspace=True, engine="python" if len(d.separator) > 1 else "c")
         table.columns = [str(c).strip() for c in table.columns]
@@ -324,7 +324,8 @@ def _refuse_other_unit(s: _Source, known: Sequence[str]) -> None:
 
 
 def _read_npz(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
-    return _read_arrays(s, archive_arrays(s.path, "is no archive of arrays", "save it by numpy.savez, without objects"))
+    return _read_arrays(s, archive_arrays(s.path, "is not an archive of arrays",
+                        "save it by numpy.savez, without objects"))
 
 
 def _read_mat(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
@@ -386,7 +387,7 @@ def _read_arrays(s: _Source, arrays: Mapping[str, np.ndarray]) -> tuple[tuple[st
             raise InputError(f"{where}, {name}", f"is {value.shape}, {names[0]} is {frequency.shape}",
                              "save both alike")
         vectors[key] = np.full(grid.size, np.nan) if value is None else value.astype(float).ravel()
-    # an entry without a number is no pole of that order
+    # an entry without a number is not a pole of that order
     value = grid.astype(float).ravel()
     there = ~np.isnan(value)
     return channels, [_Raw(block=s.path.stem, order=order[there], frequency=value[there],
@@ -431,7 +432,7 @@ def _read_uff(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
     nothing, many = np.full(data.n_mode, np.nan), len(data.sets) > 1
 
     def name(own: str) -> str:
-        # a load case's number is no name
+        # a load case's number is not a name
         return own if not own.isdigit() else f"{s.path.stem} {own}" if many else s.path.stem
 
     return data.channels, [_Raw(block=name(one.id), order=np.zeros(int(one.measured.sum())),

@@ -24,7 +24,7 @@ from probupdate.io.schema import Length, Range, table_as
 from probupdate.modal.modes import Sensor
 
 # how long a block must be its rate decides, by the samples that identify a mode at all: a laboratory's kHz record may
-# be of seconds; what is longer than a day is no block
+# be of seconds; what is longer than a day is not a block
 FEWEST_SAMPLES, LONGEST_BLOCK_MINUTES = 100, 1440.0
 HIGHEST_RATE_HZ = 1e5
 # of one file: ten years
@@ -226,7 +226,7 @@ def _excluded_channels(where: Path, names: Sequence[str], channels: tuple[str, .
     """Channels that are in the files but not to be used, such as dead ones."""
     for name in names:
         if name not in channels:
-            raise InputError(f"{where}, leave_out", f"'{name}' is no channel", nearest(name, channels))
+            raise InputError(f"{where}, leave_out", f"'{name}' is not a channel", nearest(name, channels))
     if len(set(names)) == len(channels):
         raise InputError(f"{where}, leave_out", "leaves no channel", "leave out fewer")
     return tuple(c for c in channels if c in names)
@@ -327,13 +327,13 @@ def _record_file(path: Path, file, rate_hz: float, sensors: tuple[Sensor, ...]) 
 
 def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> None:
     where = f"{path}, attribute channels"
-    with parsing(where, "is no JSON list of names", "write it as `convert` does, or leave it out"):
+    with parsing(where, "is not a JSON list of names", "write it as `convert` does, or leave it out"):
         own = [str(name) for name in json.loads(attribute)]
     if own == list(channels):
         return
     if len(own) != len(channels):
         raise InputError(where, f"names {len(own)} channels, campaign.toml lists {len(channels)}",
-                         "mend the one that is wrong")
+                         "correct the one that is wrong")
     k = next(k for k, name in enumerate(own) if name != channels[k])
     if sorted(own) == sorted(channels):
         raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml has '{channels[k]}' there: the "
@@ -370,7 +370,7 @@ def parse_time(text: str, where: str) -> pd.Timestamp:
     except (ValueError, TypeError, OverflowError):
         time = pd.NaT
     if time is pd.NaT:
-        raise InputError(where, f"'{text}' is no time", "write ISO 8601, such as 2019-06-03T10:00:00Z")
+        raise InputError(where, f"'{text}' is not a time", "write ISO 8601, such as 2019-06-03T10:00:00Z")
     if not EARLIEST.year <= time.year < LATEST.year:
-        raise InputError(where, f"'{text}' is not between {EARLIEST:%Y} and {LATEST:%Y}", "mend the time")
+        raise InputError(where, f"'{text}' is not between {EARLIEST:%Y} and {LATEST:%Y}", "correct the time")
     return time.tz_localize("UTC") if time.tzinfo is None else time.tz_convert("UTC")

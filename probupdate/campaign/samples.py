@@ -85,7 +85,7 @@ def _alone(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
     reach = max(int(rate_hz / 2), 3)
     with np.errstate(invalid="ignore"):
         candidates = np.flatnonzero(size > SPIKE_STD * spread)
-    # a record full of them is no record with spikes
+    # a record full of them is not a record with spikes
     for k in candidates[:1000]:
         if k > 0 and size[k - 1] > size[k]:
             continue

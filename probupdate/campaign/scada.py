@@ -81,7 +81,7 @@ def read_scada(
     except (ValueError, TypeError) as error:
         wrong = pd.to_datetime(table["time"], utc=True, format="ISO8601", errors="coerce").isna()
         row = int(np.argmax(wrong))
-        raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is no time",
+        raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is not a time",
                          "write ISO 8601, UTC; a row may have more cells than the head") from error
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
@@ -89,7 +89,7 @@ def read_scada(
     if absurd.any():
         row = int(np.argmax(absurd))
         raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is not between "
-                         f"{EARLIEST:%Y} and {LATEST:%Y}", "mend it, or drop the row")
+                         f"{EARLIEST:%Y} and {LATEST:%Y}", "correct it, or drop the row")
     # blocks may start between the units that the file is written in
     time = time.dt.as_unit("ns")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
@@ -110,12 +110,12 @@ def read_scada(
 
 
 def _numbers(where: str, column: pd.Series) -> pd.Series:
-    """As floats; a filler of thirty digits, which is no number of a machine, too."""
+    """As floats; a filler of thirty digits, which is not a number of a machine, too."""
     number = pd.to_numeric(column, errors="coerce")
     wrong = (number.isna() & column.notna() & ~column.astype(str).str.strip().str.lower().isin(NOT_A_NUMBER)).to_numpy()
     if wrong.any():
-        raise InputError(where, f"'{column.iloc[int(np.argmax(wrong))]}' is no number",
-                         "mend it, or leave the cell empty where it is unknown")
+        raise InputError(where, f"'{column.iloc[int(np.argmax(wrong))]}' is not a number",
+                         "correct it, or leave the cell empty where it is unknown")
     return number.astype(float)
 
 
@@ -123,7 +123,7 @@ def _converted(table: pd.DataFrame, stated: StatedScada, path: str) -> pd.DataFr
     for column, factor in stated.factor.items():
         if column not in table:
             raise InputError(f"{path}, {column}", "campaign.toml states its factor under [scada], and it is not there",
-                             "mend [scada] in campaign.toml")
+                             "correct [scada] in campaign.toml")
         for name in (f"{column}{e}" for e in ENDINGS if f"{column}{e}" in table):
             table[name] = table[name] * factor
     if stated.shift_minutes:

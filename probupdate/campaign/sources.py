@@ -69,7 +69,8 @@ def opened(
     kind = kinds.pop()
     if len(paths) > 1 and (kinds or kind not in JOINED):
         raise InputError(str(paths[0]), f"cannot be read together with {paths[1].name}",
-                         f"join_pattern is of {' and '.join(JOINED)} files, of one kind at a time: mend it or `files`")
+                         f"join_pattern is of {' and '.join(JOINED)} files, of one kind at a time: correct it "
+                         "or `files`")
     read = (readers[kind](paths[0], description) if kind in readers else
             _logger(kind, paths, description, rate_hz))
     # each begins with its own words

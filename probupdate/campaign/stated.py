@@ -71,7 +71,8 @@ class OwnWords:
 
 
 def known_unit(text: str) -> tuple[str, float] | None:
-    """(quantity, factor to SI) of a unit however it is written; factor NaN for what is no motion, None for no unit."""
+    """(quantity, factor to SI) of a unit however it is written; factor NaN for what is not a motion, None for no
+    unit."""
     plain = unicodedata.normalize("NFKC", text).strip().lower().replace("μ", "u")
     plain = re.sub(r"[\s·*^]|\*\*", "", plain).replace("sec", "s").replace("⁄", "/").replace("−", "-")
     plain = plain.strip("'\"").replace("g's", "g").replace("°", "deg")
@@ -141,11 +142,12 @@ def channel_factor(
     if unit is not None and unit[0] != "electrical":
         if quantity in UNITS and unit[0] != quantity and "quantity" not in overruled:
             raise _disagreement(where, f"states {quantity} in {stated.unit}, which is {unit[0]}",
-                                "mend the file, or name the one that is wrong", "unit")
+                                "correct the file, or name the one that is wrong", "unit")
         quantity = quantity or unit[0]
     if quantity is not None and quantity != sensor.quantity and "quantity" not in overruled:
         raise _disagreement(where, f"states {quantity}{f' ({stated.unit})' if stated.unit else ''}, campaign.toml says "
-                            f"{sensor.quantity}", "mend quantity in campaign.toml, or name another column", "quantity")
+                            f"{sensor.quantity}", "correct quantity in campaign.toml, or name another column",
+                            "quantity")
     if unit is not None and unit[0] == sensor.quantity:
         needed *= unit[1] / UNITS[sensor.quantity][sensor.unit]
         if abs(needed - 1) > 1e-6:
@@ -168,7 +170,8 @@ def _sign(where: str, sensor: Sensor, stated: Stated, overruled: Sequence[str]) 
     cosine = float(stated.direction @ sensor.direction)
     if abs(cosine) < ALIKE:
         raise _disagreement(where, f"points along {_vector(stated.direction)}, campaign.toml says "
-                            f"{_vector(sensor.direction)}", "mend direction in campaign.toml (with axes of the model), "
+                            f"{_vector(sensor.direction)}",
+                            "correct direction in campaign.toml (with axes of the model), "
                             "or name another column", "direction")
     return float(np.sign(cosine))
 
@@ -211,7 +214,7 @@ def refuse_other_words(where: str, sensors: Sequence[Sensor], attributes: Mappin
             continue
         values = _texts(attributes[key], len(sensors))
         if values is None:
-            raise InputError(f"{where}, {key}", f"{attributes[key]!r:.80} is no text for each of {len(sensors)} "
+            raise InputError(f"{where}, {key}", f"{attributes[key]!r:.80} is not text for each of {len(sensors)} "
                              "channels", "write one text, or a list of them")
         for sensor, text in zip(sensors, values, strict=True):
             if key == "quantity":

@@ -15,7 +15,7 @@ SEPARATORS = (";", "\t", "|", ",")
 MOST_LINES, LONGEST = 200, 100_000
 # a table of Campbell's loggers begins with this word, then come its names, units and kinds of processing
 TOA5 = "TOA5"
-# cells of a row that are no numbers at most: date and time
+# cells of a row that are not numbers at most: date and time
 TIMES = 2
 
 

@@ -55,7 +55,7 @@ def one_by_one(items: Iterable, *said: str) -> Iterator:
 
 def read_csv(path: Path, d: Description) -> Iterator:
     """OwnWords, then pieces of a table as text."""
-    said = str(path), "is no table", "check separator, header, skip_rows and encoding in convert.toml"
+    said = str(path), "is not a table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
     size, note = unfinished_line(path, d)
     names, units, skipped = _layout(path, d, head)
@@ -111,7 +111,7 @@ def _head_lines(path: Path, d: Description) -> list[str]:
         with path.open(encoding=d.encoding, newline="") as stream:
             return [line for _, line in zip(range(wanted), stream, strict=False)]
     except UnicodeError as error:
-        raise InputError(str(path), f"is no text in {d.encoding.removesuffix('-sig')} ({str(error)[:80]})",
+        raise InputError(str(path), f"is not text in {d.encoding.removesuffix('-sig')} ({str(error)[:80]})",
                          'state its encoding in convert.toml, such as encoding = "cp1252" or "utf-16"') from None
 
 
@@ -238,8 +238,8 @@ def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
         if at == 0 and d.header and known_unit(str(column[at])):
             raise InputError(f"{where}, row 1", f"'{column[at]}' is a unit",
                              f"state the line that has the units: units_row = {d.skip_rows + 2} in convert.toml")
-        raise InputError(f"{where}, row {at + 1}", f"'{column[at]}' is no number",
-                         "give decimal, separator or skip_rows in convert.toml, mend the cell, or declare it lost: "
+        raise InputError(f"{where}, row {at + 1}", f"'{column[at]}' is not a number",
+                         "give decimal, separator or skip_rows in convert.toml, correct the cell, or declare it lost: "
                          f"lost = [{json.dumps(str(column[at]).strip()[:20])}]")
     return number
 
@@ -263,5 +263,5 @@ def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
                              f"give its separator in convert.toml: separator = {json.dumps(other)}")
         key = "time" if what == "time" else "[columns]"
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
-                         f"mend {key} in convert.toml; {nearest(wanted, known)}")
+                         f"correct {key} in convert.toml; {nearest(wanted, known)}")
     return list(names).index(wanted)

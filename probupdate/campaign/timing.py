@@ -39,7 +39,7 @@ def file_clock(path: Path, described: Description, rate_hz: float) -> Clock:
         found = re.search(described.start_pattern, path.name)
         if found is None:
             raise InputError(str(path), f"its name does not hold '{described.start_pattern}'",
-                             "mend start_pattern or files")
+                             "correct start_pattern or files")
         start = _localised(_parse_name(found[1], described, path), described, str(path))
     return Clock(path, described, rate_hz, start)
 
@@ -50,7 +50,7 @@ def _parsed(text: str, where: str) -> pd.Timestamp:
     except ValueError:
         time = pd.NaT
     if time is pd.NaT:
-        raise InputError(where, f"'{text}' is no time", "write ISO 8601, such as 2019-06-03T10:00:00")
+        raise InputError(where, f"'{text}' is not a time", "write ISO 8601, such as 2019-06-03T10:00:00")
     return time
 
 
@@ -77,7 +77,7 @@ def _localised(time: pd.Timestamp, described: Description, where: str) -> pd.Tim
         return time.tz_localize(described.zone).tz_convert("UTC").as_unit("ns")
     except ValueError as error:
         # the hour that is there twice, or never, when clocks change
-        raise InputError(where, f"is no single moment in that zone ({error})", "give times in UTC") from None
+        raise InputError(where, f"is not a single moment in that zone ({error})", "give times in UTC") from None
 
 
 class Clock:
@@ -177,14 +177,14 @@ class Clock:
             index = index.as_unit("ns")
         except ValueError as error:
             raise InputError(where, f"is in no century of ours ({str(error).splitlines()[0]})",
-                             "drop the row or mend its time") from None
+                             "drop the row or correct its time") from None
         if index.tz is None:
             if self.described.zone is None:
                 raise _missing_zone(where, self.described)
             try:
                 index = index.tz_localize(self.described.zone)
             except ValueError as error:
-                raise InputError(where, f"is no single moment in that zone ({str(error).splitlines()[0]})",
+                raise InputError(where, f"is not a single moment in that zone ({str(error).splitlines()[0]})",
                                  "give times in UTC") from None
         return index.tz_convert("UTC").asi8
 

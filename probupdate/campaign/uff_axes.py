@@ -46,7 +46,7 @@ class Geometry:
 
 def number_of(value: Any, where: str, what: str) -> float:
     """A finite number, whatever the parser made of it."""
-    with parsing(where, f"its {what} is no number", "write it again"):
+    with parsing(where, f"its {what} is not a number", "write it again"):
         number = float(np.real(value))
     if not np.isfinite(number):
         raise InputError(where, f"its {what} is {number}", "write it again")

@@ -71,7 +71,7 @@ def _read(path: str | Path) -> tuple[Path, list[dict]]:
     pyuff = _pyuff(path)
     said = str(path), "cannot be read as a universal file", "write it again, as ASCII or binary UFF"
     with parsing(*said), warnings.catch_warnings():
-        # what numpy warns of while text becomes numbers is no number
+        # what numpy warns of while text becomes numbers is not a number
         warnings.simplefilter("error")
         file = pyuff.UFF(str(path))
         kinds = [int(k) for k in file.get_set_types()]
@@ -161,7 +161,7 @@ def _mode(d: Mapping, placed: Geometry, where: str) -> dict:
         raise InputError(where, "has not three components at every node", "export translations x, y, z")
     motion = np.array(parts, complex).T
     if not np.all(np.isfinite(motion)):
-        raise InputError(where, "has components that are no numbers", "write it again")
+        raise InputError(where, "has components that are not numbers", "write it again")
     line = _text(d.get("id4"))
     return {
         "hz": hz,
@@ -200,7 +200,7 @@ def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[S
             raise InputError(
                 f"{path}, {s.channel}",
                 f"its nearest node, {numbers[int(distance.argmin())]}, is {distance.min():.3g} m away",
-                "mend position_m, or the file's units (m, or those of dataset 164)",
+                "correct position_m, or the file's units (m, or those of dataset 164)",
             )
         node.append(numbers[int(distance.argmin())])
 

@@ -69,7 +69,7 @@ def zarr_rows(path: Path, first: int, last: int) -> np.ndarray:
 
 
 def zarr_files(path: Path) -> list[str]:
-    """Names of an array's files below its folder, sorted. Raises InputError where one is no file, or a link."""
+    """Names of an array's files below its folder, sorted. Raises InputError where one is not a file, or a link."""
     return sorted(_below(path, ""))
 
 
@@ -82,7 +82,7 @@ def _below(path: Path, ahead: str) -> Iterator[str]:
                 elif entry.is_file(follow_symlinks=False):
                     yield ahead + entry.name
                 else:
-                    raise InputError(str(path / entry.name), "is no file of an array, but a link or a device",
+                    raise InputError(str(path / entry.name), "is not a file of an array, but a link or a device",
                                      "copy the file there")
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})", AGAIN) from None
@@ -91,7 +91,7 @@ def _below(path: Path, ahead: str) -> Iterator[str]:
 def _checked(path: Path, head: dict[str, Any]) -> dict[str, Any]:
     """The attributes of an array whose head asks for nothing but arrays and the usual codecs."""
     if head.get("zarr_format") != 3 or head.get("node_type") != "array":
-        raise InputError(str(path), "is no Zarr array of format 3", AGAIN)
+        raise InputError(str(path), "is not a Zarr array of format 3", AGAIN)
     unknown = sorted(_codecs(head.get("codecs")) - CODECS)
     if unknown or head.get("storage_transformers"):
         raise InputError(str(path), f"is stored by {', '.join(unknown) or 'a storage transformer'}",

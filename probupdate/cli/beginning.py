@@ -64,7 +64,7 @@ def add_commands(verb: AddCommand) -> None:
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
     p.add_argument("out", metavar="OUT", help="campaign directory to write")
-    p.add_argument("--model", help="model.toml whose geometry is built anew (default: the updated reference turbine)")
+    p.add_argument("--model", help="model.toml whose geometry is built again (default: the updated reference turbine)")
     p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")

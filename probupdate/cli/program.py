@@ -43,7 +43,7 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
     except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:
-        raise InputError(out, f"is no usable name ({getattr(error, 'strerror', None) or error})",
+        raise InputError(out, f"is not a usable name ({getattr(error, 'strerror', None) or error})",
                          "name another place") from None
     if folder and path.exists() and not path.is_dir():
         raise InputError(out, "is a file where a directory is to be written", "name a directory")
@@ -51,7 +51,7 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
         raise InputError(out, "is a directory where a file is to be written", "name a file in it")
     above = next(p for p in (path, *path.parents) if p.exists())
     if above != path and not above.is_dir():
-        raise InputError(out, f"cannot be written, as {above} is no directory", "name another place")
+        raise InputError(out, f"cannot be written, as {above} is not a directory", "name another place")
     try:
         # permissions alone do not show it: a file system may be read-only, or none
         with tempfile.TemporaryFile(dir=above if above.is_dir() else above.parent):
@@ -63,7 +63,7 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
 
 def given_paths(a: argparse.Namespace) -> list[str]:
     """Every text among the arguments but --out that is none of an option's choices, as a folder may be named so
-    (`convert raw campaign` with --to campaign); others that are no paths do no harm."""
+    (`convert raw campaign` with --to campaign); others that are not paths do no harm."""
     (verbs,) = (action.choices for action in build_parser()._actions if isinstance(action.choices, dict))
     chosen = {action.dest for action in verbs[a.verb]._actions if action.choices}
     return [v for key, value in vars(a).items() if key not in {"out", "verb", "action", *chosen}

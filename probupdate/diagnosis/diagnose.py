@@ -136,7 +136,7 @@ def examine(
         null = replace(null, design=design_at(problem, null.theta, (), null.design.noise))
     fits, remaining = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))
     if remaining[SHAPES] < ADEQUATE and not findings:
-        # what no row describes of a single channel is no row's neighbour either
+        # what no row describes of a single channel is not a row's neighbour either
         own_response = own_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
     silent, lost, foreign = _silent(fitted), _missing_numbers_note(problem), _foreign(findings)

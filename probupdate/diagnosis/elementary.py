@@ -230,7 +230,7 @@ def _channel_parts(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz
     flexibility, result = linalg.cho_factor(K), []
     moved = np.sum((small.motions @ shape) ** 2, axis=1)
     for k, (name, row, own) in enumerate(zip(small.channels, small.motions, moved, strict=True)):
-        # a channel that no mode moves is no place for anything
+        # a channel that no mode moves is not a place for anything
         if own > 0:
             stiffness, there = 1 / float(row @ linalg.cho_solve(flexibility, row)), f"channel {name}, along it"
             spring, mass, hung = (PartKey(cause=PART_CAUSES[c], at=(k,), way=0) for c in (0, 2, 3))

@@ -194,7 +194,7 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
 def residuals(empirical: EmpiricalReference, known: np.ndarray) -> tuple[np.ndarray, ...]:
     """Residuals per group without what the nacelle's angle and `known` (n_block, n_known) explain.
 
-    Response by response: as a signature turns with the nacelle too, its product with them is no low harmonic.
+    Response by response: as a signature turns with the nacelle too, its product with them is not a low harmonic.
     """
     columns, rest = empirical.nuisance(known), []
     for y, ok in zip(empirical.differences, empirical.used, strict=True):

@@ -33,7 +33,7 @@ LONGEST, HALVINGS = 1.0, 6
 BACK, BACK_AS_FAR, RECOVERS = 0.5, 0.7, 1.25
 # steps that may go uphill
 MOST_LEAPS = 8
-# signatures of tolerances and effects are computed anew every so many steps on the way, those of the updated
+# signatures of tolerances and effects are computed again every so many steps on the way, those of the updated
 # parameters after every step longer than this, in posterior standard deviations
 REFRESH, FAR = 6, 1.0
 # angles of a nacelle at which it is asked how far modes may turn towards others that were not measured
@@ -94,7 +94,7 @@ def design_without_candidates(
     before: Design | None = None,
 ) -> Design:
     """`design_at` for all but scores: of the catalogue it has the tolerances and the effects that are included. With
-    the design of a point nearby (`before`), only the signatures of the updated parameters are computed anew."""
+    the design of a point nearby (`before`), only the signatures of the updated parameters are computed again."""
     scattering = (j for j, _, _ in _scatter(problem, included))
     needed = sorted({_number(problem, n) for n in included}.union(scattering))
     return _design(problem, theta, included, noise, needed, before)

@@ -36,7 +36,7 @@ from probupdate.runtime.progress import Progress
 
 # hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
 WIDTH, MOST_MOVES = 2, 6
-# scores from which first order says little: large faults are tried at their own size, and the noise is estimated anew
+# scores from which first order says little: large faults are tried at their own size, and the noise is estimated again
 LARGE = 20.0
 # share of the most that any large fault explains from which another one is fitted; least share of a signature's
 # length that must be left once all that is normal has taken its part
@@ -45,7 +45,7 @@ SHARE, LEAST_LEFT = 0.25, 1e-3
 ALIKE = 0.7
 # hypotheses from which moves are made, at most
 MOST_LOOKED = 10
-# how often the times of steps are found anew with what they make of the fit
+# how often the times of steps are found again with what they make of the fit
 MOST_SHARPENED = 3
 # blocks by which two steps may lie apart and be one
 SAME_TIME = 2
@@ -492,7 +492,7 @@ def _restore_fit_state(one: Hypothesis, move: Move, base: Fit | None) -> Hypothe
 
 def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     """The same with its own noise, as what a strong effect does to the shapes changes how they scatter, and with the
-    times of its steps found anew; where the model then has no modes, as it was, marked as not settled."""
+    times of its steps found again; where the model then has no modes, as it was, marked as not settled."""
     try:
         fitted = fitted_without_candidates(problem, here.fitted.theta, here.fitted.included)
         for _ in range(MOST_SHARPENED):
@@ -508,8 +508,9 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
 
 
 def _transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
-    """A competing hypothesis with the noise and the times of steps that were found anew for another one: it is not less
-    probable for what it was not offered. An effect of both takes its own time, one in another's place that one's."""
+    """A competing hypothesis with the noise and the times of steps that were found again for another one: it is not
+    less probable for what it was not offered. An effect of both takes its own time, one in another's place that
+    one's."""
     steps = [n for n in after.fitted.included if n.time_profile.kind == "step"]
     theirs, included = {n.effect for n in one.fitted.included}, []
     for n in one.fitted.included:
@@ -519,7 +520,7 @@ def _transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypoth
                 and (not n.effect.discrete or np.isin(s.time_profile.value, (0.0, 1.0)).all())]
         nearest = min(near, key=lambda profile: abs(profile.at - n.time_profile.at), default=n.time_profile)
         included.append(replace(n, time_profile=nearest))
-    # a design that is made anew is of the times that the effects have
+    # a design that is made again is of the times that the effects have
     stored = one.stored and tuple(replace(n, time_profile=own.time_profile)
                                   for n, own in zip(one.stored, included, strict=True))
     return replace(one, fitted=replace(one.fitted, included=tuple(included)), stored=stored,

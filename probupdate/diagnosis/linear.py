@@ -456,7 +456,7 @@ class Design:
         return tuple(result)
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """u (n, n_candidate) of n records with nothing wrong: unknowns, noise and its scale drawn anew."""
+        """u (n, n_candidate) of n records with nothing wrong: unknowns, noise and its scale drawn again."""
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
         total = n_block * sum(f.size for f in self.discrepancy_std)

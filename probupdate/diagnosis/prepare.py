@@ -77,7 +77,7 @@ def prepare(
     """Read the model and put the whole catalogue into it.
 
     `effects` are a user's own; what is `observe`d has a row for each channel of the record, in its order. Raises
-    InputError for an effect that adds a parameter where the model is no description of a turbine.
+    InputError for an effect that adds a parameter where the model is not a description of a turbine.
     `groups`: named combinations of a model's parameters, name -> {parameter: change for a size of one}.
     """
     path = Path(path)
@@ -145,7 +145,8 @@ def _felt(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect
 
 
 def _places(path: Path, model: AffineModel, stated: Sequence[Sensor] | None) -> tuple[Sensor, ...]:
-    """Where the channels of a model are that is no description of a turbine: as stated, else as its file has them."""
+    """Where the channels of a model are that is not a description of a turbine: as stated, else as its file has
+    them."""
     if stated is not None:
         return tuple(s for s in stated if s.channel in model.channels)
     own = model_sensors(path)
@@ -155,7 +156,8 @@ def _places(path: Path, model: AffineModel, stated: Sequence[Sensor] | None) -> 
 def places_tried(
     path: Path, model: AffineModel, sensors: Sequence[Sensor]
 ) -> tuple[AffineModel, tuple[Effect, ...]]:
-    """A model that is no description of a turbine with its sensors at other places, and the rows of the catalogue."""
+    """A model that is not a description of a turbine with its sensors at other places, and the rows of the
+    catalogue."""
     return with_places(model, sensors, alone=model_sensors(path) is None)
 
 
@@ -190,7 +192,7 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
     for name, parts in groups.items():
         unknown = [parameter for parameter in parts if parameter not in parameters.names]
         if unknown:
-            raise InputError(f"group {name}: {unknown[0]}", "is no parameter of the model",
+            raise InputError(f"group {name}: {unknown[0]}", "is not a parameter of the model",
                              f"choose from {', '.join(parameters.names)}")
         # a size of one moves every member by its amount; a standard deviation of the prior is what is normal
         allowed = min((parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a), default=0.0)

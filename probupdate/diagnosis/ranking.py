@@ -57,7 +57,7 @@ class Hypothesis:
         return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
 
     def with_design(self, problem: DiagnosisProblem) -> Hypothesis:
-        """The same with its design made anew, as for this problem, which may have taken up crosstalks since."""
+        """The same with its design made again, as for this problem, which may have taken up crosstalks since."""
         fitted = self.fitted
         if self.stored is None and len(fitted.design.which) == len(problem.which):
             return self

@@ -227,7 +227,8 @@ def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:
         numbers = isinstance(parts, dict) and parts and all(
             isinstance(v, int | float) and not isinstance(v, bool) for v in parts.values())
         if not numbers:
-            raise InputError(f"{path}: {name}", "is no table of parameters with their change", "write [name] k_1 = 0.1")
+            raise InputError(f"{path}: {name}", "is not a table of parameters with their change",
+                             "write [name] k_1 = 0.1")
         far = next((f"{key} = {v:g}" for key, v in parts.items() if not LEAST_CHANGE <= abs(v) <= MOST_CHANGE), None)
         if far is not None:
             raise InputError(f"{path}: {name}", f"{far} is no change of a parameter ({LEAST_CHANGE:g} to "

@@ -27,7 +27,7 @@ MARGIN = 5.0
 DIRECTIONS = 4
 # share of a candidate's information from which its signature along another time profile is an unknown
 LEAST = 1e-9
-# records whose noise is estimated anew; of fewer blocks than these, where it is not known how shapes mix, N_BOOTSTRAP,
+# records whose noise is estimated again; of fewer blocks than these, where it is not known how shapes mix, N_BOOTSTRAP,
 # as one in a hundred of their largest scores is twice as large as usual
 N_AGAIN, SHORT = 30, 30
 # share of the largest maxima by which a heavy tail is known
@@ -75,7 +75,7 @@ def search(
     heavier: float | None = None, n_draw: int = N_BOOTSTRAP,
 ) -> Search:
     """Score every candidate at the fit and calibrate the largest. `z_included`: scores of the fit's effects; `heavier`:
-    that of an earlier search of the same record, found anew if None."""
+    that of an earlier search of the same record, found again if None."""
     design = fitted.design
     u, v = design.scores(fitted.centred), design.information
     found = [j for j, e in enumerate(problem.effects) if any(n.effect is e for n in fitted.included)]

@@ -294,7 +294,7 @@ def _steady(
     detectable sizes in them."""
     begun = np.max([c.time_profile.value != 0 for c in unexplained], axis=0).astype(float) if unexplained else None
     begun = None if begun is None or np.sum(begun == 0) < FEWEST_BEFORE else begun
-    # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
+    # a shift of all frequencies, or a turn of all sensors, is not a constant that shapes alone could show
     able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
     levels = level_reference(look(blocks, placed, begun).mean, blocks.channels, placed, able)
     answer = judge_levels(levels, able, share)

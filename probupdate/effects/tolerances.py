@@ -43,7 +43,7 @@ GROUP_OF_CAUSE = {
     "marine growth": "water and growth", "corrosion": "water and growth", "nacelle mass": "rotor-nacelle assembly",
     "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
 }
-# a swinging mass of nothing is no quantity to be uncertain about; shear has a row of its own, for all members
+# a swinging mass of nothing is not a quantity to be uncertain about; shear has a row of its own, for all members
 WITHOUT_TOLERANCE = ("blade coupling", "shear deformation")
 
 

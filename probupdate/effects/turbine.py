@@ -414,7 +414,8 @@ def _environment(d: Description) -> Iterator[Effect]:
               tolerance=0.0, prior_scale=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
               time_profiles=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
               signature="all frequencies fall with temperature", check="steel temperature sensors")
-    # along a straight tower a force across it is no axial one: there is nothing whose geometric stiffness it changes
+    # along a straight tower a force across it is not an axial one: there is nothing whose geometric stiffness it
+    # changes
     if isinstance(d, OnJacket):
         yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, prior_scale=5e5,
                   time_profiles=("thrust_share",), signature="first bending falls with thrust",

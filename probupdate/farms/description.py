@@ -137,7 +137,7 @@ class Month:
 @dataclass(frozen=True, kw_only=True)
 class Farm:
     """months: turbine by turbine as the file has them, a turbine's in the order of time. left_out: turbine, folder
-    that its pattern finds, why that is no campaign."""
+    that its pattern finds, why that is not a campaign."""
 
     name: str
     steps: tuple[str, ...]
@@ -244,12 +244,12 @@ def _why_none(folder: Path) -> str:
 
 def _folders(root: Path, pattern: str, where: str) -> Iterator[Path]:
     if pattern.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", pattern) or "**" in pattern or "\0" in pattern:
-        raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is no pattern of folders below farm.toml's",
+        raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is not a pattern of folders below farm.toml's",
                          "write it relative to farm.toml, without '..' and '**'")
     try:
         found = list(root.glob(pattern))
     except (ValueError, NotImplementedError, OSError) as error:
-        raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is no pattern ({error})", REMEDY) from None
+        raise InputError(f"{where}, campaigns", f"'{pattern:.200}' is not a pattern ({error})", REMEDY) from None
     for folder in found:
         if folder.is_dir():
             if not folder.resolve().is_relative_to(root):

@@ -43,7 +43,7 @@ class JointRun:
 
 
 def refuse_other_parameters(farm: Farm) -> None:
-    """Raises InputError, before any work, where [joint] names what is no parameter of a turbine's model, or turbines
+    """Raises InputError, before any work, where [joint] names what is not a parameter of a turbine's model, or turbines
     have different parameters."""
     first: tuple[str, tuple] | None = None
     for model, month in {month.model: month for month in farm.months}.items():
@@ -88,7 +88,7 @@ def _stored_result(path: Path, made: str) -> FarmJoint | None:
     try:
         found = read_joint(path)
     except InputError:
-        # of another version, or damaged: made anew
+        # of another version, or damaged: made again
         return None
     return found if found.settings.get(MADE_OF) == made else None
 
@@ -140,7 +140,7 @@ def month_sets(
     problems = tuple(_problems(model_at, data, weights, where, notes))
     if not problems:
         raise InputError(where, f"has no set that the joint inference can use ({'; '.join(notes[-3:])})",
-                         "mend what is said, or take the month out of the folder")
+                         "correct what is said, or take the month out of the folder")
     return number, TurbineSets(name=month.turbine, month=month.month, problems=problems, theta=theta), notes
 
 

@@ -153,7 +153,7 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
     except (ProbupdateError, OSError, MemoryError) as error:
         return _failed(folder, now, finished, step, _words(error))
     except Exception as error:
-        # a defect in one month must not end the others; its trace is kept for whoever mends it
+        # a defect in one month must not end the others; its trace is kept for whoever corrects it
         write_text(folder / TRACE, traceback.format_exc())
         last = str(error).strip().splitlines() or ["no words"]
         return _failed(folder, now, finished, step, f"a defect of the program ({type(error).__name__}: {last[0]}); "

@@ -1,4 +1,4 @@
-"""Which records a month has, by their content: a hash of every file, kept beside the month's results and taken anew
+"""Which records a month has, by their content: a hash of every file, kept beside the month's results and taken again
 where a file's times, size or first bytes have changed."""
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def read_kept(folder: Path) -> dict[str, dict[str, str]]:
         return {}
     found = read_json_table(path, AGAIN)
     if not all(isinstance(v, dict) and set(v) == {"stamp", "content"} for v in found.values()):
-        raise InputError(str(path), "is no table of records", AGAIN)
+        raise InputError(str(path), "is not a table of records", AGAIN)
     return found
 
 

@@ -68,8 +68,8 @@ def farm(
     """The steps of every turbine and month of a farm.toml into `out`; those that are finished are not repeated, a month
     that fails is one line of the result and is tried again by the next run, the others go on.
 
-    A month's results are made anew where its records, its model, the options, the seed or the version have changed; the
-    joint inference of [joint] where a month's result has.
+    A month's results are made again where its records, its model, the options, the seed or the version have changed;
+    the joint inference of [joint] where a month's result has.
     shard: '3/8', the share of one job of an array; all jobs write into the same `out`. jobs: processes, or an executor.
     Raises InputError where the description is wrong or `out` holds something else.
     """

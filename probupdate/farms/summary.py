@@ -24,7 +24,7 @@ from probupdate.updating.update_file import read_update
 if TYPE_CHECKING:
     import pandas as pd
 
-# left out: a folder that the pattern finds and that is no campaign
+# left out: a folder that the pattern finds and that is not a campaign
 DONE, FAILED, WAITING, LEFT_OUT = "done", "failed", "waiting", "left out"
 # standard error of a median beside that of a mean, and by how many of them medians must differ to be said
 MEDIAN_ERROR, ERRORS = 1.2533, 3.0

@@ -48,7 +48,7 @@ class BlockSettings:
         for name, least in (("order", 2), ("block_rows", 2), ("spread", 0), ("sub_records", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-                raise InputError(name, f"{value!r} is no whole number from {least}", "give one")
+                raise InputError(name, f"{value!r} is not a whole number from {least}", "give one")
         if self.sub_records == 1:
             raise InputError("sub_records", "one part has no scatter", "give 2 or more, such as 30, or 0 for none")
         if not 0 < self.target_rate_hz < np.inf:

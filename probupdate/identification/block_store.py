@@ -48,7 +48,7 @@ WHOLE_BYTES, PIECES, PIECE_BYTES = 16 * 2**20, 64, 64 * 2**10
 CHECKSUM, ROTOR = "checksum", "rotor "
 # blocks shorter than that (minutes) may begin several in a second
 SECOND_MIN = 1 / 60
-ANEW = "give another --out, or delete that folder to start anew"
+ANEW = "give another --out, or delete that folder to start again"
 
 
 def store_head(campaign: Campaign, settings: BlockSettings) -> dict:
@@ -264,7 +264,7 @@ class BlockStore:
 
 
 def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
-    """The block of that id in a folder of blocks; None where there is none, or the id is no time."""
+    """The block of that id in a folder of blocks; None where there is none, or the id is not a time."""
     path = _block_path(folder, block_id)
     return None if path is None else read_block_poles(path)
 
@@ -288,7 +288,7 @@ def choice_head(folder: Path, ids: Sequence[str]) -> dict:
     for block_id in ids:
         path = _block_path(folder, block_id)
         if path is None:
-            raise InputError(f"block {block_id}", f"is not kept in {folder}", "name another, or identify anew")
+            raise InputError(f"block {block_id}", f"is not kept in {folder}", "name another, or identify again")
         digest, records = _hash_and_sources(path)
         blocks.append({"id": block_id, "poles_hash": digest, "records": records})
     return {"channels": head.get("channels") or [], "settings": head.get("settings") or {}, "blocks": blocks}
@@ -305,7 +305,7 @@ def stored_std(folder: Path, block_id: str) -> dict[tuple[int, int], tuple[float
 
 
 def start_of(block_id: str) -> pd.Timestamp | None:
-    """When a block of that id starts, UTC; None where the id is no time."""
+    """When a block of that id starts, UTC; None where the id is not a time."""
     try:
         start = pd.Timestamp(block_id)
     except ValueError:
@@ -324,7 +324,7 @@ def _block_path(folder: Path, block_id: str) -> Path | None:
 
 def forget_changed(folder: Path, files: tuple[RecordFile, ...], changed: Collection[str] = ()) -> int:
     """Remove stored blocks that were made of records which are none of `files` any more, or are named in `changed`, for
-    whoever wants them anew without asking; returns how many."""
+    whoever wants them again without asking; returns how many."""
     there, count = set(sources(files)), 0
     for path in folder.glob(f"*{POLES}"):
         if _is_whole(path) and all(
@@ -432,7 +432,7 @@ def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a stored file can be read and holds what was written; what is damaged is made anew."""
+    """Whether a stored file can be read and holds what was written; what is damaged is made again."""
     try:
         with _opened(path) as content:
             arrays = {name: content[name] for name in content}
@@ -488,14 +488,15 @@ def _read_sources(path: Path) -> list[str]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Mapping]:
     """The arrays of one block's file; what is missing in them is said like what cannot be read."""
-    with archive(path, "is no identified block", "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
+    with archive(path, "is not an identified block",
+                 "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
         yield content
 
 
 def _read_head(path: Path) -> dict:
     found = read_json_table(path, ANEW)
     if not isinstance(found.get("settings") or {}, dict) or not isinstance(found.get("channels") or [], list):
-        raise InputError(str(path), "is no head of identified blocks", ANEW)
+        raise InputError(str(path), "is not a head of identified blocks", ANEW)
     return found
 
 

@@ -205,7 +205,7 @@ def without_uncertain(
     start; what was picked by hand stands whatever they are.
 
     Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends: a round that
-    takes none, and one whose standard deviations are no numbers, is an error of the program.
+    takes none, and one whose standard deviations are not numbers, is an error of the program.
     """
     place = {one.block.start: k for k, one in enumerate(first.usable)}
     by_hand = {} if first.hand is None else {s: first.picked[s] for s in first.hand.picked if s in first.picked}

@@ -124,7 +124,7 @@ def required_modes(
     labels: tuple[str, ...], n_mode: int, criteria: SelectionCriteria, sets: Sequence[ModalSet] = ()
 ) -> list[int]:
     """Which modes a set must have; `sets` are all blocks, of which those with data count for required_share. Raises
-    InputError for a name that is no mode, and where no mode is in so many blocks."""
+    InputError for a name that is not a mode, and where no mode is in so many blocks."""
     if criteria.required is None:
         bending = [j for j, label in enumerate(labels) if is_bending(label)]
         if bending:
@@ -138,7 +138,7 @@ def required_modes(
         return often
     for label in criteria.required:
         if label not in labels:
-            raise InputError("selection, required modes", f"'{label}' is no mode of the data",
+            raise InputError("selection, required modes", f"'{label}' is not a mode of the data",
                              f"choose from {', '.join(labels)}")
     return [labels.index(label) for label in criteria.required]
 

@@ -57,7 +57,7 @@ def without_harmonics(
     """
     record = np.asarray(record, float)
     if record.ndim != 2 or not np.all(np.isfinite(record)):
-        raise InputError("record", "is no table or holds NaN", "fill short gaps first")
+        raise InputError("record", "is not a table or holds NaN", "fill short gaps first")
     low, high = speed_range_rpm
 
     def left(reason: str) -> HarmonicRemoval:

@@ -5,7 +5,7 @@ decimation does to a record, its filter's autocorrelation does to the covariance
 lags of the lower rate. Nothing is filled in. Of a channel that lacks samples only what is new in it is taken so: its
 regression on the channels that lack none of these is subtracted before and added after, as a control variate is; what
 a pattern of losses would fold to other frequencies is little then. A channel that has no pairs at some lag, such as
-one of which every second sample was measured, is no reference: its past is left out, its row stays.
+one of which every second sample was measured, is not a reference: its past is left out, its row stays.
 """
 
 from __future__ import annotations
@@ -265,7 +265,7 @@ def _covariances_of_pairs(
         for (rows, past), products in zip(ways, pairs.products(every, some), strict=False):
             column = np.flatnonzero(np.isin(references, past))
             chosen = np.searchsorted(past, references[column])
-            # none at all only where the past is of a channel that is no reference
+            # none at all only where the past is of a channel that is not a reference
             number = np.maximum(pairs.by_channels(pairs.number, rows, past), 1.0)
             covariance[:, rows[:, None], column] = _select_lags(weights, products / number)[:, :, chosen]
     return covariance

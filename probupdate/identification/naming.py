@@ -94,7 +94,7 @@ def _steady_modes(
         jumps[j] = not stays(steps, physical.modes.frequency_hz[j], physical.damping_ratio[j], block_seconds)
     seen = np.ones(n_mode, bool) if every else seen & ~jumps
     seen[list(joined)] = False
-    # the other direction of a single mode that turns with the nacelle is no mode that was lost
+    # the other direction of a single mode that turns with the nacelle is not a mode that was lost
     mated = np.zeros(n_mode, bool)
     mated[list(joined)] = True
     for pair in physical.modes.turning or ():
@@ -158,7 +158,7 @@ def with_independence(s: ModalSet, choice: Choice, names: tuple[str, ...], modes
     pair got."""
     known = {}
     for g, group in enumerate(modes.groups):
-        # what is one mode, before and after a change, is no pair
+        # what is one mode, before and after a change, is not a pair
         if len(group) > 1 and all(names[i] for i in group) and len({names[i] for i in group}) == len(group):
             # fore-aft first, and numbers ascending
             known["independence_" + "_".join(sorted(names[i] for i in group))] = float(choice.independence[g])

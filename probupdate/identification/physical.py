@@ -270,7 +270,7 @@ class PhysicalModes:
     rows: tuple[np.ndarray, ...] = ()
 
     def only(self, chosen: Sequence[int]) -> PhysicalModes:
-        """The modes numbered `chosen`, numbered anew."""
+        """The modes numbered `chosen`, numbered again."""
         chosen = [int(k) for k in chosen]
         return replace(self, modes=self.modes.only(chosen, number=True), weight=frozen_array(self.weight[chosen]),
                        damping_ratio=frozen_array(self.damping_ratio[chosen]), rows=tuple(self.rows[k] for k in chosen))
@@ -303,7 +303,8 @@ def physical_modes(
     for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)),
                           key=lambda x: x.ln_frequency):
         if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
-            notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is no mode: left out")
+            notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is not a "
+                         "mode: left out")
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies where multiples of the rotor's speed pass in nearly every "
               "block: it may be its line" for one in sorted(found, key=lambda x: x.ln_frequency)
               if swept[one.rows].mean() > FOLLOWS]

@@ -60,7 +60,7 @@ def _design(rate_hz: float, target_hz: float) -> tuple[int, int, np.ndarray | No
         raise InputError("target rate", f"{target_hz:g} Hz is not in (0, {rate_hz:g}]", "records are only thinned out")
     ratio = Fraction(target_hz / rate_hz).limit_denominator(1000)
     if abs(float(ratio) * rate_hz - target_hz) > 1e-6 * target_hz:
-        raise InputError("target rate", f"{target_hz:g} of {rate_hz:g} Hz is no ratio of small numbers",
+        raise InputError("target rate", f"{target_hz:g} of {rate_hz:g} Hz is not a ratio of small numbers",
                          "choose a rate that divides the recorded one")
     up, down = ratio.numerator, ratio.denominator
     fine_hz = rate_hz * up

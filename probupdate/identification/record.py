@@ -92,7 +92,7 @@ class IdentifiedRecord:
         they are. Shapes are scaled by `modes.unit_largest`. All are NaN where the order parts equal singular values.
         First order: an order above what the record holds leaves little between singular values, or puts a pole of the
         noise beside that of a mode; standard deviations of such blocks come out large, and larger than the poles
-        scatter. `order_average` mends that.
+        scatter. `order_average` corrects that.
         """
         if self.observability_change is None:
             raise InputError("sub-records", "the record was identified without sub-records", "give sub_records, say 30")

@@ -2,7 +2,7 @@
 
 A mode's shape at the references is the same in every setup but for its scale. A reference that was reversed, exchanged
 with another or amplified differently in one of them makes all its modes unlike those of the others there, and all of
-them alike again once it is mended: what one change explains in all modes is no chance.
+them alike again once it is corrected: what one change explains in all modes is no chance.
 """
 
 from __future__ import annotations
@@ -157,11 +157,11 @@ def _refuse_explained(
     if min(scaled, left) > REMAINING * before:
         return (f"{both}: their {one.shape[1]} modes {like}, and no change of references explains it: run `probupdate "
                 "check` on each")
-    said = f"as they are the setups' {one.shape[1]} modes {like}, with that mended {1 - min(scaled, left):.3f}"
+    said = f"as they are the setups' {one.shape[1]} modes {like}, with that corrected {1 - min(scaled, left):.3f}"
     if amplified:
         raise InputError(f"{both}, reference {references[row]}", f"{references[row]} reads {1 / gain:.3g} times as "
                          f"much in {second.name} as in {first.name}: {said}",
-                         "mend its unit in the campaign.toml of the one that is wrong")
+                         "correct its unit in the campaign.toml of the one that is wrong")
     # of references some explain it as well as others
     alike = [c for rest, c in found if rest <= 1.01 * left + 1e-12 and c.exchanged == change.exchanged
              and len(c.reversed_) == len(change.reversed_)]

@@ -164,7 +164,7 @@ def shared_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
             if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or other.gravity != here[0].gravity:
                 raise InputError(f"channel {channel}", f"sits elsewhere in another setup ({moved:.2g} m away, or of "
                                  "another direction or gravity)",
-                                 "name sensors that were moved anew in each setup")
+                                 "give a sensor that was moved a name of its own in each setup")
     return tuple(c for c in every if sum(c in place for place in places) > 1)
 
 

@@ -83,7 +83,7 @@ def select(
 ) -> Selection:
     """Keep the `count` most consistent of the blocks that pass every criterion; fewer where fewer pass.
 
-    With `scada` the conditions of each block are gathered anew, else those kept in the sets are used. What a
+    With `scada` the conditions of each block are gathered again, else those kept in the sets are used. What a
     criterion needs and does not find is said, and that criterion is then not asked.
 
     std_from: what the kept sets carry and `--weights measured` takes. "campaign", as the paper: frequency_std_hz is
@@ -97,7 +97,7 @@ def select(
     if count < 1:
         raise InputError("count", f"{count} sets cannot be selected", "give at least 1")
     if std_from not in (CAMPAIGN, OWN):
-        raise InputError("selection", f"'{std_from}' is no source of standard deviations",
+        raise InputError("selection", f"'{std_from}' is not a source of standard deviations",
                          f"choose {CAMPAIGN} or {OWN}")
     labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
     required = required_modes(data.labels, data.n_mode, criteria, data.sets)
@@ -227,7 +227,7 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
         if not rows.any():
             continue
         middle = columns[0][rows]
-        for _ in range(5):  # each is brought onto the mean, the mean is taken anew
+        for _ in range(5):  # each is brought onto the mean, the mean is taken again
             onto = [c[rows] @ np.linalg.lstsq(c[rows], middle, rcond=None)[0] for c in columns]
             middle = np.mean(onto, axis=0)
             middle = middle / np.abs(middle).max(axis=0)
@@ -252,7 +252,7 @@ def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalS
             start = pd.Timestamp(s.id)
             minutes = float(s.environment["block_minutes"])
         except (ValueError, KeyError, TypeError):
-            raise InputError(f"set {s.id}", "its id is no time, or its environment has no block_minutes, so SCADA "
+            raise InputError(f"set {s.id}", "its id is not a time, or its environment has no block_minutes, so SCADA "
                              "cannot be joined", "leave --scada out, or name sets by their start in UTC") from None
         start = start.tz_localize("UTC") if start.tzinfo is None else start
         kept = {key: value for key, value in s.environment.items() if not key.startswith(COLUMNS)}

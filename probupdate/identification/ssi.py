@@ -208,9 +208,9 @@ def left_singular(
     rounding (count,) that the squares may hold.
 
     From the eigenvalues of T T^T: a third of the work of a full decomposition. Their rounding is that of the largest,
-    so that where the `needed` first ones (all) fall below 1e-5 of it, those below 1e-3 are found anew in the complement
-    of the vectors above: the same in two steps, each with a rounding of its own. A tall T is made square by a QR
-    decomposition.
+    so that where the `needed` first ones (all) fall below 1e-5 of it, those below 1e-3 are found again in the
+    complement of the vectors above: the same in two steps, each with a rounding of its own. A tall T is made square by
+    a QR decomposition.
     """
     tall = toeplitz.shape[0] > toeplitz.shape[1]
     q, square = np.linalg.qr(toeplitz) if tall else (None, toeplitz)

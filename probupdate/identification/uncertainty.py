@@ -40,7 +40,7 @@ def sub_record_covariances(
     """
     n_sample = len(data)
     if not isinstance(sub_records, int | np.integer) or isinstance(sub_records, bool) or sub_records < 2:
-        raise InputError("sub-records", f"{sub_records!r} is no whole number from 2", "give one, such as 30")
+        raise InputError("sub-records", f"{sub_records!r} is not a whole number from 2", "give one, such as 30")
     if n_sample // sub_records <= n_lag:
         raise InputError("sub-records", f"{sub_records} of {n_sample // sub_records} samples each for {n_lag} lags",
                          f"give at most {n_sample // (n_lag + 1)}, fewer block rows or a longer record")

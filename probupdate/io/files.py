@@ -213,7 +213,8 @@ def _refuse_target(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         return
     except (OSError, ValueError) as error:
-        raise InputError(_shown_path(path), f"is no name of a file ({_reason(error)})", "name another file") from None
+        raise InputError(_shown_path(path), f"is not a name of a file ({_reason(error)})",
+                         "name another file") from None
     if stat.S_ISLNK(mode):
         raise InputError(str(path), "is a link, and what it leads to is not written over", "name the file itself")
     if not stat.S_ISREG(mode):
@@ -324,7 +325,7 @@ def named_path(name: str, folder: Path, where: str, *, root: Path | None = None,
         path.is_file()
         good = path.is_relative_to(folder.resolve() if root is None else root.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(where, f"'{name:.80}' is no name of a file ({_reason(error)})", remedy) from None
+        raise InputError(where, f"'{name:.80}' is not a name of a file ({_reason(error)})", remedy) from None
     if not good:
         raise InputError(where, f"'{name:.200}' leaves the folder {(root or folder).name or root or folder}", remedy)
     return path
@@ -354,7 +355,7 @@ def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: in
     try:
         return read_bytes(path, remedy, largest=largest).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(_shown_path(Path(path)), f"is no UTF-8 text ({error})", "save it as UTF-8") from None
+        raise InputError(_shown_path(Path(path)), f"is not a UTF-8 text ({error})", "save it as UTF-8") from None
 
 
 def read_json(path: str | Path, remedy: str = "correct the file at that place", *, absent: str = "check the path",
@@ -379,7 +380,7 @@ def read_json_table(path: str | Path, remedy: str, *, absent: str = "check the p
     """A JSON file whose outermost value is a table."""
     content = read_json(path, remedy, absent=absent, nan=nan)
     if not isinstance(content, dict):
-        raise InputError(str(path), "is no JSON table", remedy)
+        raise InputError(str(path), "is not a JSON table", remedy)
     return content
 
 
@@ -420,7 +421,7 @@ def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGE
         now = os.fstat(stream.fileno())
         state = (now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns, now.st_ctime_ns, largest)
         if state not in _sound:
-            # numpy takes whatever is no archive for a pickle and advises to load it as one
+            # numpy takes whatever is not an archive for a pickle and advises to load it as one
             if not zipfile.is_zipfile(stream):
                 raise InputError(str(path), f"{problem} (no .npz archive)", remedy)
             _refuse_bomb(path, stream, remedy, largest)
@@ -509,7 +510,7 @@ def _float(text: str) -> float:
 
 
 def _constant(text: str) -> float:
-    raise ValueError(f"{text} is no JSON")
+    raise ValueError(f"{text} is not valid JSON")
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict:

@@ -21,7 +21,7 @@ def read_lines(path: str | Path) -> tuple[str, ...]:
     # bytes: carriage returns are cut below, so that a lone form feed or the like does not count as a line
     text = read_bytes(path, largest=LARGEST).decode("utf-8", errors="surrogateescape")
     if "\0" in text:
-        raise InputError(str(path), "is no text file", "give OpenFAST's input file")
+        raise InputError(str(path), "is not a text file", "give OpenFAST's input file")
     return tuple(line.rstrip("\r") for line in text.removesuffix("\n").split("\n"))
 
 

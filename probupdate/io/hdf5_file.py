@@ -135,7 +135,7 @@ def refuse_outside(where: str, dataset: Any, remedy: str) -> None:
 
 
 class _Probe:
-    """One child for all files of a process, started when first asked and anew when it was ended."""
+    """One child for all files of a process, started when first asked and again when it was ended."""
 
     def __init__(self) -> None:
         self.known: set[tuple] = set()

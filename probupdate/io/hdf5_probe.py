@@ -1,8 +1,8 @@
 """Run as a program of its own: opens HDF5 files named on standard input and answers whether they are safe to read.
 
-A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path",
+A damaged index can hold the HDF5 library forever, or end its process; this one may be ended. A line in: {"path",
 "whole", "seconds"}; a line out: {"problem": null or words}, before it a blank after every STEP objects. `whole`: all
-data are read here first. Limits on processor time (`seconds`, anew for every STEP objects: a year of modal sets has
+data are read here first. Limits on processor time (`seconds`, again for every STEP objects: a year of modal sets has
 many small ones) and memory (the argument, bytes) hold where the system has them.
 """
 

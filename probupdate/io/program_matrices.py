@@ -49,7 +49,7 @@ def read_program_matrices(files: Sequence[Path]) -> ProgramMatrices:
     first = files[0]
     ending = first.suffix.lower()
     if ending not in ENDINGS:
-        raise InputError(str(first), "is no matrix file that is known",
+        raise InputError(str(first), "is not a matrix file that is known",
                          f"give one of {', '.join(ENDINGS)} (CalculiX: the .sti of SOLVER=MATRIXSTORAGE)")
     for path in files:
         if not path.is_file():
@@ -79,7 +79,7 @@ def _triplets(path: Path, offset: int = 1) -> sparse.csc_array:
 def _assemble_entries(path: Path, row, column, value) -> sparse.csc_array:
     row, column = np.asarray(row), np.asarray(column)
     if not np.all(np.isfinite(value)):
-        raise InputError(str(path), "has an entry that is no number", "write it again")
+        raise InputError(str(path), "has an entry that is not a number", "write it again")
     size = int(max(row.max(), column.max())) + 1
     if row.min() < 0 or column.min() < 0 or size > MOST_ROWS:
         raise InputError(str(path), f"has rows from {int(min(row.min(), column.min())) + 1} to {size}",

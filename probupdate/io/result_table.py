@@ -64,7 +64,7 @@ def files_table(**kinds: Iterable[Path]) -> pd.DataFrame:
 
 def json_object(command: str, summary: str, table: pd.DataFrame, files: Iterable[Any] = (), **more: Any) -> str:
     """One JSON object: command, summary (lines), files (written), table {columns: [{name, unit}], rows: [[...]]}, and
-    what else a command says of its own. null stands for what is no number."""
+    what else a command says of its own. null stands for what is not a number."""
     units = table.attrs.get("units", {})
     content = {
         "command": command,

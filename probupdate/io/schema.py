@@ -42,7 +42,7 @@ class Range:
         if not self.low <= value <= self.high or (self.above and value == self.low) or (self.nonzero and value == 0):
             if self.high < np.inf:
                 raise ValueError(f"is not in {self.low:g} to {self.high:g}" + " and not zero" * self.nonzero)
-            raise ValueError(f"is no number {'above' if self.above else 'from'} {self.low:g}")
+            raise ValueError(f"is not a number {'above' if self.above else 'from'} {self.low:g}")
         return value
 
 
@@ -97,15 +97,15 @@ def table_as(kind: type[T], table: object, where: str, **defaults: object) -> T:
 
     known = [f.name for f in fields(cast(Any, kind))]
     if not isinstance(table, Mapping):
-        raise InputError(where, f"{table!r:.60} is no table", f"write lines such as {known[0]} = ...")
+        raise InputError(where, f"{table!r:.60} is not a table", f"write lines such as {known[0]} = ...")
     refuse_unknown(table, known, where)
     try:
-        # through JSON, where a list is a tuple and a date, which none of these has, is no text
+        # through JSON, where a list is a tuple and a date, which none of these has, is not text
         found = _schema(kind).model_validate_json(json.dumps(dict(table), default=lambda value: {"date": str(value)}))
     except pydantic.ValidationError as error:
         raise _mistake(error.errors(include_url=False), known, where) from None
     except (TypeError, ValueError) as error:
-        raise InputError(where, f"holds what is no number, text or list ({error})", "see docs/formats") from None
+        raise InputError(where, f"holds what is not a number, text or list ({error})", "see docs/formats") from None
     given = {name: getattr(found, f"{name}_" if hasattr(pydantic.BaseModel, name) else name) for name in known
              if name in table}
     return kind(**(defaults | given))
@@ -122,15 +122,15 @@ def refuse_unknown(table: Mapping, known: Iterable[str], where: str) -> None:
 
 
 # kind of mistake, as pydantic names it -> what is wrong, what to write
-TEXT, NUMBER, LIST = "is no text", "is not a number", "is no list"
+TEXT, NUMBER, LIST = "is not text", "is not a number", "is not a list"
 WORDS = {
     "float_type": (NUMBER, "write a number without quotes"),
     "int_type": (NUMBER, "write a whole number without quotes"),
-    "int_from_float": ("is no whole number", "write one"), "finite_number": ("is not finite", "give a number"),
+    "int_from_float": ("is not a whole number", "write one"), "finite_number": ("is not finite", "give a number"),
     "string_type": (TEXT, "write it in quotes"), "bool_type": ("is not true or false", "write one of them"),
     "tuple_type": (LIST, 'write ["..."], or [1.0, 2.0]'), "list_type": (LIST, 'write ["..."], or [1.0, 2.0]'),
-    "dict_type": ("is no table", "write name = value below a line with its name in brackets"),
-    "mapping_type": ("is no table", "write name = value below a line with its name in brackets"),
+    "dict_type": ("is not a table", "write name = value below a line with its name in brackets"),
+    "mapping_type": ("is not a table", "write name = value below a line with its name in brackets"),
 }
 
 
@@ -223,5 +223,5 @@ def _check_finite(value: float) -> float:
 def _array(value: Any) -> np.ndarray:
     good = isinstance(value, np.ndarray) and value.dtype.kind in "biufc"
     if not good or (value.dtype.kind in "fc" and np.any(np.abs(value) > LARGEST)):
-        raise ValueError(f"is no array of numbers up to {LARGEST:g}")
+        raise ValueError(f"is not an array of numbers up to {LARGEST:g}")
     return value

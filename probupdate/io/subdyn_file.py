@@ -380,7 +380,7 @@ def _reactions(r: _Reader, notes: list[str]) -> tuple[Reaction, ...]:
             if flag is None and (said := logical(word)) is not None:
                 flag = int(said)
             if flag not in (0, 1):
-                r.fail(f"'{word}' is no flag of joint {id}", "write 1 (held) or 0 (free)", line)
+                r.fail(f"'{word}' is not a flag of joint {id}", "write 1 (held) or 0 (free)", line)
             flags.append(bool(flag))
         if len(flags) not in (0, 6):
             r.fail(f"{len(flags)} flags of joint {id}, 6 expected", "complete the row", line)

@@ -355,7 +355,8 @@ def thrust_spectra(c: Conditions, path: Path) -> Mapping[str, tuple[np.ndarray, 
             raise InputError(f"{file}, {sorted(missing)[0]}", "this column is missing", "give frequency_hz, n2phz")
         f, s = (np.array([np.nan if v is None else v for v in table[key]], float) for key in ("frequency_hz", "n2phz"))
         if len(f) < 2 or not np.all(np.diff(f) > 0) or not np.all(s >= 0):
-            raise InputError(str(file), "its frequencies do not rise, or a density is negative or missing", "mend it")
+            raise InputError(str(file), "its frequencies do not rise, or a density is negative or missing",
+                             "correct it")
         found[state.name] = (f, s)
     return found
 

@@ -105,7 +105,7 @@ def read_joint(path: str | Path) -> Joint:
         or np.linalg.eigvalsh(correlation)[0] <= 0
         or not np.allclose(np.diag(correlation), 1.0, atol=1e-9)
     ):
-        raise InputError(str(path), "normal_correlation is no correlation matrix", again)
+        raise InputError(str(path), "normal_correlation is not a correlation matrix", again)
     return Joint(
         names=names,
         level=frozen_array(level),

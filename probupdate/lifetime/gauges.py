@@ -78,7 +78,7 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     where nothing was recorded. Raises InputError."""
     where, again = str(path), "give a CSV with the columns time and hot_spot_N_mpa, N as in hot_spots.csv"
     text = read_text(path, again, largest=LARGEST)
-    with parsing(where, "is no table of gauges", again):
+    with parsing(where, "is not a table of gauges", again):
         table = pd.read_csv(io.StringIO(text), comment="#", dtype={"time": str})
     names = [name for name in table if COLUMN.fullmatch(str(name))]
     other = [str(name) for name in table if name not in names and name != "time"]

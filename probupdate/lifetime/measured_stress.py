@@ -3,7 +3,7 @@
 Of every block the damage-equivalent ranges and the damage of each hot spot follow from the moments of its stress
 spectrum, expectation plus what the sensors do not resolve; of the worst ones the history is counted by rainflow as a
 second route. What the posterior leaves open is carried by draws: the same blocks at other parameters, with the loads
-learnt anew.
+learnt again.
 """
 
 from __future__ import annotations
@@ -454,7 +454,7 @@ class _Group:
         return 3600 * self._damage(self._moments_at_spots(moments))
 
     def draw_ratio(self, planned: Sequence[_Planned]) -> np.ndarray | None:
-        """(n_draw, n_spot) damage at each draw by what the readings resolve, its loads learnt anew, over that at the
+        """(n_draw, n_spot) damage at each draw by what the readings resolve, its loads learnt again, over that at the
         mean; None without a block."""
         blocks = [(w, x) for _, w, x in (self.work.read(p) for p in _spread(planned, DRAWN_BLOCKS)) if w.size]
         if not blocks:

@@ -144,7 +144,7 @@ def find_subdyn_details(
     for k, entry in enumerate(conditions.member_end):
         here = f"{where}: member_end[{k + 1}]"
         if missing := [j for j in entry.joints if j not in known]:
-            raise InputError(f"{here}.joints", f"joint {missing[0]} is not in {own.file.where}", "mend its number")
+            raise InputError(f"{here}.joints", f"joint {missing[0]} is not in {own.file.where}", "correct its number")
         found = _brace_ends(own, entry, here)
         every += found
         chosen.append((here, entry, [d for d in found if not entry.joints or int(d.joint.split()[-1]) in entry.joints]))
@@ -325,7 +325,7 @@ def _hub(own: Opened, site: Site, heading_deg: float, from_wind_deg: float, wher
             )
         joint = own.file.masses[-1].id
     if joint not in own.frame.node_of:
-        raise InputError(f"{where}: site.hub_joint", f"joint {joint} is not in {own.file.where}", "mend its number")
+        raise InputError(f"{where}: site.hub_joint", f"joint {joint} is not in {own.file.where}", "correct its number")
     angle = np.radians(heading_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     way = angle + np.radians(from_wind_deg)

@@ -63,7 +63,7 @@ class Superelement:
 def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: int = 6) -> Superelement:
     """Reduce a structure to its interface joints, taken as rigidly fixed to the reference point (their mean where none
     is given), and `n_mode` modes; 0 is Guyan's reduction. Damping is what the file says. Raises InputError where there
-    is no interface."""
+    is not an interface."""
     whole = subdyn_substructure(*assembled_file(file), reference_m)
     return reduced(whole, n_mode=n_mode, compared=compared, damping=partial(_damping, file))
 
@@ -190,7 +190,8 @@ def read_extptfm(path: str | Path) -> dict[str, np.ndarray]:
             at += 1
         rows = [[number(w) for w in line.split()] for line in lines[at : at + (n or 0)]]
         if n is None or len(rows) != n or any(len(r) != n or None in r for r in rows):
-            raise InputError(f"{path}, line {at + 1}", f"the {title} matrix is not {n} rows of {n} numbers", "mend it")
+            raise InputError(f"{path}, line {at + 1}", f"the {title} matrix is not {n} rows of {n} numbers",
+                             "correct it")
         found[title] = np.array(rows)
         at += n
     missing = {"Mass", "Damping", "Stiffness"} - set(found)

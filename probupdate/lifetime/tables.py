@@ -13,7 +13,7 @@ from probupdate.io.files import read_text
 def read_table(path: str | Path) -> dict[str, list]:
     """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
-    with parsing(str(path), "is no table", "export it again"):
+    with parsing(str(path), "is not a table", "export it again"):
         rows = list(csv.reader(lines))
         if not rows or any(len(row) != len(rows[0]) for row in rows):
             raise InputError(str(path), "has rows of different length, or none", "export it again")

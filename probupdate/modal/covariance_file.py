@@ -58,7 +58,7 @@ def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
     """The covariance factors in the file `name` in the folder of modes_file."""
     where = f"{modes_file}, deviations"
     if not isinstance(name, str) or not name or Path(name).name != name or name in (".", ".."):
-        raise InputError(where, f"{name!r} is no file name", "name a file in the same folder")
+        raise InputError(where, f"{name!r} is not a file name", "name a file in the same folder")
     path = modes_file.with_name(name)
     if "\0" in name or not path.exists():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
@@ -116,5 +116,5 @@ def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:
     for key, (n_axis, _) in DATASETS.items():
         array = found[key] = group[key][()]
         if array.ndim != n_axis or array.dtype.kind not in "fc" or np.any(np.isinf(array)):
-            raise InputError(f"{path}, {group.attrs['id']}", f"{key} is no table of {n_axis} axes of numbers", AGAIN)
+            raise InputError(f"{path}, {group.attrs['id']}", f"{key} is not a table of {n_axis} axes of numbers", AGAIN)
     return found

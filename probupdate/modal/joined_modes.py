@@ -83,7 +83,7 @@ def _notes(sets: Sequence[ModalSet], labels: Sequence[str], pairs: Sequence[tupl
 
 
 def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
-    """Hours since the first id where all of them are times (ISO 8601); a number is no year."""
+    """Hours since the first id where all of them are times (ISO 8601); a number is not a year."""
     if not all(TIME.match(i) for i in ids):
         return None
     try:

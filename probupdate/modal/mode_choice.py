@@ -82,7 +82,7 @@ class ModeChoice:
 def read_choice(path: str | Path) -> ModeChoice:
     """A choice as a page of `explore` saves it."""
     path = Path(path)
-    with of_file(path), parsing(str(path), "is no choice of modes", REMEDY):
+    with of_file(path), parsing(str(path), "is not a choice of modes", REMEDY):
         return choice_of(read_json_table(path, REMEDY, absent="check the path, or save it from a page of `probupdate "
                                          "explore`"), str(path))
 
@@ -90,14 +90,14 @@ def read_choice(path: str | Path) -> ModeChoice:
 def choice_of(table: Mapping[str, Any], where: str) -> ModeChoice:
     """The table of a choice, here or in modes.json, with every value within its bounds."""
     if "picked" not in table:
-        raise InputError(where, "is no choice of modes: it has no 'picked'", REMEDY)
+        raise InputError(where, "is not a choice of modes: it has no 'picked'", REMEDY)
     refuse_unknown(table, [f.name for f in fields(ModeChoice)], where)
     known = table.get("format")
     if known != FORMAT or isinstance(known, bool):
         raise InputError(where, f"has the format {known!r:.40}, not {FORMAT}", REMEDY)
     channels = table.get("channels")
     if not isinstance(channels, list) or not all(isinstance(c, str) for c in channels):
-        raise InputError(f"{where}, channels", "is no list of names", REMEDY)
+        raise InputError(f"{where}, channels", "is not a list of names", REMEDY)
     choice = ModeChoice(
         channels=tuple(channels), settings=table_as(ChoiceSettings, table.get("settings"), f"{where}, settings"),
         blocks=_rows(ChoiceBlock, table, "blocks", MOST_BLOCKS, where),
@@ -110,7 +110,7 @@ def choice_of(table: Mapping[str, Any], where: str) -> ModeChoice:
 def _rows(kind: type[T], table: Mapping, key: str, most: int, where: str) -> tuple[T, ...]:
     rows = table.get(key)
     if not isinstance(rows, list) or len(rows) > most:
-        problem = f"has {len(rows)} entries, {most} at most are read" if isinstance(rows, list) else "is no list"
+        problem = f"has {len(rows)} entries, {most} at most are read" if isinstance(rows, list) else "is not a list"
         raise InputError(f"{where}, {key}", problem, REMEDY)
     return tuple(table_as(kind, row, f"{where}, {key} {number}") for number, row in enumerate(rows, start=1))
 

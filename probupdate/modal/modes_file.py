@@ -32,7 +32,8 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     if value is None:
         return np.full(shape, np.nan)
     if not isinstance(value, list):
-        raise InputError(f"{where}, {key}", f"{value!r} is no list", "use a list of numbers, null where not measured")
+        raise InputError(f"{where}, {key}", f"{value!r} is not a list",
+                         "use a list of numbers, null where not measured")
     _refuse_no_numbers(where, [x for row in value for x in (row if isinstance(row, list) else [row])], key)
     try:
         array = np.array(
@@ -47,7 +48,7 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     if np.any(np.isinf(array)):
         raise InputError(f"{where}, {key}", "holds an infinite number", "use null where not measured")
     if np.any(np.abs(array) > LARGEST):
-        raise InputError(f"{where}, {key}", f"holds {np.nanmax(np.abs(array)):.3g}, which is no measurement",
+        raise InputError(f"{where}, {key}", f"holds {np.nanmax(np.abs(array)):.3g}, which is not a measurement",
                          "use null where not measured")
     if array.shape != shape:
         raise InputError(f"{where}, {key}", f"has shape {array.shape}",
@@ -60,8 +61,8 @@ def _table_mistake(value: list, shape: tuple[int, ...]) -> str:
     for row, numbers in enumerate(value, start=1):
         if len(shape) == 2 and not (isinstance(numbers, list) and len(numbers) == shape[1]):
             found = plural(len(numbers), "number") if isinstance(numbers, list) else f"{numbers!r:.40}"
-            return f"is no table of numbers: row {row} has {found} for {plural(shape[1], 'channel')}"
-    return "is no table of numbers"
+            return f"is not a table of numbers: row {row} has {found} for {plural(shape[1], 'channel')}"
+    return "is not a table of numbers"
 
 
 def _refuse_no_numbers(where: str, values: list, key: str) -> None:
@@ -112,7 +113,7 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
     known = temperature[np.isfinite(temperature)]
     middle = float(np.median(known)) if len(known) else 0.0
     if abs(middle) > WARMEST_C:
-        raise InputError(f"{where}, {AIR}", f"{middle:.4g} in the middle is no temperature of the air: are these "
+        raise InputError(f"{where}, {AIR}", f"{middle:.4g} in the middle is not a temperature of the air: are these "
                          "kelvin, or degrees Fahrenheit?", "give degrees Celsius, null where not measured")
 
 
@@ -183,7 +184,7 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
 
 # the temperature of the air, and how far from zero degrees Celsius it is in the middle of no record
 AIR, WARMEST_C = "air_temperature_c", 60.0
-# what a file is by its ending that is given for modal sets and is no JSON
+# what a file is by its ending that is given for modal sets and is not valid JSON
 NO_MODES = {
     ".npz": "an archive of arrays such as a model's", ".toml": "a TOML file such as a model's or a campaign's",
     ".dat": "a table such as a SubDyn file", ".csv": "a table", ".h5": "an HDF5 file such as a record",
@@ -195,7 +196,7 @@ NO_MODES = {
 def read_modes(path: str | Path) -> ModalData:
     """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
     path = Path(path)
-    with of_file(path), parsing(str(path), "is no modes.json", "see docs/formats/modes.md"):
+    with of_file(path), parsing(str(path), "is not modes.json", "see docs/formats/modes.md"):
         return _read_modes(path)
 
 
@@ -258,11 +259,12 @@ def _json_of_modes(path: Path) -> dict:
         raise InputError(str(path), f"is {kind}, not modal sets",
                          "give a modes.json, as `probupdate identify` writes it") from None
     if not isinstance(content, dict):
-        raise InputError(str(path), "is no table", 'write {"channels": [...], "sets": [...]} (docs/formats/modes.md)')
+        raise InputError(str(path), "is not a table",
+                         'write {"channels": [...], "sets": [...]} (docs/formats/modes.md)')
     _refuse_misspelt(str(path), content, FILE_KEYS)
     for key in ("channels", "sets"):
         if key not in content or (key == "sets" and not isinstance(content[key], list)):
-            raise InputError(f"{path}, {key}", "is no list" if key in content else "is missing",
+            raise InputError(f"{path}, {key}", "is not a list" if key in content else "is missing",
                              "give modal sets, as `probupdate identify` writes them (docs/formats/modes.md)")
     return content
 
@@ -290,7 +292,7 @@ def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factor
     if np.any(frequency <= 0):
         raise InputError(f"{where}, frequency_hz", "a frequency is not positive", "use null where not measured")
     if np.any(frequency > HIGHEST_HZ):
-        raise InputError(f"{where}, frequency_hz", f"{np.nanmax(frequency):.3g} Hz is no structure's frequency",
+        raise InputError(f"{where}, frequency_hz", f"{np.nanmax(frequency):.3g} Hz is not a structure's frequency",
                          "give hertz, and null where not measured")
     std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
     shape_std = shapes("shape_std")
@@ -305,7 +307,7 @@ def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factor
         known = np.isfinite(array)
         if np.any(known.any(axis=-1) != known.all(axis=-1)):
             raise InputError(f"{path}, its covariance factors, {set_id}",
-                             f"{key} has columns that are no numbers", "make it again with `probupdate identify`")
+                             f"{key} has columns that are not numbers", "make it again with `probupdate identify`")
     found = ModalSet(
         id=set_id,
         frequency_hz=frequency,

@@ -60,7 +60,7 @@ class Sensor:
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
             if self.quantity in OTHER_QUANTITIES:
-                raise InputError(where, f"measures {self.quantity}, which is no motion of a point: its shapes could "
+                raise InputError(where, f"measures {self.quantity}, which is not a motion of a point: its shapes could "
                                  "not stand beside those of other sensors or of a model",
                                  "convert the other channels alone")
             raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
@@ -375,7 +375,8 @@ class ModalData:
         if self.records and len(self.records) != n_mode:
             raise InputError("modal data", f"{len(self.records)} records for {n_mode} modes", "give one a mode")
         if self.reference_set is not None and self.reference_set not in ids:
-            raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
+            raise InputError("modal data", f"reference_set '{self.reference_set}' is not a set's id",
+                             "name one of them")
 
     def to_frame(self) -> pd.DataFrame:
         """A row a set and mode: frequency, damping ratio, their standard deviations; NaN where not measured."""

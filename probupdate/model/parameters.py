@@ -226,7 +226,8 @@ class Parameters:
         for name, value in values.items():
             if name not in self.names:
                 near = difflib.get_close_matches(name, self.names, n=1)
-                raise InputError(f"fix, {name}", "is no updated parameter", f"did you mean '{near[0]}'?" if near else
+                raise InputError(f"fix, {name}", "is not an updated parameter",
+                                 f"did you mean '{near[0]}'?" if near else
                                  f"choose from {', '.join(self.names)}")
             own = self.items[self.index(name)]
             if not own.lower <= value <= own.upper:

@@ -58,7 +58,7 @@ def _findings(path: Path, campaign: Campaign) -> tuple[str, ...]:
         raise InputError(str(path), "is of a campaign with other channels" + (f" ({odd[0]})" if odd else ""), again)
     starts = {f"{start:%Y-%m-%dT%H:%M:%SZ}"[:16] for start in block_starts(campaign)}
     if blocks and not starts & {b[:16] for b in blocks}:
-        raise InputError(str(path), f"is of other records: {blocks[0]} is no block of this campaign", again)
+        raise InputError(str(path), f"is of other records: {blocks[0]} is not a block of this campaign", again)
     if content.get("campaign_toml_sha256", held := sha256(campaign.path / "campaign.toml")) != held:
         return ("campaign.toml was changed after this check: run `probupdate check` again", *findings)
     return findings

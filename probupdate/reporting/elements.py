@@ -130,8 +130,8 @@ class Section:
 
 
 def full_sentence(text: str, names: Collection[str] = ()) -> str:
-    """A capital first and a full stop last; a name (one of `names`, or what is no plain word, such as k_t) stays as it
-    is written."""
+    """A capital first and a full stop last; a name (one of `names`, or what is not a plain word, such as k_t) stays as
+    it is written."""
     first = re.split(r"[\s,;:=(]", text, maxsplit=1)[0]
     plain = re.fullmatch(r"[a-z][a-z'-]*", first) and first not in names
     return (text[0].upper() + text[1:] if plain else text) + ("" if text.endswith((".", "?", "!")) else ".")
@@ -170,7 +170,7 @@ def fixed(value: float | None, decimals: int) -> str:
     if value is None or not math.isfinite(value):
         return MISSING
     text = f"{value:.{decimals}f}"
-    # "-0.00" is no number a reader wants
+    # "-0.00" is not a number a reader wants
     if float(text) == 0:
         text = text.lstrip("-")
     return text.replace("-", "−")

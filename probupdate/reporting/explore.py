@@ -149,7 +149,7 @@ def _block_values(source: PoleSource, block_id: str) -> dict:
     """One block as explore.js reads it: a list a quantity, with an entry a pole."""
     block = stored_block(source.folder, block_id)
     if block is None or block.poles is None:
-        raise InputError(f"block {block_id}", f"has no poles in {source.folder}", "name another, or identify anew")
+        raise InputError(f"block {block_id}", f"has no poles in {source.folder}", "name another, or identify again")
     every = sorted(block.every_order, key=lambda p: p.order)
     keys = [(p.order, k) for p in every for k in range(len(p.frequency_hz))]
     shape = rotate_to_real(np.concatenate([p.shape for p in every], axis=1))

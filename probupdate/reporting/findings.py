@@ -126,7 +126,8 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
     actions += [full_sentence(one) for one in own_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
     if not actions:
-        actions.append("Mend the sensor, and update again on the sets that `diagnose` corrected (diagnosis.modes.json)."
+        actions.append("Correct the sensor, and update again on the sets that `diagnose` corrected "
+                       "(diagnosis.modes.json)."
                        if of_sensors else
                        "Find what is missing in the model before the parameters are read as properties of the "
                        "structure: the section on the diagnosis shows where model and measurement part.")

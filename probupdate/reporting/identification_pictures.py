@@ -213,7 +213,7 @@ def block_of(modes_file: Path, modes: ModalData, block_id: str | None = None) ->
     if block_id is not None:
         found = stored_block(folder, block_id)
         if found is None:
-            raise InputError(f"block {block_id}", f"is not kept in {folder}", "name a set's id, or identify anew")
+            raise InputError(f"block {block_id}", f"is not kept in {folder}", "name a set's id, or identify again")
         return found
     usable = [s.id for s in modes.sets if s.measured.any()]
     first = [modes.reference_set] if modes.reference_set in usable else []
@@ -226,7 +226,7 @@ def write_figures(
 ) -> list[Path]:
     """Every drawing as a file of that kind ('png', 'svg', 'pdf') in the folder `out`, and captions.txt beside them."""
     if kind not in KINDS:
-        raise InputError("figures", f"'{kind}' is no kind of file", f"choose from {', '.join(KINDS)}")
+        raise InputError("figures", f"'{kind}' is not a kind of file", f"choose from {', '.join(KINDS)}")
     out, captions, written = Path(out), [], []
     block = block_of(Path(modes_file), modes, block_id)
     out.mkdir(parents=True, exist_ok=True)

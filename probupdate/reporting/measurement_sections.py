@@ -238,7 +238,7 @@ def _frequency_cells(modes: ModalData, j: int, inside: np.ndarray) -> list[str]:
 
 
 def _frequencies_by_block(run: Run, modes: ModalData, labels: tuple[str, ...]) -> Picture | None:
-    """Frequencies over time; None of a single set, or where the sets' ids are no times."""
+    """Frequencies over time; None of a single set, or where the sets' ids are not times."""
     if len(modes.sets) < 2:
         return None
     time = pd.to_datetime([s.id for s in modes.sets], errors="coerce", utc=True)

@@ -37,7 +37,7 @@ def marks(run: Run, update: UpdateRecord) -> list[figures.Mark]:
     found = [figures.Mark(name="MAP", theta=update.map_theta, role=MAP)]
     roles = (("prior", "update, prior penalty", PRIOR_UPDATE), ("step", "update, step penalty", STEP_UPDATE))
     for key, name, role in roles:
-        # where one that did not converge happens to stand is no estimate
+        # where one that did not converge happens to stand is not an estimate
         found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes
                   if s.key == key and (s.converged or key == "prior")]
     known = _true_parameters(run)
@@ -228,7 +228,7 @@ def _truth_table(run: Run) -> Table | None:
         note += (
             "m_h and a_m enter both turbines alike. k_j, k_t, k_TP, k_p and LJF multiply members that the virtual one "
             "has with other element theory and walls and joints off their drawings by a per cent or two. py, tz and qw "
-            "scale another soil's curves, leg by leg drawn anew, and correspond on the average of the legs only. "
+            "scale another soil's curves, leg by leg drawn again, and correspond on the average of the legs only. "
         )
     others = [n for n in _true_parameters(run) if n not in update.parameters.names]
     if others:

@@ -73,14 +73,15 @@ class HeadTable:
 
 def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None = None) -> Run:
     """Everything the directory holds; given: campaign, model and parameters that lie elsewhere. Raises InputError where
-    it is no directory, holds nothing of a run, or holds a file that cannot be read or does not belong to the others."""
+    it is not a directory, holds nothing of a run, or holds a file that cannot be read or does not belong to the
+    others."""
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
     head, given = _head(folder), given or {}
     places = _places(folder, head) | {name: path for name, path in given.items() if name in PARTS}
     for name, path in given.items():
         if not path.exists():
-            raise InputError(f"--{name}", f"'{path}' does not exist", "mend the path")
+            raise InputError(f"--{name}", f"'{path}' does not exist", "correct the path")
     parameters = given.get("parameters") or _named_path(folder, head, "parameters")
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
@@ -188,7 +189,7 @@ def _named_path(folder: Path, head: Mapping, key: str) -> Path | None:
     named_path(str(head[key]), folder, where, remedy="copy it into the run directory")
     path = folder / str(head[key])
     if not path.exists():
-        raise InputError(where, f"'{head[key]}' does not exist", "mend the path, or leave the key out")
+        raise InputError(where, f"'{head[key]}' does not exist", "correct the path, or leave the key out")
     return path
 
 

@@ -146,7 +146,7 @@ def ticks_found_once(figure: Figure) -> Iterator[None]:
 def _ticks(axis: Axis, known: dict) -> list[Tick]:
     state = (*axis.get_view_interval(), *axis.axes.bbox.bounds)
     if state not in known:
-        # ticks are moved, not made anew: what was found for another state no longer holds
+        # ticks are moved, not made again: what was found for another state no longer holds
         known.clear()
         known[state] = getattr(type(axis), _FIND_TICKS)(axis)
     return known[state]
@@ -191,8 +191,8 @@ def svg_text(figure: Figure, prefix: str) -> str:
 
 
 def _number_ids(svg: str) -> str:
-    """Ids that matplotlib makes by hashing coordinates (of clips and markers) counted instead: a layout solved anew may
-    differ in a coordinate's last bits, which are not written, and would be another id."""
+    """Ids that matplotlib makes by hashing coordinates (of clips and markers) counted instead: a layout solved again
+    may differ in a coordinate's last bits, which are not written, and would be another id."""
     found = dict.fromkeys(re.findall(r'\bid="([a-z][0-9a-f]{10})"', svg))
     for k, name in enumerate(found):
         svg = re.sub(rf'(?<=["#]){name}(?=[")])', f"n{k}", svg)

@@ -136,12 +136,13 @@ def completed(
 @contextmanager
 def executor(jobs: int | Executor = 1, scheduler: str | None = None) -> Iterator[Executor]:
     """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address
-    of a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
+    of a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is not a
+    number."""
     if isinstance(jobs, Executor):
         yield jobs
         return
     if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or jobs < 1:
-        raise InputError("jobs", f"{jobs!r} is no number of processes", "give 1 or more")
+        raise InputError("jobs", f"{jobs!r} is not a number of processes", "give 1 or more")
     with processes(int(jobs)) if scheduler is None else dask_cluster(scheduler) as runs:
         yield runs
 
@@ -250,7 +251,7 @@ class _DaskCluster(Executor):
     def __init__(self, address: str):
         distributed = _import_distributed()
         if not re.fullmatch(r"(?:[a-z]+://)?[\w.\-\[\]:]+:\d{1,5}/?", address):
-            raise InputError("scheduler", f"'{address}' is no address", "write it as tcp://10.0.0.1:8786")
+            raise InputError("scheduler", f"'{address}' is not an address", "write it as tcp://10.0.0.1:8786")
         self._address = address
         try:
             self._client = distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
@@ -445,7 +446,7 @@ def _begin(filters: list[tuple]) -> None:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever: nothing else ends it. Ctrl-C goes to all of a
+    """A worker whose parent was killed would wait for work forever: nothing else ends it. Ctrl-C goes to all of a
     terminal's processes: the parent answers it and ends its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -95,7 +95,7 @@ def load_model(
 
 
 def _unknown_form(path: Path) -> InputError:
-    """Why a path of another ending is no model, and what was probably meant."""
+    """Why a path of another ending is not a model, and what was probably meant."""
     forms = "a model is a model.toml, a model.npz or a SubDyn .dat"
     meant = difflib.get_close_matches(str(path).lower(), REFERENCE_STATES, n=1, cutoff=0.6)
     if (path / "campaign.toml").is_file():
@@ -109,12 +109,12 @@ def _unknown_form(path: Path) -> InputError:
                           f"did you mean '{path / held[0]}'?" if held else forms)
     if not path.suffix:
         problem = "has no ending that says what it is" if path.exists() else (
-            "is no state of the reference turbine, no model's file and no command")
+            "is not a state of the reference turbine, no model's file and no command")
         return InputError(str(path), problem, f"did you mean '{meant[0]}'?" if meant else f"{forms}; states are "
                           f"{', '.join(REFERENCE_STATES)}")
     close = difflib.get_close_matches(path.suffix.lower(), FORMS, n=1, cutoff=0.5)
     there = [str(path.with_suffix(s)) for s in (*close, *FORMS) if path.with_suffix(s).is_file()]
-    return InputError(str(path), f"'{path.suffix}' is no form of model", f"did you mean '{there[0]}'?" if there else
+    return InputError(str(path), f"'{path.suffix}' is not a form of model", f"did you mean '{there[0]}'?" if there else
                       forms.replace("a model is", "give"))
 
 
@@ -138,7 +138,7 @@ def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:
     value = environment.get("nacelle_angle_deg", 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         where = f"{where}, environment.nacelle_angle_deg"
-        raise InputError(where, f"{value!r} is no angle", "give degrees, or leave it out")
+        raise InputError(where, f"{value!r} is not an angle", "give degrees, or leave it out")
     return float((value + 180.0) % 360.0 - 180.0)
 
 
@@ -207,7 +207,7 @@ def matrices_file(path: str | Path) -> tuple[Path, str]:
         return path, path.stem
     raw = read_toml(path)
     if "matrices" not in raw:
-        raise InputError(str(path), "is no model of matrices", "give model.npz, or a model.toml with [matrices]")
+        raise InputError(str(path), "is not a model of matrices", "give model.npz, or a model.toml with [matrices]")
     file = _path_from_table(path, raw)
     return file, str(raw.get("name") or file.stem)
 

@@ -201,7 +201,7 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
             matrix = sparse.csc_array(sparse.csr_array(
                 (_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)), shape=(size, size)))
         except ValueError as error:
-            raise InputError(where, f"its CSR parts do not fit together ({error})", "write them anew") from None
+            raise InputError(where, f"its CSR parts do not fit together ({error})", "write them again") from None
     else:
         raise InputError(where, "is missing", "give it dense, or as _data, _indices, _indptr (CSR)")
     if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
@@ -221,13 +221,13 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
 def _refuse_structure(where: str, data: np.ndarray, indices: np.ndarray, indptr: np.ndarray, size: int) -> None:
     """What scipy's compiled loops trust: they write where these numbers point."""
     if data.ndim != 1 or not all(part.dtype.kind in "iu" and part.ndim == 1 for part in (indices, indptr)):
-        raise InputError(where, "its _data is no list of numbers, or _indices and _indptr of whole ones",
-                         "write CSR parts anew")
+        raise InputError(where, "its _data is not a list of numbers, or _indices and _indptr of whole ones",
+                         "write CSR parts again")
     if len(indices) != len(data) or (len(indices) and not 0 <= indices.min() <= indices.max() < size):
-        raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts anew")
+        raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts again")
     # compared, not subtracted: differences of unsigned numbers do not fall
     if size < 1 or indptr[0] != 0 or indptr[-1] != len(data) or np.any(indptr[1:] < indptr[:-1]):
-        raise InputError(where, f"its _indptr does not rise from 0 to the {len(data)} entries", "write CSR parts anew")
+        raise InputError(where, f"its _indptr does not rise from 0 to the {len(data)} entries", "write CSR parts again")
 
 
 def _real(where: str, raw: np.ndarray) -> np.ndarray:
@@ -363,7 +363,8 @@ def _gravity(path: Path, content: Mapping, known: np.ndarray) -> FeltGravity:
     """All channels taken for accelerometers, as matrices do not say what they are."""
     own = np.asarray(content.get("gravity", STANDARD_MPS2))
     if own.shape != () or own.dtype.kind not in "iuf" or not 0 < own < np.inf:
-        raise InputError(f"{path}, gravity", f"{own!r:.60} is no acceleration", "give one number above zero, in the "
+        raise InputError(f"{path}, gravity", f"{own!r:.60} is not an acceleration",
+                         "give one number above zero, in the "
                          "matrices' unit of length over s2: 9.80665, or 9806.65 where that is mm")
     return FeltGravity(mps2=float(own), share=frozen_array(np.ones(len(known))), known=frozen_array(known, bool))
 

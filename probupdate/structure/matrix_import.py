@@ -1,5 +1,5 @@
-"""A finite-element program's matrices as `model.npz` with `parameters.toml`: mended where a program leaves them in its
-own form, refused where they cannot be right, and solved again beside what the program printed."""
+"""A finite-element program's matrices as `model.npz` with `parameters.toml`: corrected where a program leaves them in
+its own form, refused where they cannot be right, and solved again beside what the program printed."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Groups(Table):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ImportedMatrices:
     """files written; n rows; frequency_hz computed again; printed, what the program gave (or None); notes: what was
-    mended, left out or not checked."""
+    corrected, left out or not checked."""
 
     files: tuple[Path, ...]
     n_row: int
@@ -258,7 +258,7 @@ def _mirror_triangle(matrix: sparse.csc_array, where: str, name: str, notes: lis
     if not matrix.nnz:
         raise InputError(where, "is empty", "export it again")
     if not np.all(np.isfinite(matrix.data)):
-        raise InputError(where, "has an entry that is no number", "export it again")
+        raise InputError(where, "has an entry that is not a number", "export it again")
     upper, lower = sparse.triu(matrix, 1), sparse.tril(matrix, -1)
     one_sided = [side for side, other in ((upper, lower), (lower, upper)) if side.nnz and not _has_entries(other)]
     if one_sided and _has_entries(one_sided[0]):
@@ -421,7 +421,7 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
 
 
 def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:
-    """(n,) Hz of the mended matrices, held against what the program printed."""
+    """(n,) Hz of the corrected matrices, held against what the program printed."""
     n = min(max(COUNT, 0 if printed is None else len(printed)), base.stiffness.shape[0] - 2)
     if n < 1:
         raise InputError(where, f"has {base.stiffness.shape[0]} free rows", "give a model of three rows and more")

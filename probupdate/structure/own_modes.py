@@ -154,7 +154,7 @@ def _solve_with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolut
 
 def _wrap_function(given: object, parameters: Parameters | None) -> FunctionModel:
     if not callable(given):
-        raise InputError("model", f"a {type(given).__name__} is no model", "give a file, a model or a function")
+        raise InputError("model", f"a {type(given).__name__} is not a model", "give a file, a model or a function")
     function: Any = given
     if parameters is None:
         raise InputError("model", "a function has no parameters of its own", "give them: parameters=Parameters(...)")

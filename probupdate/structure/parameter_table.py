@@ -97,7 +97,8 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
                                  "give one")
             for name in (row, column):
                 if name not in names:
-                    raise InputError(f"{where}, correlation", f"'{name}' is no updated parameter", "correct the name")
+                    raise InputError(f"{where}, correlation", f"'{name}' is not an updated parameter",
+                                     "correct the name")
             i, j = names.index(row), names.index(column)
             matrix[i, j] = matrix[j, i] = float(value)
     return matrix

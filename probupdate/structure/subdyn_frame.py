@@ -281,7 +281,7 @@ def _elements(file: SubDynFile, member: Member, node_of, node_m) -> list[Element
     if member.cosine is not None:
         rows = np.reshape(next(row.values for row in file.cosines if row.id == member.cosine), (3, 3))
         if np.abs(rows @ rows.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rows) < 0:
-            raise InputError(where, f"the cosine matrix {member.cosine} of member {member.id} is no rotation",
+            raise InputError(where, f"the cosine matrix {member.cosine} of member {member.id} is not a rotation",
                              "correct it: its rows are the element's axes")
         axes = rows.T
     n = file.n_div if member.kind in BEAMS else 1

@@ -146,7 +146,7 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
         first, *rest = error.errors()
         key = ".".join(str(step) for step in first["loc"])
         more = f" ({len(rest)} more mistakes in this file)" if rest else ""
-        problem = "is no key here" if first["type"] == "extra_forbidden" else first["msg"]
+        problem = "is not a key here" if first["type"] == "extra_forbidden" else first["msg"]
         raise InputError(f"{path}: {key}", problem, f"see docs/formats/model.md, a SubDyn file{more}") from None
 
 

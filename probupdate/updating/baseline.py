@@ -108,7 +108,7 @@ class LearntError:
         hz = [x for name, x in zip(found.names, found.measured, strict=True) if name[0] == FREQUENCY]
         numbers = (found.measured, found.matrix, found.value, found.mean, found.covariance)
         if not all(np.all(np.isfinite(part)) for part in numbers) or min(hz, default=1.0) <= 0:
-            raise ValueError("the model's error holds what is no number, or a frequency that is not positive")
+            raise ValueError("the model's error holds what is not a number, or a frequency that is not positive")
         return found
 
     def resolved_words(self) -> str:

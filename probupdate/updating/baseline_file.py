@@ -31,7 +31,8 @@ def read_baseline(run: Baseline) -> LearntError:
     elif isinstance(run, UpdateRecord | Posterior):
         path, found = None, run
     else:
-        raise InputError(where, f"a {type(run).__name__} is no run", "give its directory, update.json or posterior.nc")
+        raise InputError(where, f"a {type(run).__name__} is not a run",
+                         "give its directory, update.json or posterior.nc")
     if found.model_error is None:
         raise InputError(where, "holds no error of its model: none was stated there, shapes were compared as MACs, or "
                          "an earlier version wrote it",

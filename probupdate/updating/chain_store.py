@@ -46,7 +46,7 @@ class ChainStore:
             if found != head:
                 raise InputError(
                     str(folder), f"holds a chain of another run: {'; '.join(_differences(found, head))}",
-                    "give another --out, or delete that folder to start anew",
+                    "give another --out, or delete that folder to start again",
                 )
         else:
             write_json(path, head)
@@ -103,16 +103,16 @@ def _text(value) -> str:
 
 
 def _read_head(path: Path) -> dict:
-    found = read_json_table(path, "delete the chain's folder to start anew")
+    found = read_json_table(path, "delete the chain's folder to start again")
     for key in ("problem", "settings"):
         if not isinstance(found.get(key), dict):
-            raise InputError(str(path), f"has no table '{key}'", "delete the chain's folder to start anew")
+            raise InputError(str(path), f"has no table '{key}'", "delete the chain's folder to start again")
     return found
 
 
 def _read_segment(path: Path) -> Segment:
     again = "delete it and those after it: the run goes on from the one before"
-    with archive(path, "is no segment of a chain", again) as content:
+    with archive(path, "is not a segment of a chain", again) as content:
         position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
         cached, accepted = (float(x) for x in content["cached"])
         state = emcee.State(

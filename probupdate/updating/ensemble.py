@@ -31,7 +31,7 @@ from probupdate.updating.surrogate import Density, GaussianApproximation, Propos
 SEGMENT = 100
 # walkers of an ensemble at least: a step of few costs as much as one of a dozen
 LEAST_WALKERS = 12
-# rounds in which walkers that begin where the model has no modes are drawn anew
+# rounds in which walkers that begin where the model has no modes are drawn again
 START_ROUNDS = 100
 R_HAT_LIMIT = CONSTANTS.r_hat_limit
 AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
@@ -124,7 +124,7 @@ class SubsetMove(emcee.moves.RedBlueMove):
 
 
 class PriorMove(emcee.moves.RedBlueMove):
-    """One or two parameters of each walker anew from their marginal priors, the others kept.
+    """One or two parameters of each walker again from their marginal priors, the others kept.
 
     Parameters the data hardly inform are redrawn at once. Where two do each other's work, as the pile's shaft and tip
     do, the posterior has arms along either that a Gaussian approximation does not have; this walks along them.
@@ -246,7 +246,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
         start[without] = draw(int(without.sum()), rng)
     else:
         raise InputError(
-            "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
+            "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn again",
             "narrow the parameters' bounds to what is a structure")
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
@@ -268,7 +268,7 @@ def _run_segment(
         counts["fallback"] += int(fallback.sum())
         return value
 
-    # anew for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
+    # again for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
     # stopped between them goes on with the same numbers
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,

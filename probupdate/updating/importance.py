@@ -530,7 +530,7 @@ class Agreement:
             text += f", ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}"
         if self.without_modes:
             text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
-                     "allow what is no structure, such as a negative stiffness")
+                     "allow what is not a structure, such as a negative stiffness")
         if self.unreached >= FEW:
             return (f"{text}; PARTS OF THE POSTERIOR ARE MISSED: {self.unreached} points that the data "
                     "lead to from draws of the prior are hardly ever proposed; give parameters that the data do not "

@@ -176,8 +176,8 @@ def read_joint(path: str | Path) -> FarmJoint:
     path, again = Path(path), "write it with `probupdate farm` of a farm.toml with [joint]"
     c = read_json_table(path, again, absent=again)
     if c.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is no farm_joint.json, or of another version's format", again)
-    with parsing(str(path), "is no farm_joint.json", again):
+        raise InputError(str(path), "is not a farm_joint.json, or of another version's format", again)
+    with parsing(str(path), "is not a farm_joint.json", again):
         kinds = {"population": PopulationRow, "rows": TurbineRow, "months": MonthValue, "next": NextRow}
         tables = {name: tuple(from_row(kind, r) for r in c.pop(name)) for name, kind in kinds.items()}
         k = c.pop("pareto_k")

@@ -54,7 +54,7 @@ class Roles:
             raise InputError("[joint]", f"{', '.join(twice)} is common and varying", "list it once")
         absent = [n for n in (*self.common, *self.varying) if n not in self.names]
         if absent:
-            raise InputError("[joint]", f"{', '.join(absent)} is no parameter that is updated",
+            raise InputError("[joint]", f"{', '.join(absent)} is not a parameter that is updated",
                              f"choose from {', '.join(self.names)}")
         if not (self.common or self.varying):
             raise InputError("[joint]", "names no parameter that turbines have in common",

@@ -244,7 +244,7 @@ def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
             try:
                 kept[key] = _system(problem, theta)
             except (ProbupdateError, np.linalg.LinAlgError):
-                # a step that is no number is shortened; its slope is not asked for
+                # a step that is not a number is shortened; its slope is not asked for
                 kept[key] = (np.full(problem.measured.size + len(parameters), np.inf),)
         return kept[key]
 

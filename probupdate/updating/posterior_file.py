@@ -199,8 +199,8 @@ def read_posterior(path: str | Path) -> Posterior:
     import arviz
 
     # where something cannot be opened h5netcdf fails once more when it goes, on whoever's screen: looked through before
-    path = refuse_unsafe(path, "is no NetCDF file", "write it with `probupdate sample`", whole=True)
-    with parsing(str(path), "is no NetCDF file", "give a posterior.nc"), warnings.catch_warnings():
+    path = refuse_unsafe(path, "is not a NetCDF file", "write it with `probupdate sample`", whole=True)
+    with parsing(str(path), "is not a NetCDF file", "give a posterior.nc"), warnings.catch_warnings():
         # a file with unnamed dimensions is none of ours
         warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
         data: Any = arviz.from_netcdf(str(path))
@@ -213,12 +213,12 @@ def read_posterior(path: str | Path) -> Posterior:
 
 
 def _refuse_sizes(path: Path, found: Posterior, again: str) -> None:
-    """Parts that do not fit one another, and draws that are no numbers."""
+    """Parts that do not fit one another, and draws that are not numbers."""
     n_param, n_response = len(found.names), len(found.response_labels)
     if found.theta.ndim != 3 or found.theta.size == 0 or len(set(found.names)) < n_param:
         raise InputError(f"{path}, posterior", "holds no draws, or a parameter twice", again)
     if not np.all(np.isfinite(found.theta)):
-        raise InputError(f"{path}, posterior", "holds draws that are no numbers", again)
+        raise InputError(f"{path}, posterior", "holds draws that are not numbers", again)
     wanted = {
         "log_likelihood": found.theta.shape[:2], "log_posterior": found.theta.shape[:2], "r_hat": (n_param,),
         "ess": (n_param,), "measured": (n_response,), "std": (n_response,),

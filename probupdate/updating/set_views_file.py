@@ -226,8 +226,8 @@ def read_views(path: str | Path) -> SetViews:
     path, again = Path(path), "write it with `probupdate sets`"
     c = read_json_table(path, again, absent=again)
     if c.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is no sets.json, or of another version's format", again)
-    with parsing(str(path), "is no sets.json", again):
+        raise InputError(str(path), "is not sets.json, or of another version's format", again)
+    with parsing(str(path), "is not sets.json", again):
         ids, scores = tuple(c["ids"]), c["scores"]
         k = [np.nan if v is None else v for v in scores["pareto_k"]]
         left_out = LeftOut(ids=ids, score={name: frozen_array(v) for name, v in scores["score"].items()},

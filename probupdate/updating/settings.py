@@ -27,7 +27,7 @@ class UpdateSettings:
     def __post_init__(self):
         _refuse_no_whole_number("iterations", self.iterations, 0, 50)
         if not isinstance(self.alpha, str) and not _is_number(self.alpha):
-            raise InputError("alpha", f"{self.alpha!r} is no number and no rule",
+            raise InputError("alpha", f"{self.alpha!r} is neither a number nor a rule",
                              "give one from 0 on, or a rule's name")
         if not isinstance(self.method, str):
             raise InputError("method", f"{self.method!r} is no word", "give 'gauss-newton' or 'levenberg-marquardt'")
@@ -40,7 +40,7 @@ def _is_number(value: object) -> bool:
 
 def _refuse_no_whole_number(name: str, value: object, least: int, example: int) -> None:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(name, f"{value!r} is no whole number", f"give one, such as {example}")
+        raise InputError(name, f"{value!r} is not a whole number", f"give one, such as {example}")
     if value < least:
         raise InputError(name, f"{value} is {f'below {least}' if least else 'negative'}", f"give {least} or more")
 
@@ -103,7 +103,7 @@ class UpdatingConstants:
     outlier_wide: float = stated(0.05, "ln f", "standard deviation of the frequency of an outlier's mode")
     outlier_sure: float = stated(0.95, "-", "probability from which a set is left out of the population as an outlier")
     same_angle_deg: float = stated(
-        10.0, "deg", "a nacelle that looks farther than this from the other sets' is no comparable condition")
+        10.0, "deg", "a nacelle that looks farther than this from the other sets' is not a comparable condition")
     strong: float = stated(0.5, "-", "posterior over prior standard deviation below which the data decide")
     blind: float = stated(0.9, "-", "above this one the parameter keeps its prior")
     good_k: float = stated(0.5, "-", "Pareto k below which importance sampling alone is trusted", "Vehtari et al. 2024")

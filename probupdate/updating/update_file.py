@@ -454,7 +454,7 @@ def read_update(path: str | Path) -> UpdateRecord:
     again = "write it again with `probupdate update`"
     content = read_json_table(path, again, absent="write it with `probupdate update`")
     _refuse_format(path, content, again)
-    with of_file(path), parsing(str(path), "is no update.json", again):
+    with of_file(path), parsing(str(path), "is not an update.json", again):
         record = checked(_record(content), path, again)
     for what, found, wanted in _sizes(record):
         if found != wanted:
@@ -472,7 +472,7 @@ def read_update(path: str | Path) -> UpdateRecord:
 
 def _refuse_format(path: str | Path, content: dict, again: str) -> None:
     if content.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is no update.json, or of another version's format", again)
+        raise InputError(str(path), "is not an update.json, or of another version's format", again)
 
 
 def _record(content: dict[str, Any]) -> UpdateRecord:

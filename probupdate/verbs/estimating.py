@@ -43,7 +43,7 @@ def refuse_other_kinds(model: object, modes: object) -> None:
     if hasattr(modes, "solve"):
         raise InputError("modes", "a model was given in the modes' place", "give the model first, then the modes")
     if not isinstance(modes, str | Path | ModalData):
-        raise InputError("modes", f"a {type(modes).__name__} is no modal data", "give a path or ModalData")
+        raise InputError("modes", f"a {type(modes).__name__} is not modal data", "give a path or ModalData")
 
 
 def chosen_modes(modes: str | Path | ModalData, only: Sequence[str] | None, every_mode: bool = False) -> ModalData:

@@ -85,7 +85,7 @@ def explore(
                            notes=found.notes)
     if settings != GIVEN:
         raise InputError("settings", f"{source} holds poles already, with settings of their own",
-                         "identify anew with these, or give the campaign's folder")
+                         "identify again with these, or give the campaign's folder")
     places = _run_places(source)
     at = campaign or places.get("campaign")
     opened = None if at is None else read_campaign(at)
@@ -142,7 +142,7 @@ def _stored_poles(modes: Path, campaign: Campaign | None, block: str | None) -> 
     ids = stored_ids(folder)
     if not ids or (block is not None and block not in ids):
         raise InputError(str(folder), f"has no block {block} with poles" if ids else "has no block with poles",
-                         f"there are {ids[0]} to {ids[-1]}" if ids else "identify anew")
+                         f"there are {ids[0]} to {ids[-1]}" if ids else "identify again")
     data = read_modes(modes)
     first = block or (data.reference_set if data.reference_set in ids else ids[0])
     table = modes.with_name(f"{modes.stem}.poles.csv")

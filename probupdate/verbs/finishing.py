@@ -85,7 +85,7 @@ def diagnose(
         return replace(found, notes=(tangent.note, *found.notes), inputs=_inputs(None, None, modes))
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
     source = ModelSource(model=path, parameters=parameters, **of_model)
-    # before the work: a file may be written anew meanwhile
+    # before the work: a file may be written again meanwhile
     inputs = _inputs(path.path if isinstance(path, Prepared) else path, parameters, modes)
     found = diagnose_files(source, data, campaign=records, seed=seed, progress=rising(progress), **options)
     return replace(found, inputs=inputs)

@@ -194,7 +194,7 @@ def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSett
                               made.harmonics)):
         if value is not None and value != own:
             raise InputError(where, f"was made with {name} {own}, and {value} is stated",
-                             "leave the option out, or choose anew in a page that `probupdate explore` writes with it")
+                             "leave the option out, or choose again in a page that `probupdate explore` writes with it")
     # poles of low orders can be picked too
     return SSISettings(**asdict(made), below=max(SSISettings.below, made.order - low))
 

@@ -82,7 +82,7 @@ def stresses(
     refuse_without_members(places["model"])
     records = read_campaign(campaign)
     if unknown := [c for c in without or () if c not in records.channels]:
-        raise InputError("--without", f"'{unknown[0]}' is no channel of {campaign}",
+        raise InputError("--without", f"'{unknown[0]}' is not a channel of {campaign}",
                          f"choose from {', '.join(records.channels)}")
     posterior = read_posterior(places["posterior.nc"])
     diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None

@@ -40,7 +40,7 @@ def refuse_no_model(model: object) -> None:
     kind = type(model).__name__
     if isinstance(model, ModalData):
         raise InputError("model", "modal data were given in the model's place", "give the model first, then the modes")
-    raise InputError("model", f"a {kind} is no model", "give a path, a model or a FunctionModel around a function")
+    raise InputError("model", f"a {kind} is not a model", "give a path, a model or a FunctionModel around a function")
 
 
 def refuse_other_value(name: str, value: object, kind: type) -> None:

@@ -52,7 +52,7 @@ def template(kind: str, out: str | Path) -> Template:
     campaign.toml for its sensors, or where `out` ends in .toml (.npz of matrices) as that file alone. Raises InputError
     for another kind, or where a file of that name is there already."""
     if kind not in KINDS:
-        raise InputError("kind", f"'{kind}' is no template", f"choose from {', '.join(KINDS)}")
+        raise InputError("kind", f"'{kind}' is not a template", f"choose from {', '.join(KINDS)}")
     out = Path(out)
     name = "model.npz" if kind == "matrices" else "model.toml"
     alone = out.suffix.lower() in (".toml", ".npz")

@@ -217,7 +217,7 @@ def _check_extent(where: str, kind: str, entry: Mapping, file: TurbineFile) -> N
     at = tower if on_tower else legs
     low, high = entry.get("bottom_m", -np.inf), entry.get("top_m", np.inf)
     if not max(low, min(at)) < min(high, max(at)):
-        raise InputError(f"{where}, bottom_m", f"{low:g} to {high:g} m is no length of the "
+        raise InputError(f"{where}, bottom_m", f"{low:g} to {high:g} m is not a length of the "
                          f"{'tower' if on_tower else 'legs'}", f"give bottom_m below top_m, from {min(at):g} to "
                          f"{max(at):g} m")
     if "other" in entry and entry["other"] == entry.get("channel"):

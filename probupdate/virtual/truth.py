@@ -96,7 +96,7 @@ def read_truth(path: str | Path | None, file: TurbineFile) -> GivenTruth:
     """
     if path is None:
         return given_truth({}, file)
-    with of_file(path), parsing(str(path), "is no truth file", "write it as truth.toml of `simulate`"):
+    with of_file(path), parsing(str(path), "is not a truth file", "write it as truth.toml of `simulate`"):
         return given_truth(read_toml(Path(path), "truth file"), file, path)
 
 
@@ -139,7 +139,7 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
     raw = read_toml(Path(path), "truth file")
     if not raw.get("mode_set"):
         raise InputError(str(path), "holds no [[mode_set]]", "give the truth.toml that simulate wrote")
-    with parsing(str(path), "is no truth file", "give the truth.toml that simulate wrote"):
+    with parsing(str(path), "is not a truth file", "give the truth.toml that simulate wrote"):
         found = tuple(_truth_modes(entry) for entry in raw["mode_set"])
     for number, modes in enumerate(found, 1):
         checked(modes, f"{path}, mode_set {number}", "give the truth.toml that simulate wrote")

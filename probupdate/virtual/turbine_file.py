@@ -84,7 +84,7 @@ def unknown_name(where: str, name: str, known) -> InputError:
 def read_turbine(path: str | Path) -> TurbineFile:
     """Read a model.toml that describes the turbine by its geometry."""
     path = Path(path)
-    with of_file(path), parsing(str(path), "is no model of a turbine", "see docs/formats/model.md"):
+    with of_file(path), parsing(str(path), "is not a model of a turbine", "see docs/formats/model.md"):
         return _turbine(path)
 
 

@@ -261,7 +261,7 @@ def _draw(rng, limits, *, below: bool = False, kinds=KINDS):
 
 
 def make_case(family: str, number: int, limits: Mapping | None = None) -> Case:
-    """The case of that number; the same for ever."""
+    """The case of that number; the same forever."""
     rng = np.random.default_rng([STREAMS.index(family), number])
     seed = int(rng.integers(2**31))
     truth: dict = {"parameters_from": "prior"}

@@ -86,7 +86,7 @@ def run(folder: Path, out: Path, kill: int = 0) -> None:
     lines = [line for line in said.splitlines() if re.search(r"turbine-months|failed|left out", line)]
     anew = sum(before.get(k) != v for k, v in now.items())
     seconds = used.children_user + used.children_system
-    print(f"exit {child.returncode}, {time.monotonic() - begun:.0f} s, {anew} of {len(now)} results written anew, "
+    print(f"exit {child.returncode}, {time.monotonic() - begun:.0f} s, {anew} of {len(now)} results written again, "
           f"{seconds:.0f} s of processor time in all so far", *lines, sep="\n  ", flush=True)
 
 

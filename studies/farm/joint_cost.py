@@ -49,7 +49,7 @@ def main() -> None:
     turbines = []
     for k, path in enumerate(paths):
         data = compared_modes(path)
-        # of its own estimate each: linearised anew at the joint one
+        # of its own estimate each: linearised again at the joint one
         at = tuple(x * (1 + 1e-3 * k) for x in case.weights.at)
         weights = replace(case.weights, at=at)
         problems = tuple(build_problem(model_at(s), data, set_id=s.id, weights=weights) for s in data.sets)

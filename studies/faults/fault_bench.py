@@ -30,7 +30,7 @@ def is_whole(path: Path) -> bool:
     """Whether a file that differs from the undisturbed one reads to its end."""
     try:
         if path.suffix == ".npz":
-            # numpy leaves a file open that is no archive
+            # numpy leaves a file open that is not an archive
             with np.load(io.BytesIO(path.read_bytes())) as held:
                 return all(held[name] is not None for name in held.files)
         if path.suffix in (".h5", ".nc"):

@@ -252,7 +252,7 @@ def _stream(case_id: tuple[str, int], what: int) -> np.random.Generator:
 
 
 def make_case(family: str, number: int) -> Case:
-    """The case of that number, the same for ever."""
+    """The case of that number, the same forever."""
     if family == "null":
         return Case(family, number)
     rng = _stream((family, number), 0)

@@ -63,7 +63,7 @@ def plain_poles(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plain_std(data: np.ndarray) -> np.ndarray:
-    """Standard deviations of f by identifying anew for every part of the record, its covariances added in small."""
+    """Standard deviations of f by identifying again for every part of the record, its covariances added in small."""
     covariance, length, step = plain_covariances(data), len(data) // PARTS, 1e-4
     f, _ = plain_poles(covariance)
     moved = []

@@ -23,7 +23,7 @@ COLUMNS = ("date", "commit", "machine", "cores", "python", "ratio", "value")
 RATIOS = {
     "identification": ("a block's poles: plain numpy over this package",
                        r"^without deviations: .*ratio ([\d.]+)"),
-    "identification, std": ("the same with standard deviations of all poles, by plain numpy each part anew",
+    "identification, std": ("the same with standard deviations of all poles, by plain numpy each part again",
                             r"^with deviations of all poles: .*ratio ([\d.]+)"),
     "reduced basis": ("modes a second: reduced basis, 1000 points at once, over the full model",
                       r"^reduced basis, 1000 at once +[\d.]+ +([\d.]+)"),

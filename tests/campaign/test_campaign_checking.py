@@ -91,7 +91,7 @@ def test_a_dead_channel_costs_no_blocks_once_it_is_left_out(campaign_folder, hea
 
 
 @pytest.mark.parametrize(("value", "words"), [
-    ('"a-y"', "is no list"), ('["a_y"]', "'a_y' is no channel; did you mean 'a-y'"),
+    ('"a-y"', "is not a list"), ('["a_y"]', "'a_y' is not a channel; did you mean 'a-y'"),
     ('["a-x", "a-y", "b-x", "c-x"]', "leaves no channel"),
 ])
 def test_a_mistaken_leave_out_is_one_line(campaign_folder, head, value, words):

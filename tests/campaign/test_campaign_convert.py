@@ -301,7 +301,7 @@ def test_a_row_with_too_few_cells_is_named_and_an_empty_cell_is_a_gap(job, line,
     """The row had become NaN at its end without a word of its line."""
     raw, campaign = job('files = "*.csv"\ntime = "when"\nskip_rows = 1' + COLUMNS)
     good = [f"{t:%Y-%m-%dT%H:%M:%S.%f}Z,1.0,2.0" for t in stamps(6)]
-    # a blank line is no row
+    # a blank line is not a row
     (raw / "a.csv").write_text("\n".join(["a logger", "when,east,north", *good[:3], "", line, *good[4:]]) + "\n")
     if short:
         with pytest.raises(InputError, match=r"a\.csv, line 7: has 2 cells of 3; complete it with empty cells"):
@@ -349,8 +349,8 @@ MISTAKES = [
     ("another rate", {"step": "39.0625ms"}, "rows come at 25.6 Hz, campaign.toml says 10 Hz"),
     ("slower", {"step": "1s"}, "rows come every 1 s, campaign.toml says 0.1"),
     ("backward", {"swap": True}, "row 31 is earlier than the one before"),
-    ("autumn", {"start": "2019-10-27T02:30", "zone": "Europe/Berlin"}, "is no single moment in that zone"),
-    ("text", {"cell": "broken"}, "column east, row 43: 'broken' is no number"),
+    ("autumn", {"start": "2019-10-27T02:30", "zone": "Europe/Berlin"}, "is not a single moment in that zone"),
+    ("text", {"cell": "broken"}, "column east, row 43: 'broken' is not a number"),
 ]
 
 
@@ -377,10 +377,10 @@ def test_what_would_have_to_be_guessed_is_refused(job, change, problem):
 DESCRIPTIONS = [
     ('files = "../*.csv"\ntime = "when"', "leaves the folder"), ('files = "/etc/*"\ntime = "w"', "leaves the folder"),
     ('files = "*.csv"', "says nothing of time"), ('time = "when"', "'files' is missing"),
-    ('files = "*.csv"\ntime = "when"\nzone = "Mars/Base"', "'Mars/Base' is no time zone"),
+    ('files = "*.csv"\ntime = "when"\nzone = "Mars/Base"', "'Mars/Base' is not a time zone"),
     ('files = "*.csv"\ntme = "when"', "unknown key 'tme'; did you mean 'time'"),
     ('files = "*.csv"\ntime = "when"\ntime_unit = "h"', "'h' is unknown"),
-    ('files = "*.csv"\ntime = "when"\n[columns]\n"b-x" = 1', "'b-x' is no channel"),
+    ('files = "*.csv"\ntime = "when"\n[columns]\n"b-x" = 1', "'b-x' is not a channel"),
     ('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = 1\n"a-y" = 1', "a-x and a-y are the same column"),
     ('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = "west"\n"a-y" = "north"', "there is no column 'west'"),
     ('files = "*.doc"\ntime = "when"', "holds no file that matches"),
@@ -405,7 +405,7 @@ def test_nothing_is_executed_and_no_link_leads_out(job, tmp_path):
     np.lib.format.write_array_header_1_0(head, {"descr": "|O", "fortran_order": False, "shape": (1,)})
     trap = head.getvalue() + body
     (raw / "r.npy").write_bytes(trap)
-    with pytest.raises(InputError, match="is no array of numbers"):
+    with pytest.raises(InputError, match="is not an array of numbers"):
         convert(raw, campaign)
     with zipfile.ZipFile(raw / "r.npz", "w") as file:
         file.writestr("data.npy", trap)
@@ -459,7 +459,7 @@ def test_broken_files_are_named(job):
 def test_a_table_in_another_encoding_says_which_is_read(job):
     raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"\n')
     (raw / "r.csv").write_bytes("höhe,east\n1,2\n".encode("latin-1"))
-    with pytest.raises(InputError, match=r'r\.csv: is no text in utf-8.*encoding = "cp1252"'):
+    with pytest.raises(InputError, match=r'r\.csv: is not text in utf-8.*encoding = "cp1252"'):
         convert(raw, campaign)
 
 
@@ -560,7 +560,7 @@ def test_files_without_names_of_channels_stay_readable_and_names_that_are_none_a
     folder = campaign_folder([(0, signal(6000))])
     assert read_campaign(folder).channels == ("a-x", "a-y")
     write_file(folder, "1.h5", START, signal(10), attributes={"channels": "a-x and a-y"})
-    with pytest.raises(InputError, match="attribute channels: is no JSON list of names"):
+    with pytest.raises(InputError, match="attribute channels: is not a JSON list of names"):
         read_campaign(folder)
     write_file(folder, "1.h5", START, signal(10), attributes={"channels": '["a-x"]'})
     with pytest.raises(InputError, match="names 1 channels, campaign.toml lists 2"):
@@ -583,5 +583,6 @@ def test_columns_that_are_not_found_say_why(job):
         convert(raw, campaign)
     text.to_csv(raw / "r.csv", index=False)
     (campaign / "convert.toml").write_text('files = "*.csv"\ntime = "whem"' + COLUMNS)
-    with pytest.raises(InputError, match="there is no column 'whem'; mend time in convert.toml; did you mean 'when'"):
+    said = "there is no column 'whem'; correct time in convert.toml; did you mean 'when'"
+    with pytest.raises(InputError, match=said):
         convert(raw, campaign)

@@ -296,7 +296,7 @@ def test_a_word_for_lost_is_declared_as_the_error_says(job):
     text = 'files = "*.dat"\ntime = 1\nzone = "UTC"\nskip_rows = 4\nheader = false\n{}[columns]\na = 3\nb = 4\n'
     raw, campaign = job(text.format(""))
     toa5(raw / "r.dat", value='"OVER RANGE"')
-    with pytest.raises(InputError, match=r'column 3, row 71: \'OVER RANGE\' is no number.*lost = \["OVER RANGE"\]'):
+    with pytest.raises(InputError, match=r'column 3, row 71: \'OVER RANGE\' is not a number.*lost = \["OVER RANGE"\]'):
         convert(raw, campaign)
     job(text.format('lost = ["OVER RANGE", -999]\n'))
     assert "1 values are lost" in convert(raw, campaign).summary
@@ -331,7 +331,7 @@ def test_a_date_that_is_not_iso_says_how_it_is_stated(job):
 def test_a_point_where_the_decimal_sign_is_a_comma_is_no_number(job):
     raw, campaign = job(TABLE + 'separator = ";"\ndecimal = ","\n')
     (raw / "r.csv").write_text("a;b\n1,5;2,5\n1.5;2,5\n")
-    with pytest.raises(InputError, match=r"column a, row 2: '1\.5' is no number"):
+    with pytest.raises(InputError, match=r"column a, row 2: '1\.5' is not a number"):
         convert(raw, campaign)
 
 

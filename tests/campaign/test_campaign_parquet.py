@@ -74,7 +74,7 @@ def test_null_is_a_lost_sample(folder):
 @pytest.mark.parametrize(("changed", "said"), [
     ({"names": ("T-x", "T-z")}, "has no column 'T-y'; give one per"),
     ({"meta": {"start": "2020-01-01T00:00:00Z"}}, "has no 'sampling_rate_hz' in its metadata"),
-    ({"meta": {"start": "never", "sampling_rate_hz": "5"}}, "'never' is no time"),
+    ({"meta": {"start": "never", "sampling_rate_hz": "5"}}, "'never' is not a time"),
     ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "fast"}}, "'fast' is not a number"),
     ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "6"}},
      "is sampled at 6 Hz, campaign.toml says 5 Hz"),

@@ -29,7 +29,7 @@ WRONG_HEADS = [
     ('sampling_rate_hz = 10.0', 'sampling_rate = 10.0', "unknown key 'sampling_rate'", "mean 'sampling_rate_hz'"),
     ('sampling_rate_hz = 10.0', '', "'sampling_rate_hz' is missing", "add it"),
     ('sampling_rate_hz = 10.0', 'sampling_rate_hz = "10"', "'10' is not a number", "without quotes"),
-    ('block_minutes = 10', 'block_minutes = 0', "0 is no number above 0", "another"),
+    ('block_minutes = 10', 'block_minutes = 0', "0 is not a number above 0", "another"),
     ('block_minutes = 10', 'block_minutes = 10\nx_axis_heading_deg = 400', "400 is not in -360 to 360", "another"),
     ('block_minutes = 10', 'block_minutes = 0.001', "0.001 minutes at 10 Hz are fewer", "at least 0.167 minutes"),
     ('block_minutes = 10', 'block_minutes = 0.12', "at 10 Hz are fewer than 100 samples", "at least 0.167 minutes"),
@@ -80,7 +80,7 @@ def test_records_that_do_not_fit_the_head(campaign_folder, write_file, signal):
     with pytest.raises(InputError, match=r"1\.h5: 'data' is \(10, 1\), campaign.toml lists 2 channels"):
         read_campaign(folder)
     write_file(folder, "1.h5", "2019-06-03T11:00Z", signal(10), attributes={"start": "yesterday evening"})
-    with pytest.raises(InputError, match="'yesterday evening' is no time"):
+    with pytest.raises(InputError, match="'yesterday evening' is not a time"):
         read_campaign(folder)
     (folder / "acceleration" / "1.h5").write_text("no HDF5")
     with pytest.raises(InputError, match=r"1\.h5: cannot be opened as HDF5"):
@@ -123,9 +123,9 @@ def test_scada_is_sorted_and_its_mistakes_named(tmp_path):
     assert list(table["power_kw"]) == [1, 2] and str(table.index.tz) == "UTC"
     for text, problem in (
         ("date,power_kw\n1,2\n", "has no column 'time'"),
-        ("time,power_kw\n2019-06-03T10:00:00Z,1\nyesterday,2\n", "row 3, time: 'yesterday' is no time"),
+        ("time,power_kw\n2019-06-03T10:00:00Z,1\nyesterday,2\n", "row 3, time: 'yesterday' is not a time"),
         ("time,power_kw\n,2\n", "row 2: has no time"),
-        ("time,power_kw\n2019-06-03T10:00:00Z,much\n", "power_kw: 'much' is no number"),
+        ("time,power_kw\n2019-06-03T10:00:00Z,much\n", "power_kw: 'much' is not a number"),
         ("", "not a table"),
     ):
         path.write_text(text)

@@ -149,7 +149,7 @@ def test_states_are_those_of_the_turbine_with_missing_values(tmp_path):
 
 
 def test_words_that_are_no_number_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"power_kw: 'idle' is no number"):
+    with pytest.raises(InputError, match=r"power_kw: 'idle' is not a number"):
         read(tmp_path, scada(power_kw={3: "idle"}))
     assert np.isnan(read(tmp_path, scada(power_kw={3: "NAN"}))["power_kw"].iloc[3])
 

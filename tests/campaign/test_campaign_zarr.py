@@ -95,7 +95,7 @@ def test_a_copied_array_holds_the_same_record_and_a_changed_chunk_another(folder
 
 @pytest.mark.parametrize(("attributes", "said"), [
     ({"start": "2020-01-01T00:00:00Z"}, "has no 'sampling_rate_hz' among its attributes"),
-    ({"start": "never", "sampling_rate_hz": 5}, "'never' is no time"),
+    ({"start": "never", "sampling_rate_hz": 5}, "'never' is not a time"),
     ({"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "fast"}, "'fast' is not a number"),
     ({"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": 6}, "is sampled at 6 Hz, campaign.toml says 5 Hz"),
     ({"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": 5, "channels": ["T-x", "T-z", "T-y"]},
@@ -112,8 +112,8 @@ def test_other_arrays_links_and_codecs_that_run_code_are_refused(folder, monkeyp
     as_zarr(folder)
     path = folder / "acceleration" / "a.zarr"
     kept = (path / "zarr.json").read_text()
-    for entries, said in (({"zarr_format": 2}, "is no Zarr array of format 3"),
-                          ({"node_type": "group"}, "is no Zarr array of format 3"),
+    for entries, said in (({"zarr_format": 2}, "is not a Zarr array of format 3"),
+                          ({"node_type": "group"}, "is not a Zarr array of format 3"),
                           ({"codecs": [{"name": "numcodecs.pickle"}]}, "is stored by numcodecs.pickle; use blosc, "),
                           ({"codecs": [{"name": "sharding_indexed", "configuration": {"codecs": ["own"]}}]},
                            "is stored by own; "),
@@ -129,7 +129,7 @@ def test_other_arrays_links_and_codecs_that_run_code_are_refused(folder, monkeyp
             read_campaign(folder)
     (path / "c" / "0" / "0").unlink()
     (path / "c" / "0" / "0").symlink_to("/dev/zero")
-    with pytest.raises(InputError, match="is no file of an array, but a link or a device"):
+    with pytest.raises(InputError, match="is not a file of an array, but a link or a device"):
         read_campaign(folder)
     shutil.rmtree(path)
     path.write_bytes(b"")

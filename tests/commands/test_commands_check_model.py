@@ -91,7 +91,7 @@ def test_the_remedy_for_a_reversed_channel_works(building, capsys):
     sign = np.where(np.arange(len(CHANNELS)) == 3, -1, 1)
     np.savez(building / "turned.npz", **matrices(), channel_sign=sign)
     (building / "turned.toml").write_text((building / "parameters.toml").read_text())
-    folder = campaign(building, "mended", reversed_channel(3), directions=sign)
+    folder = campaign(building, "corrected", reversed_channel(3), directions=sign)
     (line,) = against(folder, building / "turned.npz", capsys)
     assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
 

@@ -77,7 +77,7 @@ def test_what_data_inform_is_asked_with_both_choices(building, capsys):
 
 
 @pytest.mark.parametrize("more, words", (
-    (["--fix", "lov=0.1"], "fix, lov: is no updated parameter; did you mean 'low'?"),
+    (["--fix", "lov=0.1"], "fix, lov: is not an updated parameter; did you mean 'low'?"),
     (["--fix", "low=2"], "fix, low: 2 is outside its bounds; give a value from -0.6 to 0.6"),
     (["--fix", "low"], "low is no NAME=VALUE with a number"),
     (["--fix", "low=nan"], "low=nan is no NAME=VALUE with a number"),

@@ -296,7 +296,7 @@ def test_model_and_modes_in_the_wrong_order_or_of_another_kind(building, verb):
         ((building["model"], model), "a model was given in the modes' place"),
         ((building["modes"], building["model"]),
          "model.npz: is an archive of arrays such as a model's, not modal sets"),
-        ((building["model"], 3), "no modal data"), ((np.sin, building["modes"]), "a ufunc is no model"),
+        ((building["model"], 3), "no modal data"), ((np.sin, building["modes"]), "a ufunc is not a model"),
     ):
         with pytest.raises(InputError, match=words):
             verb(*given)
@@ -538,7 +538,7 @@ def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, chan
 @pytest.mark.parametrize("verb", ["update", "sample"])
 def test_a_name_that_is_nearly_a_model_is_asked_about(building, refused, verb):
     words = refused(verb, "--model", "updatd", "--modes", building["modes"], "--out", building["folder"] / "x.nc")
-    assert "updatd: is no state of the reference turbine" in words and "did you mean 'updated'?" in words
+    assert "updatd: is not a state of the reference turbine" in words and "did you mean 'updated'?" in words
 
 
 NAMELESS = {

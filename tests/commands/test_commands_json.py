@@ -66,7 +66,7 @@ def spoken(capsys, *words) -> dict:
     assert main([*map(str, words), "--json"]) == 0
     said = capsys.readouterr().out
     assert said.endswith("}\n") and said.count("\n") == 1
-    found = json.loads(said, parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
+    found = json.loads(said, parse_constant=lambda text: pytest.fail(f"{text} is not valid JSON"))
     assert set(found) >= KEYS and found["command"] == words[0] and found["summary"]
     names = [c["name"] for c in found["table"]["columns"]]
     assert len(set(names)) == len(names) and all(c["unit"] for c in found["table"]["columns"])

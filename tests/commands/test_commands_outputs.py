@@ -132,7 +132,7 @@ def test_cells_are_no_formulas(tmp_path):
 
 
 def test_escapes_of_a_file_do_not_reach_the_terminal(tmp_path):
-    error = InputError("a", "value \x1b[2J" + "x" * 100_000, "mend it")
+    error = InputError("a", "value \x1b[2J" + "x" * 100_000, "correct it")
     assert str(error).isprintable() and len(str(error)) < 2000
 
 

@@ -135,10 +135,10 @@ RECORDS = {
                          into("campaign.toml")),
     "separator": (record(table(lambda t: t.to_csv(index=False, sep=";")), UTC), "is one column", into("convert.toml")),
     "encoding": (record(table(lambda t: csv(t).replace("time", "time°"), "cp1252"),
-                        UTC.replace('"time"', '"time°"')), "is no text in utf-8", into("convert.toml")),
+                        UTC.replace('"time"', '"time°"')), "is not text in utf-8", into("convert.toml")),
     "decimal": (record(table(lambda t: t.to_csv(index=False, sep=";", decimal=",")), UTC + 'separator = ";"\n'),
-                "is no number", by(lambda f, _: stated(f / "camp/convert.toml", 'decimal = ","'))),
-    "lost": (record(table(one_word), UTC), "'OVER' is no number", into("convert.toml", behind="declare it lost: ")),
+                "is not a number", by(lambda f, _: stated(f / "camp/convert.toml", 'decimal = ","'))),
+    "lost": (record(table(one_word), UTC), "'OVER' is not a number", into("convert.toml", behind="declare it lost: ")),
     "time_format": (record(table(lambda t: csv(t.assign(time=pd.to_datetime(t.time).dt.strftime("%d.%m.%Y %H:%M:%S.%f")
                                                         ))), UTC), "is not a time",
                     by(lambda f, text: stated(f / "camp/convert.toml", "time_format = " + re.search(
@@ -301,7 +301,7 @@ CAMPAIGNS = {
     "lowest without a model": (campaign("identify", "--lowest", "3", "--rate", "10", "--order", "20", "--out",
                                         "OUT/modes.json"), "and none is given", without("--lowest")),
     "leave_out": (campaign("check", spoil=lambda c: (c / "campaign.toml").write_text(
-        'leave_out = ["T90x"]\n' + (c / "campaign.toml").read_text())), "is no channel",
+        'leave_out = ["T90x"]\n' + (c / "campaign.toml").read_text())), "is not a channel",
         by(lambda f, text: changed("campaign.toml", "T90x", re.search(r"did you mean '([^']*)'", text)[1])(f / "camp")
            )),
 }

@@ -296,7 +296,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
     with pytest.raises(InputError, match="shorter than one block"):
         probupdate.demo(tmp_path / "short", days=0.01)
     assert not (tmp_path / "short").exists()
-    with pytest.raises(InputError, match="is no file"):
+    with pytest.raises(InputError, match="is not a file"):
         probupdate.demo(tmp_path / "other", hide=tmp_path / "missing.toml")
 
 

@@ -158,7 +158,7 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, 
     names, small_names = whole.parameters.names, turbine.small.parameters.names
     start, small_start = np.array(whole.parameters.initial), np.array(turbine.small.parameters.initial)
     before = whole.solve(start, 5).frequency_hz
-    # the coupled blades' own mode, which only the small model's catalogue has, is no mode of the whole one
+    # the coupled blades' own mode, which only the small model's catalogue has, is not a mode of the whole one
     others = [0, 1, 3, 4, 5]
     small_before = turbine.small.at(small_start).solve().frequency_hz[others]
     row.error(small_before / before - 1, 3e-4, "frequencies")

@@ -204,7 +204,7 @@ def test_gain_where_one_stretch_alone_tells_an_unknown(validation):
     shared, own = gain._shared(plain, carried(plain, y, np.arange(N_BLOCK))[1],
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
-        # of numbers of one, as the prior's standard deviations are; without the mend -0.04
+        # of numbers of one, as the prior's standard deviations are; without the correct -0.04
         std = prior[: len(covariance)]
         row.least(np.linalg.eigvalsh(covariance / np.outer(std, std))[0], -1e-9, "eigenvalue")
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
@@ -298,7 +298,7 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
     are predicted from there; frequencies of every fold."""
     row = validation(what="held-out frequencies by linear conditioning, five folds: error over how far a fit moves "
                           "them and a fifth of what a fold's mean is known to",
-                     reference="the model fitted anew to the other blocks from where nothing is known",
+                     reference="the model fitted again to the other blocks from where nothing is known",
                      why="both linearise, at places that differ by that")
     outcome = stepped[2]
     problem, fitted = outcome.problem, outcome.fitted

@@ -441,7 +441,7 @@ def test_a_design_without_candidates_has_the_misfit_of_the_whole_one(loosened):
         included = (IncludedEffect(effect=effect, time_profile=step, size=size),)
         noise = null.design.noise
         whole = design_at(problem, null.theta, included, noise)
-        # made anew, and from the one of a point nearby
+        # made again, and from the one of a point nearby
         for lean in (design_without_candidates(problem, null.theta, included, noise),
                      design_without_candidates(problem, null.theta, included, noise, whole)):
             # the one that is included and the temperature that nobody recorded

@@ -221,14 +221,14 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
 
 @pytest.mark.parametrize("other", ["block five", "5"])
 def test_an_id_that_is_no_time_among_others_is_named(record, other):
-    """A number is no year."""
+    """A number is not a year."""
     data = record(1)
     sets = list(data.sets)
     sets[4] = replace(sets[4], id=other)
     notes = " ".join(gather(replace(data, sets=tuple(sets))).notes)
-    assert f"of 40 ids 1 is no time ('{other}'; mend" in notes
+    assert f"of 40 ids 1 is not a time ('{other}'; correct" in notes
     named = tuple(replace(s, id=f"block {k}") for k, s in enumerate(data.sets))
-    assert "the sets' ids are no times" in " ".join(gather(replace(data, sets=named)).notes)
+    assert "the sets' ids are not times" in " ".join(gather(replace(data, sets=named)).notes)
 
 
 def test_surroundings_that_are_words_are_not_numbers(record):

@@ -27,7 +27,7 @@ GAIN, ANGLE_DEG = 0.01, 1.0  # of sound sensors, one standard deviation
 
 @dataclass(frozen=True)
 class Case:
-    """The case of a kind of structure, a class of what is hidden and a seed, the same for ever; small: of turbines of
+    """The case of a kind of structure, a class of what is hidden and a seed, the same forever; small: of turbines of
     few members, and of few blocks, as the diagnosis's time grows with the cube of their number."""
 
     kind: str

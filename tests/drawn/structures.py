@@ -50,7 +50,7 @@ class Drawn:
 
 
 def draw(kind: str, seed: int, *, small: bool = False, designed: bool = False) -> Drawn:
-    """The structure of a kind and seed, the same for ever; small: of few members; designed: its truth is what the
+    """The structure of a kind and seed, the same forever; small: of few members; designed: its truth is what the
     files say, with no parameter drawn."""
     rng = np.random.default_rng([KINDS.index(kind), seed, 7])
     if kind.startswith("turbine"):

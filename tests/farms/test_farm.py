@@ -240,7 +240,7 @@ def test_a_month_that_fails_is_one_line_and_the_others_go_on(copied, capsys):
     assert [row["state"] for row in rows.values()] == ["done", "failed", "done", "done"]
     assert rows["A", "2024-06"]["failed_step"] == "identify"
     assert "A, 2024-06, at identify" in (out / "farm.html").read_text()
-    # mended, it is the one month that is worked on
+    # corrected, it is the one month that is worked on
     record.write_bytes(content)
     again = probupdate.farm(description, out)
     assert again.run == 1 and not again.failed
@@ -307,8 +307,8 @@ def test_a_month_that_ends_its_process_fails_alone(copied):
     ('name = "A"', 'name = "../A"', "'../A' becomes a folder's name and cannot"),
     ('name = "A"', 'name = "b"', "turbine 'b' stands twice"),
     ('campaigns = "A/2024-*"', 'campaigns = "A/2023-*"', "'A/2023-*' finds no folder with a campaign.toml"),
-    ('campaigns = "A/2024-*"', 'campaigns = "../A/*"', "is no pattern of folders below farm.toml's"),
-    ('campaigns = "A/2024-*"', 'campaigns = "/etc/*"', "is no pattern of folders below farm.toml's"),
+    ('campaigns = "A/2024-*"', 'campaigns = "../A/*"', "is not a pattern of folders below farm.toml's"),
+    ('campaigns = "A/2024-*"', 'campaigns = "/etc/*"', "is not a pattern of folders below farm.toml's"),
     ('campaigns = "A/2024-*"', 'campains = "A/*"', "unknown key 'campains'; did you mean 'campaigns'"),
     ('model = "model.npz"', 'model = "../model.npz"', "leaves the folder"),
     ('model = "model.npz"\n', "", "has no model, and the farm has none"),

@@ -191,7 +191,7 @@ def test_a_reference_at_other_channels_is_refused(jacket, reference, write_campa
 
 
 @pytest.mark.parametrize(("change", "problem"), [
-    ({"order": 1}, "order: 1 is no whole number from 2"), ({"block_rows": 2.5}, "block_rows: 2.5 is no whole"),
+    ({"order": 1}, "order: 1 is not a whole number from 2"), ({"block_rows": 2.5}, "block_rows: 2.5 is not a whole"),
     ({"spread": -2}, "spread: -2"), ({"target_rate_hz": 0.0}, "target rate: 0.0 Hz is not positive"),
 ])
 def test_settings_that_make_no_sense_are_refused(change, problem):

@@ -150,7 +150,7 @@ def test_records_are_written_read_and_chosen_by(tmp_path):
 @pytest.mark.parametrize(("old", "new", "word"), [
     ('"format": 2', '"format": 3', "has the format 3; 2 is the newest known"),
     ('"format": 2', '"format": "x"', "format: 'x' is not a number"),
-    ('"match": "alike"', '"match": 1', "mode_records 1, match: 1 is no text"),
+    ('"match": "alike"', '"match": 1', "mode_records 1, match: 1 is not text"),
     ('"found": 3', '"fuond": 3', "unknown key 'fuond'"),
     ('"expected": true', '"other": true', "model_only 1: 'expected' is missing; .* label, frequency_hz, expected"),
 ])

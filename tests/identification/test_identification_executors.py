@@ -219,7 +219,7 @@ def test_a_dask_worker_killed_loses_no_task_and_repeats_none_that_came_back(tmp_
 @needs_dask
 @of_dask
 def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
-    with pytest.raises(InputError, match="scheduler: 'nowhere' is no address; write it as tcp"):
+    with pytest.raises(InputError, match="scheduler: 'nowhere' is not an address; write it as tcp"):
         dask_cluster("nowhere")
     monkeypatch.setattr(executors, "ANSWER_S", 0.2)
     with pytest.raises(InputError, match=r"scheduler: nothing answers at tcp://127\.0\.0\.1:9"):
@@ -234,7 +234,7 @@ def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
 @needs_dask
 @of_dask
 def test_a_scheduler_without_a_worker_is_said_and_ended(monkeypatch):
-    """In silence it waited for ever."""
+    """In silence it waited forever."""
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(executors, "SAID_S", 1)
     monkeypatch.setattr(executors, "NO_WORKER_S", 3)

@@ -202,7 +202,7 @@ def test_what_is_no_motion_is_refused_in_fitting_words(tmp_path):
     write(tmp_path, three_modes(3000, 1), [("x", 0.0, 0.0, 3.0)] * 3, 50.0, 1, "acceleration")
     text = (tmp_path / "campaign.toml").read_text()
     (tmp_path / "campaign.toml").write_text(text.replace('quantity = "acceleration"', 'quantity = "strain"', 1))
-    with pytest.raises(InputError, match="sensor c0: measures strain, which is no motion of a point"):
+    with pytest.raises(InputError, match="sensor c0: measures strain, which is not a motion of a point"):
         read_campaign(tmp_path)
 
 

@@ -354,7 +354,7 @@ def test_standard_deviations_that_are_no_numbers_end_the_run(hour, rough, monkey
 
 
 def test_a_mistake_in_a_process_comes_back_in_one_line():
-    with pytest.raises(InputError, match="jobs: 0 is no number of processes"):
+    with pytest.raises(InputError, match="jobs: 0 is not a number of processes"):
         list(completed(int, [("1",)], jobs=0))
     # raised in another process, it arrives whole
     with pytest.raises(InputError, match="state 'sunk' is unknown") as here:

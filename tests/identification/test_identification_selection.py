@@ -74,7 +74,7 @@ def test_thresholds_are_the_user_s(jacket):
     assert list(strict.table["criterion"]) == ["", "pitching", "pitching"]
     wide = select(data(sets), criteria=SelectionCriteria(pitch_range_deg=10.0, required=("T1",)))
     assert list(wide.table["criterion"]) == [""] * 3
-    with pytest.raises(InputError, match="'FA9' is no mode of the data"):
+    with pytest.raises(InputError, match="'FA9' is not a mode of the data"):
         select(data(sets), criteria=SelectionCriteria(required=("FA9",)))
     with pytest.raises(InputError, match="count: 0 sets"):
         select(data(sets), count=0)
@@ -154,7 +154,7 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     with pytest.raises(InputError, match="SCADA: has none of SCADA's columns, but order"):
         select(data(said), pd.DataFrame({"order": [1.0] * 6}, index=index))
     renamed = [replace(sets[0], id="monday")]
-    with pytest.raises(InputError, match="set monday: its id is no time"):
+    with pytest.raises(InputError, match="set monday: its id is not a time"):
         select(data(renamed), scada)
 
 
@@ -195,9 +195,9 @@ def test_criteria_are_read_from_a_file(jacket, tmp_path):
 
 @pytest.mark.parametrize(("text", "problem"), [
     ("pich_range_deg = 2", "unknown key 'pich_range_deg'; did you mean 'pitch_range_deg'"),
-    ("pitch_range_deg = -1", "pitch_range_deg: -1 is no number from 0"),
-    ("states = 'idling'", "states: 'idling' is no list; write"),
-    ('required = ["T1", 2]', "required, entry 2: 2 is no text; write it in quotes"),
+    ("pitch_range_deg = -1", "pitch_range_deg: -1 is not a number from 0"),
+    ("states = 'idling'", "states: 'idling' is not a list; write"),
+    ('required = ["T1", 2]', "required, entry 2: 2 is not text; write it in quotes"),
     ("least_angle_deg = 120", "120 is not in 0 to 90"), ("= 3", "not TOML"), ("yaw_rate_degps = true", "not a number"),
     ("yaw_rate_degps = nan", "no number from 0"),
 ])
@@ -223,7 +223,7 @@ def test_own_deviation_and_campaign_scatter_are_told_apart(jacket):
     assert "what identification states of its half hour" in own.summary
     row = campaign.scatter[(campaign.scatter["mode"] == "FA2") & (campaign.scatter["state"] == "idling")].iloc[0]
     assert row["own_cov"] == pytest.approx(0.001, rel=0.02) and row["n"] == 20 and row["paper_cov"] == 0.017
-    with pytest.raises(InputError, match="'both' is no source of standard deviations"):
+    with pytest.raises(InputError, match="'both' is not a source of standard deviations"):
         select(data(sets), std_from="both")
 
 

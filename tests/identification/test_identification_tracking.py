@@ -129,7 +129,7 @@ def test_a_mode_inside_the_swept_band_all_the_time_is_still_followed(jacket, ref
 
 
 def with_poles(full, reference, rows):
-    """The block with these of its poles alone (n_pole,), judged anew."""
+    """The block with these of its poles alone (n_pole,), judged again."""
     poles = full.poles
     stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
                       damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])

@@ -35,7 +35,7 @@ def data(jacket):
 
 @pytest.mark.parametrize("references", [None, 6, (0, 1, 4, 12, 16)], ids=["all", "projected", "chosen"])
 def test_deviations_are_finite_differences_of_the_identification(data, references, validation):
-    """Every pole's ln f, damping and complex shape, two sub-records: covariances moved by +-h dR and identified anew.
+    """Every pole's ln f, damping and complex shape, two sub-records: covariances moved by +-h dR and identified again.
     A central difference of h = 1e-4 is wrong by h^2 times the third derivative, largest for poles of the noise; errors
     are held against each pole's standard deviation."""
     row = validation(what="standard deviations of f, damping, complex shapes; three orders, three kinds of references",

@@ -267,7 +267,7 @@ def test_figures_are_drawn_of_what_there_is(written):
 
 
 @pytest.mark.parametrize(("change", "words"), [
-    (["--without", "T99-x"], "'T99-x' is no channel"),
+    (["--without", "T99-x"], "'T99-x' is not a channel"),
     (["--out", "."], "holds something already"),
 ], ids=["channel", "folder"])
 def test_mistakes_are_named_before_the_work(case, capsys, monkeypatch, change, words):

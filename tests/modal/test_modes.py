@@ -158,7 +158,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].pop("frequency_hz"), "'frequency_hz' is missing"),
         (lambda c: c.update(channels=["a", "a"]), "twice"),
         (lambda c: c.update(sets=[]), "no set"),
-        (lambda c: c.update(sets={}), "sets: is no list"),
+        (lambda c: c.update(sets={}), "sets: is not a list"),
         (lambda c: c.pop("channels"), "channels: is missing"),
         (lambda c: c.update(channel=c.pop("channels")), "unknown key 'channel'; did you mean 'channels'"),
         (lambda c: c["sets"][0].update(shape_std=[[-0.01] * len(c["channels"])]), "shape_std: .* negative"),

@@ -174,7 +174,7 @@ def test_the_parameters_stand_without_and_with_the_findings(full_run, diagnosis_
 
 
 @pytest.mark.parametrize(("mistake", "words"), [
-    ("{", "not JSON"), ("[]", "is no JSON table"), ("{}", "has no 'verdict'"),
+    ("{", "not JSON"), ("[]", "is not a JSON table"), ("{}", "has no 'verdict'"),
     (lambda c: c | {"verdict": "perhaps"}, "'perhaps' is none of named, ambiguous"),
     (lambda c: c | {"findings": [{"cause": "scour"}]}, r"has no 'findings\.0\.kind'"),
 ])

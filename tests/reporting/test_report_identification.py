@@ -86,7 +86,7 @@ def test_every_figure_becomes_a_file_with_its_caption(modes, block, poles, tmp_p
     assert [f.read_bytes() for f in pair[0]] == [f.read_bytes() for f in pair[1]]
     text = next(f for f in few if f.stem == "conditions").read_text()
     assert "wind [m/s]" in text and "motion, rms [m/s²]" in text and "rotor [rpm]" not in text
-    with pytest.raises(InputError, match="'gif' is no kind of file"):
+    with pytest.raises(InputError, match="'gif' is not a kind of file"):
         write_figures(tmp_path / "modes.json", tmp_path / "gif", modes=modes, poles=None, kind="gif")
     with pytest.raises(InputError, match="block 2019-06-03T12:00Z: is not kept in"):
         block_of(tmp_path / "modes.json", modes, "2019-06-03T12:00Z")

@@ -141,7 +141,7 @@ def test_records_and_model_that_lie_elsewhere_are_named(directory, undrawn, tmp_
     assert found.missing == () and found.model is not None
     assert dict(found.provenance)["../model.npz"].startswith("SHA-256 ")
     assert str(tmp_path) not in report(run, tmp_path / "r.html", **given).read_text(encoding="utf-8")
-    with pytest.raises(InputError, match="--campaign: '.*/nowhere' does not exist; mend the path"):
+    with pytest.raises(InputError, match="--campaign: '.*/nowhere' does not exist; correct the path"):
         report(run, tmp_path / "r.html", campaign=tmp_path / "nowhere")
 
 
@@ -156,14 +156,14 @@ def test_findings_of_a_check_are_shown(own):
     put(own, "check.json", json.dumps({"findings": ["TP-A-x is flat"]}))
     assert read_run(own, silent).campaign.findings == ("TP-A-x is flat",)
     put(own, "check.json", "[]")
-    with pytest.raises(InputError, match=r"check\.json: is no JSON table"):
+    with pytest.raises(InputError, match=r"check\.json: is not a JSON table"):
         read_run(own, silent)
 
 
 @pytest.mark.parametrize(("content", "words"), [
     ({"campaign": "July"}, "is of the campaign 'July', not of 'June'"),
     ({"channels": [{"channel": "M-1"}]}, r"other channels \(M-1\)"),
-    ({"blocks": [{"id": "2020-01-01T00:00Z"}]}, "2020-01-01T00:00Z is no block of this campaign"),
+    ({"blocks": [{"id": "2020-01-01T00:00Z"}]}, "2020-01-01T00:00Z is not a block of this campaign"),
 ])
 def test_a_check_of_another_campaign_is_refused(own, content, words):
     put(own, "check.json", json.dumps({"findings": ["a sensor is flat"], **content}))
@@ -237,7 +237,7 @@ def test_a_diagnosis_of_another_structure_is_refused(own, full_run):
     ("name", "text", "message"),
     [
         ("run.json", "{", r"run\.json: not JSON"),
-        ("run.json", "[]", r"run\.json: is no JSON table"),
+        ("run.json", "[]", r"run\.json: is not a JSON table"),
         ("run.json", '{"model": "../other/model.toml"}', "leaves the folder .*; copy it into the run directory"),
         ("run.json", '{"campaign": "June"}', "'June' does not exist"),
         ("run.json", '{"campain": "June"}', r"run\.json: unknown key 'campain'; did you mean 'campaign'"),
@@ -246,7 +246,7 @@ def test_a_diagnosis_of_another_structure_is_refused(own, full_run):
         ("modes.poles.csv", "time,frequency_hz\n", "has no column 'mac'"),
         ("modes.poles.csv", "time,frequency_hz,mac,mode,criterion\nnoon,1,1,FA1,kept\n", "not a time"),
         ("selection.csv", "", "not a table"),
-        ("update.json", "{}", r"is no update\.json"),
+        ("update.json", "{}", r"is not an update\.json"),
         ("compare.json", "{}", r"is no compare\.json"),
     ],
 )

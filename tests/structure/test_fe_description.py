@@ -161,13 +161,13 @@ def test_files_that_are_no_model(tmp_path):
         load_model(broken)
     with pytest.raises(InputError, match=r"gone\.npz: no such file"):
         load_model(tmp_path / "gone.npz", sensors=())
-    with pytest.raises(InputError, match="is no form of model"):
+    with pytest.raises(InputError, match="is not a form of model"):
         load_model(tmp_path / "model.inp")
-    with pytest.raises(InputError, match="updatd: is no state .* did you mean 'updated'"):
+    with pytest.raises(InputError, match="updatd: is not a state .* did you mean 'updated'"):
         load_model("updatd")
     with pytest.raises(InputError, match="is a directory.*did you mean '.*broken.toml'"):
         load_model(tmp_path)
-    with pytest.raises(InputError, match=r"'\.tml' is no form of model; did you mean '.*broken\.toml'"):
+    with pytest.raises(InputError, match=r"'\.tml' is not a form of model; did you mean '.*broken\.toml'"):
         load_model(tmp_path / "broken.tml")
     with pytest.raises(InputError, match=r"brokn\.toml: no such file; .*did you mean '.*broken\.toml'"):
         load_model(tmp_path / "brokn.toml")

@@ -140,8 +140,8 @@ def test_matrices_in_millimetres_state_their_gravity(tmp_path):
     ({"channel_tilt_dof": [196, 198], "channel_tilt_row": np.zeros((2, 200))}, "stands beside channel_tilt_dof"),
     ({"channel_tilt_row": np.zeros((2, 7))}, "channel_tilt_row: has shape"),
     ({"channel_tilt_dofs": [196, 198]}, "did you mean 'channel_tilt_dof'"),
-    ({"gravity": -9.81}, "gravity: .* is no acceleration"),
-    ({"gravity": [9.81, 9.81]}, "gravity: .* is no acceleration"),
+    ({"gravity": -9.81}, "gravity: .* is not an acceleration"),
+    ({"gravity": [9.81, 9.81]}, "gravity: .* is not an acceleration"),
 ])
 def test_a_mistake_in_the_channel_table_is_named(tmp_path, arrays, more, says):
     with pytest.raises(InputError, match=says):

@@ -306,7 +306,7 @@ def test_correlation_table(tmp_path):
     path.write_text(TABLE + "[correlation.k]\nm = 0.4\n")
     assert read_parameters(path).correlation == pytest.approx(np.array([[1, 0.4], [0.4, 1]]))
     path.write_text(TABLE + "[correlation.k]\nq = 0.4\n")
-    with pytest.raises(InputError, match="'q' is no updated parameter"):
+    with pytest.raises(InputError, match="'q' is not an updated parameter"):
         read_parameters(path)
 
 
@@ -423,7 +423,7 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(tmp_path):
         stream.write(bytes(2**23))
     assert path.stat().st_size < 20_000
     with pytest.raises(InputError, match=r"model\.npz: holds 8 MB unpacked, more than 4 MB"):
-        archive_arrays(path, "is no model", "write it anew", largest=2**22)
+        archive_arrays(path, "is not a model", "write it again", largest=2**22)
 
 
 def test_an_array_of_which_the_head_promises_more_than_there_is(tmp_path):

@@ -1,4 +1,4 @@
-"""`matrices`: what programs leave in their own form is mended, what cannot be right is refused, frequencies stay."""
+"""`matrices`: what programs leave in their own form is corrected, what cannot be right is refused, frequencies stay."""
 
 import importlib.util
 import shutil
@@ -145,7 +145,7 @@ def test_rows_without_mass_follow_statically(tmp_path):
 
 @pytest.mark.parametrize(("change", "words"), [
     (lambda K, M: (K + np.diag(np.full(N - 1, 1e5), 1), M), "is not symmetric"),
-    (lambda K, M: (np.where(K[0, 0] == K, np.nan, K), M), "is no number"),
+    (lambda K, M: (np.where(K[0, 0] == K, np.nan, K), M), "is not a number"),
     (lambda K, M: (K[:-1, :-1], M), "rows"),
 ], ids=["unsymmetric", "not a number", "sizes"])
 def test_matrices_that_cannot_be_right_are_refused(tmp_path, capsys, change, words):

@@ -314,5 +314,5 @@ def test_one_set_is_refused():
 def test_a_file_that_is_none_is_refused(tmp_path):
     path = tmp_path / "sets.json"
     path.write_text("{}")
-    with pytest.raises(InputError, match=r"is no sets\.json"):
+    with pytest.raises(InputError, match=r"is not sets\.json"):
         read_views(path)

@@ -177,7 +177,7 @@ def test_nested_r_hat_sees_ensembles_that_disagree_and_no_dependence_within(vali
 
 
 def test_draws_without_modes_have_probability_zero_and_are_counted():
-    """Bounds that allow what is no structure: the model refuses a below zero."""
+    """Bounds that allow what is not a structure: the model refuses a below zero."""
     model, data = two_modes(*CASES[0])
 
     def function(theta):
@@ -247,7 +247,7 @@ def test_walkers_begin_where_there_are_modes():
     problem, asked = half_of_two_modes()
     start = _first_state(problem, Uniform(-4.0, 4.0), 40, 3, 1).coords
     assert asked and np.all(start[:, 0] >= 0) and len(np.unique(start[:, 0])) == 40
-    # where all have modes nothing is drawn anew
+    # where all have modes nothing is drawn again
     plain = _first_state(problem, Uniform(0.0, 4.0), 40, 3, 1).coords
     assert np.array_equal(plain, Uniform(0.0, 4.0).draw(40, np.random.default_rng([3, 0, 1])))
 
