@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.io.files import read_toml, write_arrays, write_text
+from probupdate.io.files import read_text, read_toml, write_arrays, write_text
 from probupdate.io.program_matrices import ProgramMatrices, opensees_matrices, read_program_matrices
 from probupdate.io.result_table import plural, table_of
 from probupdate.runtime.arrays import frozen_array
@@ -175,10 +175,14 @@ def write_matrices(
     if out.suffix.lower() != ".npz":
         raise InputError(str(out), "is not named .npz", "give a name such as model.npz")
     beside = out.with_name("parameters.toml")
-    for path in (out, beside):
-        if path.exists():
-            raise InputError(str(path), "is there already", "name another folder, or remove it")
+    if out.exists():
+        raise InputError(str(out), "is there already", "give another name, or remove it")
     asked = Groups() if groups is None else _groups(Path(groups))
+    table = _parameters_text(asked)
+    # several models of one folder share what is the same
+    if beside.exists() and read_text(beside) != table:
+        raise InputError(str(beside), f"is there already, of other parameters than {out.name} would have",
+                         f"write {out.name} into another folder, or remove it")
     notes: list[str] = []
     kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
@@ -193,7 +197,7 @@ def write_matrices(
         mass = mass if M is None else mass - initial * M
     arrays |= _csr("K0", stiffness) | _csr("M0", mass)
     write_arrays(out, arrays)
-    write_text(beside, _parameters_text(asked))
+    write_text(beside, table)
     return ImportedMatrices(
         files=(out, beside), n_row=base.stiffness.shape[0], channels=tuple(str(c) for c in arrays["channel"]),
         parameters=tuple(name for name, *_ in terms), frequency_hz=frozen_array(found), printed_hz=printed,
@@ -241,8 +245,7 @@ def _clean_matrices(given: ProgramMatrices, where: str, notes: list[str]) -> tup
     if given.model_arrays is None and direction is not None and not np.all((direction >= 1) & (direction <= 6)):
         raise InputError(where, f"has a row of direction {int(direction[(direction < 1) | (direction > 6)][0])}",
                          "export displacements and rotations alone (1 to 6)")
-    return kept, ProgramMatrices(stiffness=K, mass=M, node=node, direction=direction, place=given.place,
-                                 model_arrays=given.model_arrays)
+    return kept, replace(given, stiffness=K, mass=M, node=node, direction=direction)
 
 
 def _largest(matrix: sparse.csc_array) -> np.ndarray:
@@ -417,14 +420,21 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
         near = place[np.unique(index[own])]
         near = near[~np.isnan(near[:, 0])]
         place[k] = near.mean(axis=0) if len(near) else np.nanmean(place, axis=0)
-    return {"node_position_m": place, "node_number": nodes, "dof_node": index, "dof_direction": base.direction - 1}
+    found = {"node_position_m": place, "node_number": nodes, "dof_node": index, "dof_direction": base.direction - 1}
+    # of nodes that have rows: what the others do, held or tied to some, is not known here
+    number = {int(n): k for k, n in enumerate(nodes)}
+    line = [(number[a], number[b]) for a, b in base.line if a in number and b in number]
+    line = [(a, b) for a, b in line if not np.array_equal(place[a], place[b])]
+    return found | ({"line": np.array(line)} if line else {})
 
 
 def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:
     """(n,) Hz of the corrected matrices, held against what the program printed."""
-    n = min(max(COUNT, 0 if printed is None else len(printed)), base.stiffness.shape[0] - 2)
+    n = min(max(COUNT, 0 if printed is None else len(printed)), base.stiffness.shape[0] - 2,
+            int(np.sum(_largest(base.mass) > 0)))
     if n < 1:
-        raise InputError(where, f"has {base.stiffness.shape[0]} free rows", "give a model of three rows and more")
+        raise InputError(where, f"has {base.stiffness.shape[0]} free rows, {np.sum(_largest(base.mass) > 0)} with mass",
+                         "give a model of three rows and more, with masses")
     value, _ = lowest_modes(base.stiffness, base.mass, n, where)
     found = np.sqrt(value) / (2 * np.pi)
     if printed is not None:

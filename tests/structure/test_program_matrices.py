@@ -205,6 +205,39 @@ def model_of_opensees(ops, path, *, soft=1.0, heavy=1.0, groups=None):
     return known
 
 
+def test_models_of_one_folder_share_their_parameters(tmp_path, ops):
+    for name in ("base", "more"):
+        model_of_opensees(ops, tmp_path / f"{name}.npz")
+    assert load_model(tmp_path / "more.npz").parameters.names == ("stiffness",)
+    (tmp_path / "groups.toml").write_text(RUNS_OF_MODELS)
+    with pytest.raises(InputError, match="of other parameters than model.npz would have"):
+        probupdate.matrices(tmp_path / "base.npz", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
+def test_elements_of_opensees_are_the_models_lines(tmp_path, ops):
+    model_of_opensees(ops, tmp_path / "model.npz")
+    wire = load_model(tmp_path / "model.npz").wire
+    ends = wire.node_m[wire.line][:, :, 1]
+    # the foot is held, and has no row
+    assert sorted(map(tuple, ends.tolist())) == [(2.0 * k, 2.0 * k + 2.0) for k in range(1, 6)]
+
+
+def test_opensees_with_massless_nodes_says_nothing_of_failure(tmp_path, ops, capfd):
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    for k in range(4):
+        ops.node(k + 1, 0.0, 2.0 * k)
+    ops.mass(4, 500.0, 500.0, 0.0)
+    ops.fix(1, 1, 1, 1)
+    ops.geomTransf("Linear", 1)
+    for k in range(3):
+        ops.element("elasticBeamColumn", k + 1, k + 1, k + 2, 0.01, 2.1e11, 8e-6, 1)
+    result = probupdate.matrices.from_opensees(tmp_path / "model.npz", ops=ops)
+    # a cantilever with a mass at its tip
+    assert result.frequency_hz[0] == pytest.approx(np.sqrt(3 * 2.1e11 * 8e-6 / 6.0**3 / 500.0) / (2 * np.pi), rel=1e-9)
+    assert any("no mass" in note for note in result.notes) and "failed" not in "".join(capfd.readouterr())
+
+
 RUNS_OF_MODELS = """[[parameter]]
 name = "top"
 cov = 0.1
