@@ -24,7 +24,7 @@ from probupdate.campaign.findings import (
 )
 from probupdate.campaign.gain_steps import FEWEST_PIECES, lines_kept, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
-from probupdate.campaign.mounting import lowest_motion_hz, suspicions
+from probupdate.campaign.mounting import is_upright, lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import levelled
@@ -282,7 +282,9 @@ def _quantities(campaign: Campaign) -> list[str]:
 
 def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
-        return ["no scada.csv: nothing is known of operation and weather (a turbine's states, harmonics)"]
+        turbine = campaign.rated_power_kw is not None or is_upright(campaign.sensors)
+        return ["no scada.csv: nothing is known of wind and temperature"
+                + (", nor of a turbine's operation (states, harmonics)" if turbine else "")]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
     found = [*campaign.scada.attrs.get("notes", ())]

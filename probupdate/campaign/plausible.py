@@ -190,6 +190,6 @@ def _comparable_channels(k: int, sensors: Sequence[Sensor], left_out: Collection
 
 def _unit_of_factor(factor: float) -> str:
     size = max(factor, 1 / factor)
-    known = {"g and m/s2": 9.80665, "cm and m": 100.0, "mm and m": 1000.0}
+    known = {"g and m/s2": 9.80665, "cm and m": 100.0, "mg and g, or mm and m": 1000.0}
     name, value = min(known.items(), key=lambda item: abs(np.log(size / item[1])))
     return f" ({name} are {value:.4g} apart)" if abs(np.log(size / value)) < np.log(2.5) else ""

@@ -162,11 +162,13 @@ def _add_poles(verb: AddCommand) -> None:
     p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array "
                    "does: all jobs write into one OUT.blocks; given again when all blocks are there, their standard "
                    "deviations; then without --shard, which writes OUT")
-    p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
+    p.add_argument("--order", type=positive(int, "order"),
+                   help="model order (default: proposed from the record and said; "
+                   "the paper's 20 with a model of members whose modes lie below 2.5 Hz)")
     p.add_argument("--block-rows", type=positive(int, "block rows"),
-                   help="block rows of the Toeplitz matrix (30 with a model)")
-    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; "
-                   "without, all three are proposed from the record and said)")
+                   help="block rows of the Toeplitz matrix (default: as with --order; the paper's are 30)")
+    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (default: as "
+                   "with --order; the paper's is 5)")
     p.add_argument("--choice", metavar="FILE", help="poles picked by hand in a page of `explore`: they are the modes "
                    "then; order, block rows and rate are the choice's")
     p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: "

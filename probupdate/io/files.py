@@ -300,7 +300,7 @@ def input_folder(path: str | Path, problem: str = "is not a directory", remedy: 
     except (OSError, ValueError) as error:
         raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
     if not good:
-        raise InputError(_shown_path(path), problem, remedy)
+        raise InputError(_shown_path(path), problem, remedy + ("" if path.exists() else _similar_name(path)))
     return path
 
 

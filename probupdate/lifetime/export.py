@@ -628,7 +628,7 @@ def _reducer(
 
         return of_file
     if path.suffix != ".toml" or "matrices" in read_toml(path):
-        left_out.append("superelements: matrices do not say where the tower stands")
+        left_out.append("superelements: a model of matrices does not say at which node it would be cut")
         return None
 
     turbine = read_turbine(path)

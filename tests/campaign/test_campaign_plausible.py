@@ -57,6 +57,12 @@ def test_one_of_three_stated_in_g_that_is_not(campaign_folder):
     assert len(found) == 1 and "is f2 in g, as campaign.toml says?" in found[0], found
 
 
+def test_one_of_three_in_g_stated_in_mg_is_asked_about_in_these_units(campaign_folder):
+    said = check(read_campaign(campaign_folder([(0, building() / 9.80665)], head=head(["g", "mg", "g"])))).findings
+    found = [f for f in said if f.startswith("suspect") and "f2" in f]
+    assert len(found) == 1 and "mg and g" in found[0], said
+
+
 @pytest.mark.parametrize(("one", "names"), [(1.0, []), (9.80665, ["f1x or f2x"])], ids=["all right", "one in g"])
 def test_what_acts_along_one_axis_is_no_wrong_unit(campaign_folder, one, names):
     """Four floors that the wind shakes six times as much along x; of the last two, y alone has a sensor."""
@@ -226,3 +232,13 @@ def test_a_mean_against_gravity_names_the_reversed_channel(campaign_folder, stat
     text[k] = upright([*stated[: k - 1], -z, *stated[k:]], unit).split("[[sensor]]")[k]
     (folder / "campaign.toml").write_text("[[sensor]]".join(text))
     assert flipped(folder) == []
+
+
+@pytest.mark.parametrize("along", ["x", "z"])
+def test_of_a_turbine_alone_is_it_said_that_operation_is_not_known(campaign_folder, along):
+    text = head(["m/s2"] * 3)
+    if along == "x":
+        for k in range(3):
+            text = text.replace(f"[0.0, 0.0, {3.0 * (k + 1)}]", f"[{3.0 * (k + 1)}, 0.0, 0.0]")
+    said = [f for f in check(read_campaign(campaign_folder([(0, building())], head=text))).findings if "scada.csv" in f]
+    assert len(said) == 1 and ("turbine" in said[0]) == (along == "z")

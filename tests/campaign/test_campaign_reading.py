@@ -62,6 +62,9 @@ def test_every_mistake_in_the_head_has_its_line(campaign_folder, signal, head, r
 def test_a_folder_without_its_parts(tmp_path, campaign_folder, head):
     with pytest.raises(InputError, match="is not a directory"):
         read_campaign(tmp_path / "none")
+    (tmp_path / "campaign").mkdir()
+    with pytest.raises(InputError, match=r"is not a directory; give the folder .*; did you mean '.*campaign'"):
+        read_campaign(tmp_path / "campaing")
     with pytest.raises(InputError, match="no such file"):
         read_campaign(tmp_path)
     with pytest.raises(InputError, match=r"holds no \.h5 file"):
