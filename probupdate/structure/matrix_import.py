@@ -74,7 +74,7 @@ class GroupRow(Table):
 
 
 class Check(Table):
-    """What the program printed of the first run."""
+    """What the program printed of the model whose file is given."""
 
     frequencies_hz: tuple[Positive, ...]
 
@@ -321,7 +321,7 @@ def _terms(asked: Groups, where: Path, base: ProgramMatrices, kept: np.ndarray, 
             notes.append(f"{row.name}: one run, so that it is linear was not checked; a second value would show it")
         K, M = slopes[0]
         if size == 0 and mass_size == 0:
-            raise InputError(f"{where}: parameter {row.name}", "its run is the first run: nothing changed",
+            raise InputError(f"{where}: parameter {row.name}", f"its run has the matrices of {files[0].name}",
                              "check which group was scaled")
         found.append((row.name, row.initial, K, M if mass_size else None))
     return found
@@ -330,8 +330,9 @@ def _terms(asked: Groups, where: Path, base: ProgramMatrices, kept: np.ndarray, 
 def _slope(row: GroupRow, run: RunRow, where: Path, base: ProgramMatrices, kept, files):
     """dK and dM by a parameter's unit."""
     if run.value == row.initial:
-        raise InputError(f"{where}: parameter {row.name}", f"a run has the initial value {row.initial:g}",
-                         "give a run at another value")
+        raise InputError(f"{where}: parameter {row.name}", f"'{run.file}' is of the initial value {run.value:g}, which "
+                         f"the file on the command line ({files[0].name}) has", "leave it out of `runs`, which name "
+                         "models at other values alone; `initial` is 1 where it is not given")
     paths = [where.parent / run.file]
     if run.mass is not None:
         paths.append(where.parent / run.mass)
@@ -346,7 +347,8 @@ def _slope(row: GroupRow, run: RunRow, where: Path, base: ProgramMatrices, kept,
     K, M = (_mirror_triangle(x, str(paths[0]), "matrix", quiet) for x in (other.stiffness, other.mass))
     if max(kept) >= K.shape[0] or (other.node is not None and base.node is not None
                                    and not np.array_equal(other.node[kept], base.node)):
-        raise InputError(str(paths[0]), "has other rows than the first run", "change nothing but the group's property")
+        raise InputError(str(paths[0]), f"has other rows than {files[0].name}",
+                         "change nothing but the group's property")
     step = run.value - row.initial
     own = [sparse.csc_array(x[kept][:, kept] - y) / step for x, y in ((K, base.stiffness), (M, base.mass))]
     return tuple(_drop_roundoff(x, y) for x, y in zip(own, (base.stiffness, base.mass), strict=True))

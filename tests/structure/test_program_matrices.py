@@ -77,6 +77,14 @@ def test_a_group_that_is_not_linear_is_refused(tmp_path):
         probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
 
 
+def test_a_run_at_the_initial_value_names_the_file_that_has_it(tmp_path):
+    for name, factor in (("job", 1.0), ("more", 1.5), ("less", 0.8)):
+        calculix_files(tmp_path, name, *chain(factor))
+    (tmp_path / "groups.toml").write_text(GROUPS.replace('"less.sti", value = 0.8', '"job.sti", value = 1.0'))
+    with pytest.raises(InputError, match=r"'job.sti' is of the initial value 1, which the file on the command line"):
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
 def written(folder, form, K, M):
     """Files of a form, as scipy, numpy or a few lines write them."""
     def triangle(matrix):
