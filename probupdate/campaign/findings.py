@@ -29,8 +29,7 @@ SHARE, IN_A_ROW, ROW = 0.25, 6, 8
 SCALE_FACTOR = 8.0
 # factors that a unit taken for another makes
 UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mg and g, or mm and m", 1e2: "cm and m", 10.0: "cm and mm",
-                9806.65: "mg and m/s2",
-                980.665: "g and cm/s2"}
+                9806.65: "mg and m/s2", 980.665: "g and cm/s2"}
 # steps of a delay between neighbouring blocks that show a drift, and their scatter as a share of them
 FEWEST_STEPS, EVEN_STEPS = 3, 0.2
 # lost samples that are mentioned, as a share

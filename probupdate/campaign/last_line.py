@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from probupdate.campaign.description import Description
+from probupdate.campaign.stated import NOT_A_NUMBER
 from probupdate.campaign.table_layout import is_number, row_cells
 
 # bytes at the end that are looked at; those of a character at most
@@ -48,18 +49,17 @@ def unfinished_line(path: Path, d: Description) -> tuple[int, str]:
     lines, width = last_lines(path, d.encoding)
     if len(lines) < 2 or lines[-1].endswith(("\n", "\r")) or not lines[-1].strip():
         return size, ""
-    last, *before = (_row(line, d) for line in reversed(lines) if line.strip())
-    n_cell = len(before[0]) if before else 0
-    cells = [row[-1] for row in before if len(row) == n_cell and row[-1]]
-    numeric = [c for c in cells if is_number(c, d.decimal)]
+    last, *before = (_row(line, d) or ("",) for line in reversed(lines) if line.strip())
+    cells = [row[-1] for row in before if len(row) == len(before[0]) and row[-1]]
+    numeric = [c for c in cells if is_number(c, d.decimal) and not _is_lost(c, d)]
     # of a table's only row the line above are names
     cells = numeric or cells[:-1]
-    if not cells:
+    if not cells or len(last) == len(before[0]) and _is_lost(last[-1], d):
         return size, ""
     said = f"its last line has no end and is cut off ('...{lines[-1].strip()[-20:]}')"
     least, most = min(_decimals(c, d) for c in cells), max(_decimals(c, d) for c in cells)
-    strange = numeric and not is_number(last[-1], d.decimal) and last[-1] not in d.lost
-    if len(last) < n_cell or not last[-1] or strange or _decimals(last[-1], d) < least:
+    strange = numeric and not is_number(last[-1], d.decimal)
+    if len(last) < len(before[0]) or not last[-1] or strange or _decimals(last[-1], d) < least:
         return size - width, f"{said}: it was left out"
     return size, "" if least == most > 0 else "its last line has no end, and was taken as whole"
 
@@ -82,6 +82,10 @@ def last_lines(path: Path, encoding: str) -> tuple[list[str], int]:
 
 def _row(line: str, d: Description) -> tuple[str, ...]:
     return row_cells(line, d.separator) if len(d.separator) == 1 else tuple(re.split(d.separator, line.strip()))
+
+
+def _is_lost(cell: str, d: Description) -> bool:
+    return cell.lower() in NOT_A_NUMBER or cell in d.lost
 
 
 def _decimals(cell: str, d: Description) -> int:

@@ -57,7 +57,8 @@ def read_csv(path: Path, d: Description) -> Iterator:
     """OwnWords, then pieces of a table as text."""
     said = str(path), "is not a table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
-    size, note = unfinished_line(path, d)
+    with parsing(*said):
+        size, note = unfinished_line(path, d)
     names, units, skipped = _layout(path, d, head)
     if d.header and names is None:
         _refuse_other_head(path, d, skipped)
