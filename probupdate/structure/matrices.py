@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,9 @@ ASYMMETRY_LIMIT = 1e-8
 # of a model's rows, half of them above: slower than what floats at anchor; and times the extent, in m/s, a quarter of
 # what the lowest modes of structures have at least
 SLOWEST_HZ, SLOWEST_SPEED = 0.005, 0.5
+# gravity over that of the matrices' unit of length, beyond which it is of another unit: inch and m are 39 apart; rows
+# that must show this unit, half of them alike
+OTHER_UNIT, LEAST_ROWS, ALIKE = 20.0, 6, 0.01
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         position_m=frozen_array(wire.node_m[content["dof_node"]]),
         direction=frozen_array(content["dof_direction"], int))
     tilt_matrix, known = _tilts(path, content, channel_matrix)
-    return AffineModel(
+    model = AffineModel(
         name=name or path.stem,
         parameters=parameters,
         channels=channels,
@@ -115,6 +118,45 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
         wire_turn=wire_turn,
         hash_key=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
+    return _with_gravity_of_lengths(path, model, stated="gravity" in content)
+
+
+def _with_gravity_of_lengths(path: Path, model: AffineModel, *, stated: bool) -> AffineModel:
+    """Gravity in the matrices' unit of length, as these and places in m show it; what is stated must agree."""
+    if model.gravity is None or model.places is None:
+        return model
+    length = _unit_of_length(model.matrices(model.parameters.initial)[0], model.places)
+    if length is None or 1 / OTHER_UNIT < model.gravity.mps2 / (STANDARD_MPS2 * length) < OTHER_UNIT:
+        return model
+    if not stated:
+        return replace(model, gravity=replace(model.gravity, mps2=STANDARD_MPS2 * float(f"{length:.4g}")))
+    raise InputError(f"{path}, gravity", f"is {model.gravity.mps2:g}, but K's rotations and translations belong to "
+                     f"lengths {length:.4g} times those of node_position_m",
+                     f"set gravity = {STANDARD_MPS2 * length:.6g} if node_position_m is in m, as it is to be; if it is "
+                     "in mm, divide it by 1000")
+
+
+def _unit_of_length(stiffness: sparse.csc_array, places: DofPlaces) -> float | None:
+    """How many of the matrices' units of length are one of the places': 1000 for N/mm with places in m.
+
+    Turning the whole about an axis strains no element: K (f t + r) = 0 but beside supports, t the translations by the
+    places and r the rotations by 1. None where too few rows show f, or half of them not alike.
+    """
+    arm, size = places.position_m - places.position_m.mean(axis=0), abs(stiffness)
+    found = []
+    for about in range(3):
+        moved = np.cross(np.eye(3)[about], arm)
+        along = np.clip(places.direction, 0, 2)
+        t = np.where((places.direction >= 0) & (places.direction < 3), moved[np.arange(len(arm)), along], 0.0)
+        r = (places.direction == 3 + about).astype(float)
+        by_t, by_r = stiffness @ t, stiffness @ r
+        clear = (np.abs(by_t) > 1e-6 * (size @ np.abs(t))) & (np.abs(by_r) > 1e-6 * (size @ r))
+        found.append(-by_r[clear] / by_t[clear])
+    ratio = np.concatenate(found)
+    if len(ratio) < LEAST_ROWS:
+        return None
+    low, middle, high = np.percentile(ratio, [25, 50, 75])
+    return float(middle) if middle > 0 and high - low < ALIKE * middle else None
 
 
 def _extent(content: Mapping[str, np.ndarray]) -> float:

@@ -39,6 +39,8 @@ MOST_MODES = 10
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
 # lowest frequency, Hz, where the extent is not known
 LEAST_HZ, MOST_HZ = 0.02, 1000.0
+# longer than structures are between their joints: places in mm, more likely
+MOST_EXTENT_M = 3000.0
 UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
                 "and that K and M are not exchanged")
 
@@ -136,6 +138,8 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
         if LEAST_SPEED <= lowest * extent <= MOST_SPEED:
             return ()
         usual = f"{LEAST_SPEED / extent:.2g} to {MOST_SPEED / extent:.2g} Hz is usual for an extent of {extent:.3g} m"
+        if extent > MOST_EXTENT_M:
+            usual += " (are node_position_m in mm? they are to be in m)"
     elif LEAST_HZ <= lowest <= MOST_HZ:
         return ()
     else:

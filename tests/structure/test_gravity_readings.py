@@ -313,3 +313,27 @@ def test_a_statement_that_is_none_is_named(tmp_path, value):
         {"id": "1", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]}))
     with pytest.raises(InputError, match=r"modes.json, gravity: .* neither true or false"):
         read_modes(path)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 0.0254], ids=["m", "mm", "inch"])
+def test_gravity_that_is_not_stated_is_of_the_matrices_unit(tmp_path, unit):
+    n = 40
+    np.savez(tmp_path / "model.npz", **beam_arrays(n, unit), channel=["tip"], channel_dof=[5 * (n - 1)])
+    (tmp_path / "parameters.toml").write_text(
+        '[[parameter]]\nname = "EI"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.2\nupper = 3.0\n')
+    assert load_model(tmp_path / "model.npz").gravity.mps2 == pytest.approx(G / unit, rel=1e-3)
+
+
+@pytest.mark.parametrize(("unit", "places", "gravity", "words"), [
+    (1e-3, 1.0, G, r"lengths 1000 times .* set gravity = 9806.65"),
+    (1e-3, 1e3, 1e3 * G, r"lengths 1 times .* in mm, divide it by 1000"),
+], ids=["gravity in m", "places in mm"])
+def test_gravity_of_another_unit_than_the_matrices_is_refused(tmp_path, unit, places, gravity, words):
+    n = 40
+    arrays = beam_arrays(n, unit)
+    arrays["node_position_m"] = places * arrays["node_position_m"]
+    np.savez(tmp_path / "model.npz", **arrays, channel=["tip"], channel_dof=[5 * (n - 1)], gravity=gravity)
+    (tmp_path / "parameters.toml").write_text(
+        '[[parameter]]\nname = "EI"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.2\nupper = 3.0\n')
+    with pytest.raises(InputError, match=words):
+        load_model(tmp_path / "model.npz")
