@@ -108,7 +108,7 @@ def _state(path: Path) -> tuple[int, ...]:
 
 
 def _opened(path: Path) -> Any:
-    return open_hdf5(path, "no file of covariance factors", AGAIN, whole=True)
+    return open_hdf5(path, "is not a file of covariance factors", AGAIN, whole=True)
 
 
 def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:

@@ -296,7 +296,7 @@ def test_model_and_modes_in_the_wrong_order_or_of_another_kind(building, verb):
         ((building["model"], model), "a model was given in the modes' place"),
         ((building["modes"], building["model"]),
          "model.npz: is an archive of arrays such as a model's, not modal sets"),
-        ((building["model"], 3), "no modal data"), ((np.sin, building["modes"]), "a ufunc is not a model"),
+        ((building["model"], 3), "not modal data"), ((np.sin, building["modes"]), "a ufunc is not a model"),
     ):
         with pytest.raises(InputError, match=words):
             verb(*given)
@@ -342,7 +342,7 @@ CAMPAIGNS = {
     "direction": ("[1.0, 0.0, 0.0]", "[1.0, 1.0, 0.0]", ("unit vector",)),
     "direction NaN": ("[1.0, 0.0, 0.0]", "[nan, 1.0, 0.0]", ("unit vector",)),
     "channel twice": ('"TP-A-y"', '"TP-A-x"', ("listed twice",)),
-    "channel number": ('"TP-A-y"', "7", ("channel", "no text")),
+    "channel number": ('"TP-A-y"', "7", ("channel", "not text")),
     "broken": ('name = "Short"', 'name = "Short', ("campaign.toml", "not TOML")),
 }
 
@@ -418,7 +418,7 @@ def test_out_that_cannot_be_written_is_refused_before_the_work(building, refused
     before = contents(folder)
     for verb in ("update", "sample"):
         assert "is a directory" in refused(verb, *problem, "--out", folder)
-        assert "no directory" in refused(verb, *problem, "--out", Path(building["modes"]) / "x.json")
+        assert "not a directory" in refused(verb, *problem, "--out", Path(building["modes"]) / "x.json")
     assert "is a directory" in refused("select", building["modes"], "--out", folder)
     assert "is a directory" in refused("compare", "u.json", "p.nc", "--out", folder)
     assert "is a directory" in refused("report", folder, "--out", folder)

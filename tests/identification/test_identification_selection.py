@@ -199,7 +199,7 @@ def test_criteria_are_read_from_a_file(jacket, tmp_path):
     ("states = 'idling'", "states: 'idling' is not a list; write"),
     ('required = ["T1", 2]', "required, entry 2: 2 is not text; write it in quotes"),
     ("least_angle_deg = 120", "120 is not in 0 to 90"), ("= 3", "not TOML"), ("yaw_rate_degps = true", "not a number"),
-    ("yaw_rate_degps = nan", "no number from 0"),
+    ("yaw_rate_degps = nan", "not a number from 0"),
 ])
 def test_criteria_that_make_no_sense_are_refused(tmp_path, text, problem):
     path = tmp_path / "criteria.toml"

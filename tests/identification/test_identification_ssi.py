@@ -309,5 +309,5 @@ def test_rates_that_are_no_simple_ratio_are_refused_and_others_kept():
     assert len(resampled(data, 25.0, 10.0)) == 400
     with pytest.raises(InputError, match=r"30 Hz is not in \(0, 25\]"):
         resampled(data, 25.0, 30.0)
-    with pytest.raises(InputError, match="no ratio of small numbers"):
+    with pytest.raises(InputError, match="not a ratio of small numbers"):
         resampled(data, 25.0, 5.0012345)

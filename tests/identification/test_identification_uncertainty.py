@@ -318,8 +318,8 @@ def test_absent_modes_are_nan_and_wrong_poles_are_refused(data):
         identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS).factors(np.array([0]))
 
 
-@pytest.mark.parametrize(("parts", "word"), [(1, "no whole number from 2"), (True, "no whole number"),
-                                             (2.5, "no whole number"), (151, "give at most 150")])
+@pytest.mark.parametrize(("parts", "word"), [(1, "not a whole number from 2"), (True, "not a whole number"),
+                                             (2.5, "not a whole number"), (151, "give at most 150")])
 def test_parts_that_are_none_are_refused(data, parts, word):
     with pytest.raises(InputError, match=word):
         identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=parts)

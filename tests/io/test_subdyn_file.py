@@ -133,7 +133,7 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
         ("1 1 2 7 7 1c 0", "1 1 2 7 8 1c 0", ["circular property set 8"]),
         ("1 1 2 7 7 1c 0", "1 1 2 7 7 1x 0", ["type '1x'", "1c"]),
         ("1 1 2 7 7 1c 0", "1 1 2 7 7 3 0", ["rigid property set 7"]),
-        ("1 0 0 0 1 1 1", "1 0 0 0 1 1", ["no flag of joint 1"]),
+        ("1 0 0 0 1 1 1", "1 0 0 0 1 1", ["not a flag of joint 1"]),
         ("1 0 0 0 1 1 1", "9 0 0 0 1 1 1", ["reaction joint 9"]),
         ("1.0 0.02 extra", "1.0 0.52 extra", ["wall 0.52 is thicker than half"]),
         ("1.0 0.02 extra", "0.0 0.02 extra", ["XsecD of a circular set is 0"]),

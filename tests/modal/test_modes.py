@@ -164,7 +164,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(shape_std=[[-0.01] * len(c["channels"])]), "shape_std: .* negative"),
         (lambda c: c.update(chanels=["a"]), "did you mean 'channels'"),
         (lambda c: c["sets"][0].update(frequency_hz=[-1.0]), "not positive"),
-        (lambda c: c["sets"][0].update(frequency_hz=[1e300]), "no measurement"),
+        (lambda c: c["sets"][0].update(frequency_hz=[1e300]), "not a measurement"),
         (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
@@ -273,8 +273,8 @@ def test_any_id_is_a_group_of_its_own(tmp_path, ids):
 def test_mistakes_with_deviations_are_named(tmp_path):
     write_modes(data_with_factors(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
-    for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
-                       ("m.json", "no file of covariance factors")):
+    for name, word in (("../m.deviations.h5", "not a file name"), (3, "not a file name"), ("none.h5", "does not exist"),
+                       ("m.json", "not a file of covariance factors")):
         with pytest.raises(InputError, match=word):
             read_modes(write(tmp_path, content | {"deviations": name}))
     fewer = content | {"channels": ["a", "b"]}

@@ -168,7 +168,7 @@ def test_effects_act_where_they_say(file, plain):
         ("[tolerances]\nscale = 9", "tolerances, scale", "0 to 3"),
         ('[[effect]]\nkind = "scuor"', "effect 1", "did you mean 'scour'"),
         ('[[effect]]\nkind = "sensor_gain"\nchannel = "TP-A-x"', "effect 1", "factor is missing"),
-        ('[[effect]]\nkind = "tower_stiffness"\nbottom_m = 60\ntop_m = 40\nfactor = 0.5', "bottom_m", "no length"),
+        ('[[effect]]\nkind = "tower_stiffness"\nbottom_m = 60\ntop_m = 40\nfactor = 0.5', "bottom_m", "not a length"),
         ('[[effect]]\nkind = "tower_mass"\nbottom_m = 500\ntop_m = 600\nmass_kg = 5e3', "bottom_m", "from 18 to 90 m"),
         ('[[effect]]\nkind = "fender"\nleg = "A"\nz_m = 500\ndirection_deg = 0\nstiffness_npm = 5e7', "z_m",
          "not on the legs"),
