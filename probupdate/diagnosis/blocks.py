@@ -305,7 +305,7 @@ def _order_by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray
     if hours is None:
         other = [s.id for s in sets if hours_of((s.id,)) is None]
         whose = "the sets' ids are not times" if len(other) == len(sets) else (
-            f"of {len(sets)} ids {len(other)} {'is no time' if len(other) == 1 else 'are not times'} "
+            f"of {len(sets)} ids {len(other)} {'is not a time' if len(other) == 1 else 'are not times'} "
             f"({', '.join(map(repr, other[:3]))}{', ...' if len(other) > 3 else ''}; correct to use the times)")
         notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order, so that no rhythm of a day "
                      "is recognised: give each the time of its start, 2026-03-01T10:00Z")

@@ -76,6 +76,18 @@ class Noise:
         return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight),
                        stray=tuple(frozen_array(s[chosen], bool) for s in self.stray))
 
+    def as_usual(self, numbers: Sequence[int]) -> Noise:
+        """With these blocks counted as their group's usual ones, where they are stray."""
+        if not self.stray:
+            return self
+        weights = []
+        for w, stray in zip(self.weight, self.stray, strict=True):
+            own = np.array(w)
+            odd = [k for k in numbers if stray[k]]
+            own[odd] = np.median(w[w > 0]) if odd else own[odd]
+            weights.append(frozen_array(own))
+        return replace(self, weight=tuple(weights))
+
     def of_groups(self, numbers: Sequence[int]) -> Noise:
         """Of only these groups."""
         def of(rows: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
@@ -142,10 +154,12 @@ def estimate_noise(
     weights, differences, kinds, covariances = [], [], [], []
     patterns: Sequence[np.ndarray | None] = [None] * len(sizes) if stated is None else stated
     for q, (y, ok, pattern) in enumerate(zip(residuals, used, patterns, strict=True)):
-        trust = _trust(y, ok, relative_std[:, q])
-        weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
         # a group of fewer blocks says nothing
-        weights.append(weight if np.count_nonzero(ok) >= FEWEST else np.zeros(len(y)))
+        weight = np.zeros(len(y))
+        if np.count_nonzero(ok) >= FEWEST:
+            trust = _trust(y, ok, relative_std[:, q])
+            weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
+        weights.append(weight)
         differences.append(_differences(y, weights[q]))
         m, n_log = y.shape[1], 1 if sizes[q] == 1 else 3
         kinds.append(_kinds(m, n_log, mixing is not None or (std_alone and pattern is not None)))
@@ -209,12 +223,14 @@ def _split_variances(
 ) -> tuple[np.ndarray, float]:
     """Factors of own variance, one a part, and of what mixing adds, one of all: of directions (n_direction,) of the
     variance own + factor share whose n squares add up to `square`; `part`: the number of each one's part."""
-    own, factor = np.ones(part[-1] + 1), 1.0
+    # where no other group is known nothing mixes
+    own, factor = np.ones(part[-1] + 1), float(np.any(share > 0))
     for _ in range(MOST_FACTORINGS):
         variance = own[part] + factor * share
         seen, known = square / variance**2, n / variance
         own = own * np.sqrt(np.bincount(part, seen) / np.bincount(part, known))
-        factor *= np.sqrt(np.sum(share * seen) / np.sum(share * known))
+        if factor:
+            factor *= np.sqrt(np.sum(share * seen) / np.sum(share * known))
     return np.maximum(own, LEAST_OWN), float(factor)
 
 

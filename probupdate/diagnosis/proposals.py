@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import optimize
@@ -329,17 +329,20 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
         if n.time_profile.kind != "step":
             continue
 
-        def left(time_profile: TimeProfile, n=n, i=i) -> float:
+        def left(time_profile: TimeProfile, design=fitted.design, n=n, i=i) -> float:
             tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
             residuals = residuals_at(problem, fitted.theta, tried, answers)
-            return fitted.design.misfit(kept(residuals, noise), held)
+            return design.misfit(kept(residuals, noise), held)
 
         # where two leave the same the one that is there
         there = step_profile(len(problem.blocks), n.time_profile.at)
         best = min([there, *_steps_between_neighbours(problem, n.time_profile)], key=left)
+        # a block between both states is far from both its neighbours, which a share of the step may explain
+        counted = replace(fitted.design, noise=noise.as_usual((best.at - 1, best.at)))
+        remaining = partial(left, design=counted)
         # what has one size only has no share of it
-        within = best if n.effect.discrete else _step_within_block(best, left)
-        included[i] = replace(n, time_profile=within if left(within) < left(best) - WITHIN else best)
+        within = best if n.effect.discrete else _step_within_block(best, remaining)
+        included[i] = replace(n, time_profile=within if remaining(within) < remaining(best) - WITHIN else best)
     return tuple(included)
 
 

@@ -91,7 +91,12 @@ def test_a_logger_s_rate_that_steps_is_no_weather(frame_file, record, validation
 
 def test_what_no_weather_does_and_no_row_describes_does_not_pass_for_normal(prepared, record):
     """Without places of sensors the catalogue has no sampling rate."""
-    found = examine(prepared, stepped_at_once(record(11), 0.02)).diagnosis
+    assert examine(prepared, stepped_at_once(record(11), 0.02)).diagnosis.verdict == "unexplained"
+    # a day's wave of 2 % would be 40 degC up and down
+    data = warmed(record(11), np.zeros(40), False, every_h=0.5)
+    wave = 1 + 0.02 * np.sin(2 * np.pi * np.arange(40) / 48)
+    found = examine(prepared, replace(data, sets=tuple(
+        replace(s, frequency_hz=s.frequency_hz * w) for s, w in zip(data.sets, wave, strict=True)))).diagnosis
     assert found.verdict == "unexplained" and any("(standard deviation) does not" in note for note in found.notes)
 
 
