@@ -89,6 +89,6 @@ def _is_lost(cell: str, d: Description) -> bool:
 
 
 def _decimals(cell: str, d: Description) -> int:
-    """Characters behind the decimal sign; of what is not a number all."""
+    """Characters behind the decimal sign; all characters of what is not a number."""
     whole, sign, behind = cell.partition(d.decimal)
     return len(behind) if sign else 0 if is_number(cell, d.decimal) else len(whole)

@@ -140,7 +140,7 @@ def broken(
         if not choice:
             break
         taken.append((choice[0], choice[1:]))
-        # gains each again beside the others
+        # each gain is estimated again beside the others
         for k, (one, others) in enumerate(taken):
             beside = [t for t, _ in taken if t is not one]
             if one.kind == "gain" and beside:

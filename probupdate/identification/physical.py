@@ -270,7 +270,7 @@ class PhysicalModes:
     rows: tuple[np.ndarray, ...] = ()
 
     def only(self, chosen: Sequence[int]) -> PhysicalModes:
-        """The modes numbered `chosen`, numbered again."""
+        """The modes numbered `chosen`, renumbered."""
         chosen = [int(k) for k in chosen]
         return replace(self, modes=self.modes.only(chosen, number=True), weight=frozen_array(self.weight[chosen]),
                        damping_ratio=frozen_array(self.damping_ratio[chosen]), rows=tuple(self.rows[k] for k in chosen))

@@ -62,7 +62,7 @@ class ReferenceModes:
         return pair if along_x(first) else (pair[1], pair[0])
 
     def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
-        """The modes `chosen`, in that order; numbered again, or with `labels`. A pair that loses a mode is none."""
+        """The modes `chosen`, in that order; renumbered, or with `labels`. A pair that loses a mode is none."""
         chosen = [int(i) for i in chosen]
         place = {old: new for new, old in enumerate(chosen)}
 

@@ -2,8 +2,8 @@
 
 A damaged index can hold the HDF5 library forever, or end its process; this one may be ended. A line in: {"path",
 "whole", "seconds"}; a line out: {"problem": null or words}, before it a blank after every STEP objects. `whole`: all
-data are read here first. Limits on processor time (`seconds`, again for every STEP objects: a year of modal sets has
-many small ones) and memory (the argument, bytes) hold where the system has them.
+data are read here first. Limits on processor time (`seconds`, granted once more for every STEP
+objects: a year of modal sets has many small ones) and memory (the argument, bytes) hold where the system has them.
 """
 
 import json

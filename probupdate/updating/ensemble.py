@@ -124,7 +124,7 @@ class SubsetMove(emcee.moves.RedBlueMove):
 
 
 class PriorMove(emcee.moves.RedBlueMove):
-    """One or two parameters of each walker again from their marginal priors, the others kept.
+    """One or two parameters of each walker drawn again from their marginal priors, the others kept.
 
     Parameters the data hardly inform are redrawn at once. Where two do each other's work, as the pile's shaft and tip
     do, the posterior has arms along either that a Gaussian approximation does not have; this walks along them.
@@ -268,7 +268,7 @@ def _run_segment(
         counts["fallback"] += int(fallback.sum())
         return value
 
-    # again for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
+    # set up for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
     # stopped between them goes on with the same numbers
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,

@@ -131,7 +131,7 @@ def student_about(scales: Scales, system: FarmSystem, maximum: np.ndarray) -> St
 
 
 class _Redraw(emcee.moves.RedBlueMove):
-    """Each walker again, independently of where it was."""
+    """Each walker drawn again, independently of where it was."""
 
     def __init__(self, about: StudentT):
         super().__init__()
