@@ -15,7 +15,7 @@ from probupdate.identification.block_store import (
 )
 from probupdate.identification.order_average import ModePoles
 from probupdate.identification.ssi import Poles
-from probupdate.modal.covariance_file import read_factors, write_factors
+from probupdate.modal.covariance_file import opened_factors, write_factors
 from probupdate.modal.modes import CovarianceFactors
 from probupdate.structure.load import load_model
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
@@ -41,11 +41,16 @@ def block_factors(folder):
     return folder / "b.npz", read_block_factors
 
 
+def _all_factors(path):
+    with opened_factors(path.with_name("modes.json"), path.name) as found:
+        return {set_id: found.read(set_id) for set_id in found.groups}
+
+
 def deviations(folder):
     one = CovarianceFactors(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
                             shape=np.ones((6, 3, 20), complex))
     name = write_factors({"one": one, "a/b": one}, folder / "modes.json")
-    return folder / name, lambda path: read_factors(folder / "modes.json", name)
+    return folder / name, _all_factors
 
 
 def matrices(folder):

@@ -13,7 +13,7 @@ from probupdate.campaign.scada import read_scada
 from probupdate.errors import InputError
 from probupdate.io import files
 from probupdate.io.hdf5_file import open_hdf5
-from probupdate.modal.covariance_file import read_factors, write_factors
+from probupdate.modal.covariance_file import opened_factors, write_factors
 from probupdate.modal.modes import CovarianceFactors, read_modes
 
 N = 3000
@@ -106,11 +106,12 @@ def test_deviations_behind_a_link_are_refused(tmp_path):
     (tmp_path / "in").mkdir()
     name = write_factors({"a": one}, tmp_path / "modes.json")
     (tmp_path / "in" / name).symlink_to(tmp_path / name)
-    assert set(read_factors(tmp_path / "modes.json", name)) == {"a"}
-    with pytest.raises(InputError, match="leads out of"):
-        read_factors(tmp_path / "in" / "modes.json", name)
-    with pytest.raises(InputError, match="does not exist"):
-        read_factors(tmp_path / "modes.json", "a\0b")
+    with opened_factors(tmp_path / "modes.json", name) as found:
+        assert set(found.groups) == {"a"}
+    with pytest.raises(InputError, match="leads out of"), opened_factors(tmp_path / "in" / "modes.json", name):
+        pass
+    with pytest.raises(InputError, match="does not exist"), opened_factors(tmp_path / "modes.json", "a\0b"):
+        pass
 
 
 @pytest.mark.parametrize("read", [read_modes, read_scada, files.read_toml, files.read_bytes])

@@ -109,7 +109,7 @@ def extend(
         files["posterior"] = place.name
     content = {
         "files": files,
-        "added": [_added_table(prepared, added, n) | {"size_std": std}
+        "added": [_added_table(added, n) | {"size_std": std}
                   for n, std in zip(fitted.included, sizes, strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
@@ -272,7 +272,7 @@ def _profile_words(included: IncludedEffect) -> str:
     }[time_profile.kind]
 
 
-def _added_table(prepared: Prepared, added: _Added, included: IncludedEffect) -> dict:
+def _added_table(added: _Added, included: IncludedEffect) -> dict:
     """What became of one finding."""
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,

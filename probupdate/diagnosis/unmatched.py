@@ -158,7 +158,7 @@ def _explained(
     if not found:
         return Unmatched(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
     best = max(found, key=lambda one: one.log_evidence)
-    best, instead = _substitute_for_findings(known, problem, best)
+    best, instead = _substitute_for_findings(problem, best)
     noise = best.fitted.design.noise
     # one place and direction begun twice is one
     value: dict[PartKey, float] = {}
@@ -177,7 +177,7 @@ def _explained(
 
 
 def _substitute_for_findings(
-    known: Outcome, problem: DiagnosisProblem, best: TunedMassFit
+    problem: DiagnosisProblem, best: TunedMassFit
 ) -> tuple[TunedMassFit, bool]:
     """The mass with what was found beside it, or by itself where that is as probable: a row of the catalogue may have
     stood for what the mass does to the other modes."""

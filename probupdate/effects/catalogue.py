@@ -23,7 +23,6 @@ from probupdate.modal.sensor_places import at_one_place
 from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
-TIME_PROFILES = ("constant", "step", "ramp")
 # what calibration papers and mounting allow
 GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, FRAME_TOLERANCE_DEG = 0.01, 1.0, 1.0
 # a factor less one: units mistaken (m/s2 for g) are a factor of 9.8 either way, a wrong range of volts one of 2 to 10

@@ -171,7 +171,7 @@ def resolved(s: ModalSet, i: int, j: int) -> bool:
 
 
 def failed_criteria(
-    s: ModalSet, tests: list[Test], labels: tuple[str, ...], required: list[int], pairs: list[tuple[int, int]],
+    s: ModalSet, tests: list[Test], required: list[int], pairs: list[tuple[int, int]],
     criteria: SelectionCriteria,
 ) -> list[str]:
     """Every criterion that the set fails, in the order of Table 1, each once; empty where it passes.

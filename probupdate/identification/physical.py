@@ -580,9 +580,9 @@ def _real(shape: np.ndarray) -> np.ndarray:
     return real / np.linalg.norm(real, axis=0)
 
 
-def _resolve_by_nacelle(c, rows, axes, angle, sensors) -> tuple[np.ndarray, list[np.ndarray]]:
+def _resolve_by_nacelle(c, rows, axes, angle) -> tuple[np.ndarray, list[np.ndarray]]:
     """A pair named by direction: fore-aft where the nacelle looked, side-side across; shapes for a nacelle along x."""
-    way = heading_of_motion(c.shape[:, rows], axes, sensors)
+    way = heading_of_motion(c.shape[:, rows], axes)
     turn = np.nan_to_num(np.radians(angle[c.block[rows]]))
     fore = np.abs(np.cos(way - turn)) >= np.abs(np.sin(way - turn))
     parts = [rows[fore], rows[~fore]]

@@ -134,7 +134,7 @@ def along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | N
     return axes / np.abs(axes).max(axis=0)
 
 
-def heading_of_motion(shape: np.ndarray, axes: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:
+def heading_of_motion(shape: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(n,) direction in rad, counter-clockwise from x and up to half a turn, of shapes (n_channel, n) in the plane of
     `axes` (`along_axes`): the phase of the first harmonic of their real coordinates."""
     size = np.linalg.norm(axes, axis=0)

@@ -137,7 +137,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
     data = ModalData(channels=channels, sets=(modal,), labels=labels, gravity=_gravity(known, channels))
     return Merged(
         data=data, sensors=tuple(known[c] for c in channels), references=references, table=table,
-        summary=_summary(setups, means, modal, labels, references, misfit, noise, p_value),
+        summary=_summary(setups, means, modal, labels, references, misfit, p_value),
     )
 
 
@@ -429,7 +429,7 @@ def _weighted(values: list[np.ndarray], factors: list[np.ndarray], widths: list[
     return mean, joint, birge, np.where(freedom > 0, special.chdtrc(several, chi2), 1.0)
 
 
-def _summary(setups, means, modal: ModalSet, labels, references, misfit, noise, p_value) -> str:
+def _summary(setups, means, modal: ModalSet, labels, references, misfit, p_value) -> str:
     lines = [f"{len(setups)} setups merged on {', '.join(references)}: {modal.shape.shape[0]} channels, "
              f"{len(labels)} modes"]
     for j, label in enumerate(labels):

@@ -111,7 +111,7 @@ def select(
                      f"{', '.join(seldom)}")
     notes += _rounding_notes(sets, labels)
     pairs = perpendicular_pairs(data.labels)
-    failed = [failed_criteria(s, tests, data.labels, required, pairs, criteria) for s in sets]
+    failed = [failed_criteria(s, tests, required, pairs, criteria) for s in sets]
     passed = np.array([not names for names in failed])
     if not passed.any():
         raise _none_passes(failed)

@@ -306,16 +306,3 @@ def stability(
         close = np.abs(other.frequency_hz / chosen.frequency_hz[:, None] - 1) <= frequency
         twins += np.any(close & (mac(chosen.shape, other.shape) >= least_mac), axis=1)
     return frozen_array(twins / max(len(others), 1))
-
-
-def identify_poles(
-    data: np.ndarray, rate_hz: float, *, order: int, block_rows: int, spread: int = 0
-) -> tuple[Poles, np.ndarray]:
-    """Poles of one record (n_sample, n_channel) at one model order, and their stability (n_pole,) over the even
-    distances up to `spread` below and above it (1 without)."""
-    check_record(data, 2 * block_rows - 1)
-    covariance = output_covariances(data, 2 * block_rows - 1)
-    highest = min(order + spread, data.shape[1] * (block_rows - 1))
-    around = tuple(n for n in range(order - spread, highest + 1, 2) if n != order and n >= 2)
-    found = poles(factorise(covariance, block_rows, max(order, highest), rate_hz), (order, *around))
-    return found[0], stability(found[0], found[1:]) if around else np.ones(len(found[0].frequency_hz))

@@ -294,9 +294,3 @@ def _assign_poles(left, score, inside, near, fit, settings: ClassifierSettings) 
         return {int(np.argmax(fit[best])): int(left[best])}, np.nan
     two = np.array(np.unravel_index(np.argmax(together), together.shape))
     return {member: int(left[two[k]]) for k, member in pair_by_mac(fit[two])}, float(apart[two[0], two[1]])
-
-
-def preselected(block: JudgedPoles, settings: ClassifierSettings) -> np.ndarray:
-    """Indices of the poles whose standard deviations are worth computing before the campaign is known: those that would
-    stand for the modes if the block were all there is."""
-    return np.array(sorted({int(p) for p in track([block], settings).choices[0].pole if p >= 0}), int)

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from probupdate.errors import InputError
 from probupdate.io.files import named_path
-from probupdate.io.fortran_text import integer, logical, number, read_lines, replaced, unquoted, words, write_lines
+from probupdate.io.fortran_text import integer, logical, number, read_lines, unquoted, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
 JOINT_KINDS = {1: "cantilever", 2: "universal", 3: "revolute", 4: "ball"}
@@ -242,7 +242,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     settings, has_initial = _settings(r)
     joints, old_joints = _joints(r)
     r.heading("BASE REACTION JOINTS")
-    reactions = _reactions(r, notes)
+    reactions = _reactions(r)
     r.heading("INTERFACE JOINTS")
     interfaces, pieces = _interfaces(r, notes)
     r.heading("MEMBERS")
@@ -370,7 +370,7 @@ def _joints(r: _Reader) -> tuple[tuple[Joint, ...], bool]:
     return tuple(joints), old
 
 
-def _reactions(r: _Reader, notes: list[str]) -> tuple[Reaction, ...]:
+def _reactions(r: _Reader) -> tuple[Reaction, ...]:
     result = []
     for line, found in r.table("the base reaction joints", "NReact"):
         id = r.id(line, found[0], "the base reaction joints")
@@ -598,15 +598,6 @@ def _soil_notes(where: str, reactions: Sequence[Reaction], soil: Mapping[str, Ss
         if not file.stiffness.any() and not file.mass.any():
             notes.append(f"{where}: the SSI file '{file.name}' holds no term: it has no effect")
     return notes
-
-
-def changed(file: SubDynFile, changes: Mapping[tuple[int, int], str], soil: Mapping[str, SsiFile] | None = None):
-    """The file with words replaced: (line from one, word from zero) -> new word; and other SSI files by name."""
-    by_line: dict[int, dict[int, str]] = {}
-    for (line, k), word in changes.items():
-        by_line.setdefault(line, {})[k] = word
-    lines = [replaced(text, by_line[at]) if at in by_line else text for at, text in enumerate(file.lines, 1)]
-    return reparsed(file, lines, soil)
 
 
 def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile] | None = None) -> SubDynFile:

@@ -62,7 +62,6 @@ class Detail:
     name: str
     joint: str
     part: str
-    chord_part: str
     level_m: float
     at: str
     bay: int | None
@@ -165,7 +164,6 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
         name=f"{b.part}, {joint if at == 'leg' else 'crossing'}{half}",
         joint=joint,
         part=b.part,
-        chord_part=chord.part,
         level_m=float(place[2]),
         at=at,
         bay=int(bay) if bay.isdigit() else None,
@@ -211,7 +209,6 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
         name=f"{part} at {level:.2f} m",
         joint=f"{part} at {level:.2f} m",
         part=part,
-        chord_part=part,
         level_m=level,
         at="girth",
         bay=None,

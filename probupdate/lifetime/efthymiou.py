@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KINDS = ("T/Y", "X", "K")
 # validity ranges: DNV-RP-C203, B.1
 RANGES = {
     "beta": (0.2, 1.0),

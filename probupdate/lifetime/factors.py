@@ -10,7 +10,6 @@ joints.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,11 +73,6 @@ def gains(problem: Problem, laplace: Laplace) -> Gains:
         sources=tuple(s.name for s in sources),
         source_std=frozen_array([s.std for s in sources]),
     )
-
-
-def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(n_quantity,) of all parts, in squares."""
-    return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
 
 
 def worth(

@@ -29,8 +29,6 @@ from probupdate.structure.turbine_frame import build_frame
 
 YEAR_S = 365.25 * 86400
 SLOPES = (3.0, 5.0)
-# parameter vectors the basis is made of, and unseen ones it is held against
-BASIS_DRAWS, CHECKED = 11, 2
 # complex step of moments
 STEP = 1e-30
 

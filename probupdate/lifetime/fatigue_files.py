@@ -39,7 +39,7 @@ from probupdate.updating.problem import Problem
 
 # sides of details whose reliability is computed, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
-SIMULATED, AGREE = 40_000, 0.02
+SIMULATED = 40_000
 BASIS_OF, WIDE_OF = 10, 4
 # what to measure next: so many lines
 MEASURES = 6

@@ -216,7 +216,6 @@ def _detail(own: Opened, number: int, end: int, joint: int, chord: Element | Non
         name=f"{name}, {at}",
         joint=at,
         part=name,
-        chord_part=f"member {chord.member.id}" if chord else name,
         level_m=float(place[2]),
         at="joint" if chord else "girth",
         bay=None,

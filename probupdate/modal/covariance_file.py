@@ -89,12 +89,6 @@ class FactorsFile:
         return replace(modal_set, covariance_factors=StoredFactors(read=read, taken=True))
 
 
-def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
-    """id -> the three arrays, of the file `name` in the folder of modes_file."""
-    with opened_factors(modes_file, name) as found:
-        return {set_id: _arrays(found.path, found.file[group]) for set_id, group in found.groups.items()}
-
-
 def _stored(path: Path, state: tuple[int, ...], group: str) -> CovarianceFactors:
     if not path.exists() or _state(path) != state:
         raise InputError(str(path), "has changed since its modes were read", "run again, while nothing writes there")

@@ -15,7 +15,6 @@ from probupdate.modal.sets import (
 from probupdate.modal.shape_criteria import (
     mac,
     modal_phase_collinearity,
-    normalise,
     pair_by_mac,
     plane_mac,
     rotate_to_real,
@@ -27,6 +26,6 @@ from probupdate.modal.shape_criteria import (
 __all__ = [
     "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
-    "mac", "modal_phase_collinearity", "normalise", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
+    "mac", "modal_phase_collinearity", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
     "rotate_to_real", "subspace_mac", "unit_largest", "within_plane", "write_modes",
 ]

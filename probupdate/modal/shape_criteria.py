@@ -86,17 +86,6 @@ def rotate_to_real(shape: np.ndarray) -> np.ndarray:
     return shape
 
 
-def normalise(shape: np.ndarray) -> np.ndarray:
-    """Scale each column so that its largest component is +1 (complex: that component becomes real)."""
-    shape = np.array(np.atleast_2d(np.asarray(shape).T).T)
-    for j in range(shape.shape[1]):
-        ok = np.isfinite(shape[:, j])
-        if ok.any():
-            largest = np.argmax(np.where(ok, np.abs(shape[:, j]), -1))
-            shape[:, j] = shape[:, j] / shape[largest, j]
-    return shape
-
-
 def unit_largest(shape: np.ndarray) -> np.ndarray:
     """Columns turned to lie along the real axis, the largest real part +1 (what imaginary part is left stays)."""
     turned = rotate_to_real(shape)

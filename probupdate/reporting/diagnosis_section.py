@@ -64,7 +64,7 @@ def diagnosis_section(run: Run) -> Section | None:
     items += gain_items(content["findings"])
     items += extension_items(content.get("extension"), sampled=run.included and run.posterior is not None)
     if shown:
-        items += _remaining_elements(run, content, shown)
+        items += _remaining_elements(content, shown)
     items += _prior_shifts(content, shown)
     items += _measurement(content, shown)
     items += _detectable_sizes(content)
@@ -175,7 +175,7 @@ def _changes(changes: object) -> list[Element]:
 # What remains -------------------------------------------------------------------------------------------------------
 
 
-def _remaining_elements(run: Run, content: Mapping, shown: Mapping) -> list[Element]:
+def _remaining_elements(content: Mapping, shown: Mapping) -> list[Element]:
     states = shown["states"]
     both = len(states) > 1
     then = " before and after the findings are included" if both else ""

@@ -33,8 +33,8 @@ T = TypeVar("T")
 FULL_IN, HALF_IN = 7.6, 4.3
 
 INK, GREY, PALE, GRID = "#1d2733", "#6b7684", "#c3cad2", "#e6e9ed"
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = (
-    "#0072b2", "#e69f00", "#009e73", "#d55e00", "#aa4f87", "#56b4e9", "#f0e442",
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
+    "#0072b2", "#e69f00", "#009e73", "#d55e00", "#aa4f87", "#56b4e9",
 )
 
 
@@ -52,7 +52,6 @@ POSTERIOR: Role = {"color": BLUE, "marker": "s", "linestyle": "-"}
 MAP: Role = {"color": GREEN, "marker": "^", "linestyle": (0, (1, 1))}
 STEP_UPDATE: Role = {"color": RED, "marker": "X", "linestyle": (0, (5, 1, 1, 1))}
 PRIOR_UPDATE: Role = {"color": ORANGE, "marker": "v", "linestyle": (0, (3, 1, 1, 1, 1, 1))}
-PAPER: Role = {"color": PURPLE, "marker": "P", "linestyle": ":"}
 TRUTH: Role = {"color": INK, "marker": "*", "linestyle": "-"}
 
 _STYLE: dict[RcKeyType, object] = {

@@ -48,12 +48,6 @@ def reference_deflection(clay: Clay, diameter_m):
     return 2.5 * clay.strain_50 * diameter_m
 
 
-def transition_depth(clay: Clay, diameter_m: float, strength: float) -> float:
-    """X_R = 6 D / (g' D / s_u + J), at least 2.5 D."""
-    g, d = clay.submerged_unit_weight_npm3, diameter_m
-    return max(6 * d / (g * d / strength + clay.matlock_j), 2.5 * d)
-
-
 def lateral_stiffness(clay: Clay, diameter_m, depth, scour=0.0):
     """Initial k in N/m per metre of pile: the secant to the first tabulated point, 2.3 p_u / y_c.
 
@@ -82,11 +76,6 @@ def tip_stiffness(clay: Clay, diameter_m: float, depth: float) -> float:
     """Initial k in N/m of the pile tip: secant to the first q-z point, Q_p = 9 s_u A of the plugged pile."""
     capacity = 9 * clay.strength(depth) * np.pi * diameter_m**2 / 4
     return QZ[1][1] * capacity / (QZ[0][1] * diameter_m)
-
-
-def mobilised(curve: tuple, displacement):
-    """Ordinate of a tabulated curve at a normalised displacement (linear between points, constant beyond)."""
-    return np.interp(displacement, *curve)
 
 
 def clipped(value, low: float, high: float):

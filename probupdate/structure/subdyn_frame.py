@@ -247,11 +247,11 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
         elements += _elements(file, member, node_of, node_m)
     node_m = np.array(node_m)
     dofs, translation, ends, n_full = _number(file, node_m, elements)
-    columns, n_column, springs = _joint_columns(file, elements, translation, ends, n_full)
+    columns, n_column, springs = _joint_columns(file, elements, translation, ends)
     joints = sparse.csr_array(sparse.coo_array(
         (np.array([c[2] for c in columns]), ([c[0] for c in columns], [c[1] for c in columns])),
         shape=(n_full, n_column)))
-    links = _rigid_links(file, node_m, elements, translation, joints)
+    links = _rigid_links(node_m, elements, translation, joints)
     acted = _active_dofs(file, node_of, translation, elements, dofs, n_full)
     keep = _free(file, node_of, translation, joints, links, acted)
     reduction = sparse.csr_array(joints @ links)[:, keep]
@@ -321,7 +321,7 @@ def _number(file: SubDynFile, node_m, elements):
     return dofs, translation, ends, at
 
 
-def _joint_columns(file: SubDynFile, elements, translation, ends, n_full: int):
+def _joint_columns(file: SubDynFile, elements, translation, ends):
     """Entries (row, column, value) that give all degrees of freedom from what the joints leave, how many columns, and
     entries of the joints' own stiffness."""
     entries, springs, column = [], [], 0
@@ -369,7 +369,7 @@ def _turns(file: SubDynFile, joint, axes) -> tuple[np.ndarray, list[tuple[int, .
     return np.hstack([twist, bending]), [(1, 2), (3, 4)]
 
 
-def _rigid_links(file: SubDynFile, node_m, elements, translation, joints) -> sparse.csr_array:
+def _rigid_links(node_m, elements, translation, joints) -> sparse.csr_array:
     """(n_column, n_left): what is left where rigid links join nodes; the first node of each assembly leads it."""
     n_column = joints.shape[1]
     links = [e.nodes for e in elements if e.member.kind == "rigid"]

@@ -60,7 +60,7 @@ def infer_farm(
         next=tuple(NextRow(**vars(row)) for row in next_measurements(estimate, names)),
         settled=estimate.settled, converged=posterior.chain.converged, corrected=bool(corrected), pareto_k=float(k),
         effective=posterior.effective, draws=len(weight), verdict=_verdict(estimate, posterior, bool(corrected)),
-        notes=tuple(_notes(estimate, posterior, names, bool(corrected))),
+        notes=tuple(_notes(estimate, names, bool(corrected))),
         settings={
             "common": ", ".join(common), "varying": ", ".join(varying), "own": ", ".join(estimate.roles.own),
             "weights": estimate.error.problems[0].weights.description, "sets": str(len(estimate.error.problems)),
@@ -82,7 +82,7 @@ def _verdict(estimate: JointEstimate, posterior: JointPosterior, corrected: bool
     return f"stacked estimate {ended}; scatter {posterior.chain.verdict}; {weighed}{failed}"
 
 
-def _notes(estimate: JointEstimate, posterior: JointPosterior, names: Sequence[str], corrected: bool) -> list[str]:
+def _notes(estimate: JointEstimate, names: Sequence[str], corrected: bool) -> list[str]:
     shared = estimate.roles.shared
     logarithmic = estimate.coordinates.logarithmic[estimate.roles.numbers(shared)]
 

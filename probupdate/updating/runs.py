@@ -396,7 +396,7 @@ def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng:
         log_likelihood=frozen_array((found.log_posterior - log_prior).T),
         log_posterior=frozen_array(found.log_posterior.T),
         prior=frozen_array(parameters.draw(rng, 4000)),
-        response_labels=tuple(_response_labels(problem, data)),
+        response_labels=tuple(_response_labels(problem)),
         measured=problem.measured,
         std=problem.whole_std,
         predicted=frozen_array(predicted.response),
@@ -560,7 +560,7 @@ def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[st
     return notes
 
 
-def _response_labels(problem: Problem, data: ModalData) -> list[str]:
+def _response_labels(problem: Problem) -> list[str]:
     frequency = "ln f" if problem.weights.frequencies == "log" else "f"
     labels = [f"{frequency} {problem.mode_labels[j]}" for j in problem.used]
     channels = problem.model.channels

@@ -42,7 +42,6 @@ class TikhonovUpdate:
     frequency_hz, mac (n_iteration + 1, n_used) of the matched modes.
     """
 
-    penalty_on: str
     alpha: float
     theta: np.ndarray
     misfit: np.ndarray
@@ -200,7 +199,7 @@ def _finished(objective: _Objective, found: _Iterates) -> TikhonovUpdate:
     path, parameters = np.array(found.path), objective.problem.parameters
     predicted = objective.problem.predict_many(path)
     return TikhonovUpdate(
-        penalty_on=objective.penalty, alpha=float(objective.alpha), theta=frozen_array(path),
+        alpha=float(objective.alpha), theta=frozen_array(path),
         misfit=frozen_array(found.misfit), share=frozen_array(found.share),
         penalty=frozen_array([objective.change(row, parameters.initial) for row in path]),
         frequency_hz=frozen_array(predicted.frequency_hz), mac=frozen_array(predicted.mac),

@@ -35,7 +35,7 @@ from scipy import stats
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import ProbupdateError
 from probupdate.lifetime.conditions import read_conditions
-from probupdate.lifetime.factors import gains, tolerance_draws, total
+from probupdate.lifetime.factors import gains, tolerance_draws
 from probupdate.lifetime.fatigue import FatigueModel, fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput, tolerance_slopes, worst_spots
 from probupdate.lifetime.reliability import DamageCurve
@@ -370,7 +370,7 @@ def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
         mean, slope = bench.fit(top.theta[None])[0], bench.fit.slope(top.theta)
         gain = gains(problem, top)
         line["map"] = top.theta.tolist()
-        line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
+        line["linear"] = [mean.tolist(), np.sqrt(sum(v**2 for v in gain.parts(slope, bench.direct).values())).tolist()]
         drawn, response, line["effective"] = posterior_draws(problem, top, rng, rounds=rounds)
         drawn, response = drawn[:DRAWS], response[:DRAWS]
         value = bench.fit(drawn) + tolerance_draws(problem, drawn, rng, response=response) @ bench.direct.T

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from one_record import identify_poles
 from scipy import signal
 
 from probupdate.campaign.blocks import block_files
@@ -10,7 +11,6 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import BlockSettings, identify_block
 from probupdate.identification.harmonics import without_harmonics
-from probupdate.identification.ssi import identify_poles
 
 RATE = 5.0
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from one_record import identify_poles
 
 from probupdate.errors import InputError
 from probupdate.identification.criteria import (
@@ -16,7 +17,6 @@ from probupdate.identification.criteria import (
     resolved,
 )
 from probupdate.identification.selection import inconsistency, outlying, select, shape_scatter
-from probupdate.identification.ssi import identify_poles
 from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes
 
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")

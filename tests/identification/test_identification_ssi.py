@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from one_record import identify_poles
 from peer_packages import peer
 from scipy import signal
 
@@ -14,7 +15,6 @@ from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
     block_toeplitz,
     factorise,
-    identify_poles,
     output_covariances,
     poles,
     product_sums,

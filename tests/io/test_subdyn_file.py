@@ -1,6 +1,5 @@
 """SubDyn input files are read in every layout, mistakes name file and line, and writing loses nothing."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,7 @@ import pytest
 
 from probupdate.errors import InputError
 from probupdate.io.ssi_file import PLACES, read_ssi, scaled_ssi, write_ssi
-from probupdate.io.subdyn_file import changed, read_subdyn, write_subdyn
-from probupdate.io.subdyn_layout import as_v5
+from probupdate.io.subdyn_file import read_subdyn, write_subdyn
 from tests.subdyn_text import STEEL, subdyn
 
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
@@ -60,29 +58,6 @@ def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
     assert oldest.layout == "v3" and oldest.members[0].kind == "circular" and oldest.joints[1].kind == "cantilever"
 
 
-def test_older_layouts_are_written_as_v5(tmp_path):
-    arbitrary = "3 2.1e11 8.1e10 7850 0.3 0.15 0.1 0.02 0.03 0.05"
-    text = subdyn(["0 0 0", "0 0 10", "3 0 10"], ["1 2 7 7 1 -1", "2 3 3 3 4 -1"], ["1 1 1 1 1 1 1"], layout="v4.0",
-                  interface=[2], circular=[f"7 {STEEL} 1.0 0.02"], arbitrary=[arbitrary], mass=["2 10 1 2 3"])
-    text = text.replace("             0   Nmodes", "True CBMod - old\n             0   Nmodes")
-    spring = text[: text.index("---- SPRING")] + text[text.index("---- MEMBER COSINE") :]
-    for number, old in enumerate((text, spring)):
-        file = read_subdyn(write(tmp_path, old))
-        new = as_v5(file)
-        assert new.layout == "v5" and as_v5(new) is new and "InitialPosition" in new.settings
-        again = read_subdyn(write_subdyn(new, tmp_path / f"new{number}.dat"))
-        for name in ("joints", "interfaces", "members", "reactions", "masses"):
-            for a, b in zip(getattr(file, name), getattr(again, name), strict=True):
-                assert replace(a, line=0) == replace(b, line=0), name
-        assert again.sets["arbitrary"][0].values == (2.1e11, 8.1e10, 7850, 0.3, 0.15, 0.1, 0.02, 0.03, 0.05, 0.05)
-        assert "a line nobody parses" in "\n".join(again.lines)
-    turned = text.replace("2 2 3 3 3 4 -1", "2 2 3 3 3 4 1").replace(
-        "MEMBER COSINE MATRICES ----\n   0   N - number of them\nnames of columns\n(-) (-)\n",
-        "MEMBER COSINE MATRICES ----\n   1   N\nnames\nunits\n1 1 0 0 0 1 0 0 0 1\n")
-    with pytest.raises(InputError, match="turned by a cosine matrix"):
-        as_v5(read_subdyn(write(tmp_path, turned)))
-
-
 def test_headings_are_free_text_and_lines_may_end_as_on_windows(tmp_path):
     text = "\n".join("--- something" if line.startswith("---") else line for line in cantilever("v4.1").split("\n"))
     path = write(tmp_path, "")
@@ -99,16 +74,6 @@ def test_a_round_trip_loses_nothing(tmp_path, layout):
     assert (tmp_path / "again" / "soil.txt").read_text() == (tmp_path / "soil.txt").read_text()
     for name in ("layout", "settings", "joints", "reactions", "interfaces", "members", "sets", "masses", "cosines"):
         assert getattr(again, name) == getattr(file, name)
-
-
-def test_a_changed_value_leaves_every_other_character(tmp_path):
-    file = read_subdyn(write(tmp_path, cantilever()))
-    row = file.sets["circular"][0]
-    new = changed(file, {(row.line, 5): "0.025"})
-    assert new.sets["circular"][0].values[4] == 0.025
-    different = [(a, b) for a, b in zip(file.lines, new.lines, strict=True) if a != b]
-    assert different == [(file.lines[row.line - 1], file.lines[row.line - 1].replace("0.02", "0.025"))]
-    assert "extra words" in different[0][1]
 
 
 def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):

@@ -5,13 +5,14 @@ import copy
 
 import numpy as np
 import pytest
+from gaussian_record import gaussian_record
 
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, jonswap, kaimal, read_conditions, rotor_admittance
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.efthymiou import Geometry, cross, tee
 from probupdate.lifetime.fatigue import fatigue_model
-from probupdate.lifetime.spectral import gaussian_record, rainflow
+from probupdate.lifetime.spectral import rainflow
 from tests.lifetime.test_stress import CONDITIONS, _toml, turbine
 
 OTHER_STATE = {**CONDITIONS["state"][1], "share": 0.45}

@@ -5,6 +5,7 @@ import importlib.util
 
 import numpy as np
 import pytest
+from gaussian_record import gaussian_record
 from scipy.integrate import quad
 
 from probupdate.errors import InputError
@@ -13,7 +14,6 @@ from probupdate.lifetime.spectral import (
     ORDERS,
     Curve,
     dirlik,
-    gaussian_record,
     moments,
     park,
     rainflow,

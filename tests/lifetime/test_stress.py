@@ -299,7 +299,7 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, valid
     rate, seconds = 25.0, 4 * 3600
     n = int(rate * seconds)
     thrust = one.cases[0].thrust
-    from probupdate.lifetime.spectral import gaussian_record
+    from gaussian_record import gaussian_record
 
     force = gaussian_record(f, thrust, rate_hz=rate, n_sample=n, rng=np.random.default_rng(1))
     RK, RM = m.RK.reshape(-1, 3, len(hz)), m.RM.reshape(-1, 3, len(hz))

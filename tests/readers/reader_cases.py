@@ -47,13 +47,6 @@ def modes(folder: Path) -> Made:
     return [folder / "modes.json", folder / "modes.deviations.h5"], lambda: read_modes(folder / "modes.json")
 
 
-def deviations(folder: Path) -> Made:
-    from probupdate.modal.covariance_file import read_factors
-
-    path = modes(folder)[0][1]
-    return [path], lambda: read_factors(folder / "modes.json", path.name)
-
-
 def update(folder: Path) -> Made:
     from probupdate.updating.update_file import read_update
 
@@ -565,7 +558,6 @@ def _made(folder: Path) -> Path:
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "modes": (modes, ("modal.modes_file.read_modes", "io.files.read_json", "io.files.read_text",
                       "io.files.read_bytes")),
-    "covariance factors": (deviations, ("modal.covariance_file.read_factors",)),
     "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
     "baseline": (baseline, ("updating.baseline_file.read_baseline",)),
     "posterior": (posterior, ("updating.posterior_file.read_posterior",)),
