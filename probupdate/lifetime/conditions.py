@@ -26,8 +26,12 @@ def at_most(limit: float, why: str, above: float | None = None, least: float | N
     return Annotated[float, Strict(), Field(le=limit, gt=above, ge=least, description=why)]
 
 
-# log10 of the cycles at a range of 100 MPa: standards lie between 4.9 and 8
-LEAST_LOG_N, MOST_LOG_N = 3.0, 11.0
+# log10 of the cycles at a range of 100 MPa: those of DNV-RP-C203 lie between 4.5 (W3, free corrosion) and 8
+LEAST_LOG_N, MOST_LOG_N = 4.0, 11.0
+# log10 of the cycles where two slopes meet: 6 or 7 in DNV-RP-C203, 6.7 and 8 in EN 1993-1-9
+LEAST_LOG_KNEE, MOST_LOG_KNEE = 5.0, 9.0
+# height over length beyond which a single wave breaks in deep water (Michell); a sea state lies below 1/15
+BREAKING = 0.142
 METRES = "a length in metres"
 STRESS_FACTOR = "a stress concentration factor"
 SHARE = "a share, not per cent"
@@ -295,10 +299,16 @@ def _check_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
     if c.inspection is not None and c.inspection.age_years > c.life.age_years:
         yield ("inspection.age_years", f"{c.inspection.age_years:g} is above the age",
                "give the age when it was inspected")
-    names = [s.name for s in c.state]
+    names = [s.name.strip().casefold() for s in c.state]
     for k, name in enumerate(names):
         if name in names[:k]:
-            yield f"state[{k + 1}].name", f"'{name}' is that of state[{names.index(name) + 1}] too", "tell them apart"
+            yield (f"state[{k + 1}].name", f"'{c.state[k].name}' is that of state[{names.index(name) + 1}] too",
+                   "tell them apart")
+    for k, s in enumerate(c.state):
+        length = 9.81 * s.tp_s**2 / (2 * np.pi)
+        if s.hs_m > BREAKING * length:
+            yield (f"state[{k + 1}].tp_s", f"waves of {s.hs_m:g} m break at a peak period of {s.tp_s:g} s, at which "
+                   f"they are {length:.2g} m long", "give the peak period in seconds, not the peak frequency")
     for k, d in enumerate(c.direction):
         same = [i for i, e in enumerate(c.direction[:k]) if (d.heading_deg - e.heading_deg) % 360 == 0]
         if same:
@@ -320,7 +330,14 @@ def _check_curves(c: Conditions) -> Iterator[tuple[str, str, str]]:
             log_n = getattr(own, f"log10_a{slope}") - 2 * getattr(own, f"m{slope}")
             if not LEAST_LOG_N < log_n < MOST_LOG_N:
                 yield (f"curve.{name}.log10_a{slope}", f"gives 10^{log_n:.3g} cycles at a range of 100 MPa",
-                       "give the curve of ranges in MPa (of one in Pa take 6 m off)")
+                       "give the curve of ranges in MPa (of one in Pa take 6 m off, to one in ksi add 0.84 m)")
+        if own.m1 != own.m2:
+            log_range = (own.log10_a2 - own.log10_a1) / (own.m2 - own.m1)
+            knee = own.log10_a1 - own.m1 * log_range
+            if not LEAST_LOG_KNEE < knee < MOST_LOG_KNEE:
+                yield (f"curve.{name}.log10_a2", f"the slopes meet at 10^{knee:.3g} cycles, a range of "
+                       f"{10**log_range:.3g} MPa",
+                       "take both slopes of one curve; they meet at 10^6 to 10^8 in standards")
 
 
 def _factor_mistakes(where: str, item: Sides) -> Iterator[tuple[str, str, str]]:

@@ -33,6 +33,10 @@ def changed(**tables):
     ({"direction": [{"heading_deg": 0.0, "share": 0.7}, {"heading_deg": 360.0, "share": 0.3}]}, "heading of direction"),
     ({"state": [CONDITIONS["state"][0], OTHER_STATE, OTHER_STATE]}, "'rated' is that of state"),
     ({"wind": {**CONDITIONS["wind"], "rotor_diameter_m": 126000.0}}, "length in metres"),
+    ({"state": [CONDITIONS["state"][0], OTHER_STATE, {**OTHER_STATE, "name": "Rated "}]}, "'Rated ' is that of state"),
+    ({"state": [{**CONDITIONS["state"][0], "tp_s": 0.09}, CONDITIONS["state"][1]]}, "not the peak frequency"),
+    ({"curve": {"T": {**CONDITIONS["curve"]["T"], "log10_a1": 11.764 - 2.515}}}, "one in ksi"),
+    ({"curve": {"T": {**CONDITIONS["curve"]["T"], "log10_a2": 17.0}}}, "both slopes of one curve"),
     ({"inspection": {"age_years": 9.0, "detectable_share": 0.5}}, "above the age"),
 ])
 def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, words):
