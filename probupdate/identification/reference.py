@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modal.labels import along_x, label_across
+from probupdate.modal.labels import about_vertical, along_x, label_across
 from probupdate.modal.modes import Sensor
 from probupdate.modal.sensor_places import at_one_height
 from probupdate.runtime.arrays import frozen_array
@@ -57,7 +57,7 @@ class ReferenceModes:
     def _labelled_pair(self, pair: tuple[int, int]) -> tuple[int, int] | None:
         """(along x, along y) of a pair whose labels say so: of a turbine (fore-aft, side-side)."""
         first, second = (self.labels[i] for i in pair)
-        if label_across(first) != second:
+        if label_across(first) != second or not about_vertical(first):
             return None
         return pair if along_x(first) else (pair[1], pair[0])
 

@@ -1,6 +1,6 @@
-"""Names for the global modes of a tower-like structure: FA1, SS1, T1, FA2, ... of a turbine, X1, Y1, T1, X2, ... of a
-structure without a nacelle, L1, L2, ... of single members. Here they come from what sensors see; a model's own modes
-have theirs from the whole shape (`mode_energy`)."""
+"""Names for the global modes of a structure: FA1, SS1, T1, FA2, ... of a turbine, X1, Y1, T1, X2, ... of what rises
+without a nacelle, H1, V1, T1, A1, H2, ... of what spans, L1, L2, ... of single members. Here they come from what
+sensors see; a model's own modes have theirs from the whole shape (`mode_energy`)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from probupdate.modal.long_axis import horizontal_axes, spans
 from probupdate.modal.sensor_places import at_one_height, at_one_place
 from probupdate.modal.sets import Sensor
 from probupdate.modal.shape_criteria import mac
@@ -20,9 +21,13 @@ LOCAL_LIMIT = 0.5
 OBLIQUE_GAP, OBLIQUE = 0.02, 0.3
 # shapes at the sensors of a higher MAC are alike, and modes that move them less than this share of the most are unseen
 ALIKE_MAC, UNSEEN = 0.9, 1e-4
-# bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft
-TURBINE, NEUTRAL = ("FA", "SS", "T"), ("X", "Y", "T")
-OTHER_AXIS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2]) for first, second in (pair, pair[::-1])}
+# bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft; of
+# a structure along a horizontal axis (`long_axis`) bending to the side, bending up and down, torsion, motion along it
+TURBINE, NEUTRAL, SPANNING = ("FA", "SS", "T"), ("X", "Y", "T"), ("H", "V", "T", "A")
+# which of these a family is
+FAMILY = {name: k for names in (TURBINE, NEUTRAL, SPANNING) for k, name in enumerate(names)}
+OTHER_AXIS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2], SPANNING[:2])
+              for first, second in (pair, pair[::-1])}
 
 
 def family(label: str) -> str:
@@ -41,14 +46,20 @@ def label_across(label: str) -> str | None:
 
 def along_x(label: str) -> bool:
     """Whether it is the first of a pair of bending modes."""
-    return is_bending(label) and family(label) in (TURBINE[0], NEUTRAL[0])
+    return FAMILY.get(family(label)) == 0
+
+
+def about_vertical(label: str) -> bool:
+    """Whether it is bending of what rises, whose two directions are alike as a nacelle turns."""
+    return is_bending(label) and family(label) not in SPANNING
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModeCharacter:
-    """How each mode moves: share (n_mode, 3) of its kinetic energy, or of the squared motion at the sensors, that is
-    fore-aft (with pitch), side-side (with roll) and rotation about the vertical axis of each level as a rigid plane;
-    `local` (n_mode,) is the rest: heave and distortion of the level. The four add up to 1.
+    """How each mode moves: share (n_mode, n_family) of its kinetic energy, or of the squared motion at the sensors,
+    that is of each family of names: fore-aft (with pitch), side-side (with roll) and rotation about the axis of each
+    section as a rigid plane, of what spans its motion along the axis too; `local` (n_mode,) is the rest. They add up
+    to 1.
     """
 
     share: np.ndarray
@@ -57,22 +68,25 @@ class ModeCharacter:
 
 
 def mode_character(
-    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE,
-    local_limit: float = LOCAL_LIMIT
+    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, ...] = TURBINE,
+    local_limit: float = LOCAL_LIMIT, axes: np.ndarray | None = None,
 ) -> ModeCharacter:
     """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
-    along x, along y and torsion.
+    along x, along y and torsion. axes (3, 3): across, up and along a structure that spans, named by SPANNING.
 
-    Channels of one level (see `at_one_height`) are fitted by a rigid plane's motion about the vertical axis through the
-    origin. A level with a single sensor position shows translation only. Modes with `local` above
-    `local_limit` get labels L1, L2, ...: they belong to single members, not to the structure.
+    Channels of one level, or section (see `at_one_height`), are fitted by a rigid plane's motion about the vertical
+    axis through the origin, or the axis through the sensors' middle. A level with a single sensor position shows
+    translation only. Modes with `local` above `local_limit` get labels L1, L2, ...: they belong to single members, not
+    to the structure.
     """
     shape = np.asarray(shape, float)
+    if axes is not None:
+        sensors, families = _along(axes, sensors), SPANNING
     direction = np.array([s.direction for s in sensors])
     position = np.array([s.position_m for s in sensors])
     place = {k: number for number, there in enumerate(at_one_place(sensors)) for k in there}
     n_mode = shape.shape[1]
-    part = np.zeros((n_mode, 3))
+    part = np.zeros((n_mode, len(families)))
     total = np.sum(shape**2, axis=0)
     for rows in at_one_height(sensors):
         d, (x, y, _) = direction[rows], position[rows].T
@@ -81,12 +95,14 @@ def mode_character(
         motions = [(0, d[:, 0]), (1, d[:, 1])]
         if several:
             motions += [(0, -d[:, 2] * x), (1, d[:, 2] * y), (2, d[:, 1] * x - d[:, 0] * y)]
+        if len(families) > 3:
+            motions.append((3, d[:, 2]))
         motions = [(family, column) for family, column in motions if np.any(np.abs(column) > 1e-9)]
         if not motions:
             continue
         columns = np.column_stack([column for _, column in motions])
         amplitude, *_ = np.linalg.lstsq(columns, shape[rows], rcond=None)
-        for family in range(3):
+        for family in range(len(families)):
             chosen = [k for k, (f, _) in enumerate(motions) if f == family]
             part[:, family] += np.sum((columns[:, chosen] @ amplitude[chosen]) ** 2, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -98,14 +114,33 @@ def mode_character(
                          labels=numbered(share, local, families, local_limit))
 
 
+def _along(axes: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+    """Sensors in axes (3, 3) through the middle of their places."""
+    places = np.array([sensors[there[0]].position_m for there in at_one_place(sensors)])
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    return tuple(Sensor(channel=s.channel, level=s.level, position_m=axes @ (s.position_m - middle),
+                        direction=axes @ s.direction) for s in sensors)
+
+
+def sensed_character(
+    frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, ...] = TURBINE
+) -> ModeCharacter:
+    """Of unit-mass shapes (n_channel, n_mode) whose frequencies (n_mode,) are known. Without a nacelle it spans if its
+    sensors lie so, and give way as what spans does: the sum of phi^2 / omega^2 under loads along x, y and z."""
+    axes = horizontal_axes(np.array([s.position_m for s in sensors])) if families != TURBINE else None
+    toward = np.array([s.direction for s in sensors]) ** 2
+    gives = np.sum((shape / frequency_hz) ** 2, axis=1) @ toward / np.maximum(toward.sum(axis=0), 1e-300)
+    return mode_character(shape, sensors, families=families, axes=axes if spans(gives) else None)
+
+
 def numbered(
-    share: np.ndarray, local: np.ndarray, families: tuple[str, str, str], local_limit: float = LOCAL_LIMIT,
+    share: np.ndarray, local: np.ndarray, families: tuple[str, ...], local_limit: float = LOCAL_LIMIT,
     frequency_hz: np.ndarray | None = None,
 ) -> tuple[str, ...]:
-    """Names of modes, ascending in frequency, by where most of each is: share (n_mode, 3), local (n_mode,). Where the
-    frequencies (n_mode,) are given, two close modes that bend obliquely are one of either direction: in a symmetric
-    structure no direction is preferred, and both may lean to the same."""
-    kind = np.where(local > local_limit, 3, np.argmax(share, axis=1)) if len(share) else np.zeros(0, int)
+    """Names of modes, ascending in frequency, by where most of each is: share (n_mode, n_family), local (n_mode,).
+    Where the frequencies (n_mode,) are given, two close modes that bend obliquely are one of either direction: in a
+    symmetric structure no direction is preferred, and both may lean to the same."""
+    kind = np.where(local > local_limit, len(families), np.argmax(share, axis=1)) if len(share) else np.zeros(0, int)
     # without frequencies none are close
     apart = np.full(len(kind), np.inf)
     if frequency_hz is not None:
@@ -115,7 +150,7 @@ def numbered(
         i, own, close = j - 1, kind[j], apart[j] < OBLIQUE_GAP
         if own == kind[i] and own < 2 and close and max(share[k, 1 - own] for k in (i, j)) > OBLIQUE:
             kind[i if share[i, 1 - own] > share[j, 1 - own] else j] = 1 - own
-    names, count = (*families, "L"), dict.fromkeys(range(4), 0)
+    names, count = (*families, "L"), dict.fromkeys(range(len(families) + 1), 0)
     labels = []
     for k in map(int, kind):
         count[k] += 1
@@ -145,8 +180,8 @@ def indistinguishable(labels: tuple[str, ...], frequency_hz: np.ndarray, shape: 
 
 
 def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 0.1) -> tuple[tuple[int, int], ...]:
-    """Pairs of bending, (FAk, SSk) or (Xk, Yk), whose frequencies differ by less than `gap` of their mean: to be
-    compared as a plane."""
+    """Pairs of bending, (FAk, SSk), (Xk, Yk) or (Hk, Vk), whose frequencies differ by less than `gap` of their mean: to
+    be compared as a plane."""
     pairs = []
     for i, label in enumerate(labels):
         partner = label_across(label) if along_x(label) else None

@@ -19,6 +19,8 @@ MODE_NAMES = {
     "FA2": "second fore-aft bending", "SS2": "second side-side bending",
     "X1": "first bending along x", "Y1": "first bending along y",
     "X2": "second bending along x", "Y2": "second bending along y",
+    "H1": "first lateral bending", "V1": "first vertical bending", "A1": "first motion along the structure",
+    "H2": "second lateral bending", "V2": "second vertical bending",
 }
 
 
@@ -64,7 +66,7 @@ def _viewer_values(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict,
     data = viewer_data(
         wire, model.labels, states, measured_hz=measured_hz, measured_shape=measured_shape,
         sensors=sensors if measured_shape is not None else (), pairs=model.pairs,
-        names=MODE_NAMES if run.jacket else {}, planes=_planes(run, wire),
+        names=MODE_NAMES, planes=_planes(run, wire),
     )
     return data, measured_shape is not None
 

@@ -99,7 +99,7 @@ def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) 
     channels, channel_matrix = _channels(path, content, n)
     wire, wire_matrix, wire_turn = _wireframe(path, content, n)
     places = None if wire is None else DofPlaces(
-        position_m=frozen_array(wire.node_m[content["dof_node"]]),
+        node=frozen_array(content["dof_node"], int), position_m=frozen_array(wire.node_m[content["dof_node"]]),
         direction=frozen_array(content["dof_direction"], int))
     tilt_matrix, known = _tilts(path, content, channel_matrix)
     model = AffineModel(

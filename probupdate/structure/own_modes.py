@@ -13,7 +13,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modal.labels import NEUTRAL, TURBINE, indistinguishable
+from probupdate.modal.labels import FAMILY, NEUTRAL, TURBINE, indistinguishable
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
 # modes of which it is said what the sensors do not see
-MODES_SAID = tuple(f"{family}{k}" for own in (TURBINE, NEUTRAL) for family in own for k in (1, 2))
+MODES_SAID = tuple(f"{family}{k}" for family in FAMILY for k in (1, 2))
 # modes where it is not said how many
 MOST_MODES = 10
 # lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
@@ -48,8 +48,9 @@ UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, dens
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
     """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1,
-    T1, L1, ... of matrices whose nodes have places, mode 1, ... elsewhere, R1, ... of motions at 0 Hz; shape
-    (n_channel, n_mode), largest component 1. `notes`: what the model's files hold that has no effect."""
+    T1, L1, ... of matrices whose nodes have places, H1, V1, T1, A1, L1, ... of what spans, mode 1, ... elsewhere, R1,
+    ... of motions at 0 Hz; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files hold that
+    has no effect."""
 
     model: str
     frequency_hz: np.ndarray

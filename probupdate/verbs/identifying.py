@@ -199,7 +199,7 @@ def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSett
     return SSISettings(**asdict(made), below=max(SSISettings.below, made.order - low))
 
 
-def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, str, str]:
+def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, ...]:
     """What bending is called: fore-aft and side-side of a turbine, by its model or by what was recorded of it."""
     recorded = any(c.scada is not None and not set(OF_TURBINES).isdisjoint(c.scada.columns) for c in campaigns)
     return TURBINE_LABELS if recorded or has_geometry(model) else NEUTRAL

@@ -9,7 +9,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modal.labels import TURBINE, close_pairs, family, indistinguishable, mode_character, unseen
+from probupdate.modal.labels import FAMILY, TURBINE, close_pairs, family, indistinguishable, sensed_character, unseen
 from probupdate.modal.modes import Sensor, mac
 from probupdate.structure.mode_labels import full_model, mode_labels
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from probupdate.model.interface import ModalSolution, Model
 
 # global modes looked for, (family, number): first and second bending pairs and the torsion between them (the paper's
-# first five: FA1, SS1, T1, FA2, SS2)
-MODES_OF_INTEREST = ((0, 1), (1, 1), (2, 1), (0, 2), (1, 2))
+# first five: FA1, SS1, T1, FA2, SS2), and of what spans the motion along it
+MODES_OF_INTEREST = ((0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (3, 1))
 # computed modes searched for them
 SEARCH = 24
 # least motion of the sensors, beside the largest of a family of modes, of one that is the structure's and no member's
@@ -36,7 +36,7 @@ class Sought:
 
 
 def modes_of_interest(
-    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, ...] = TURBINE
 ) -> ReferenceModes:
     """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
     whatever they are."""
@@ -46,7 +46,7 @@ def modes_of_interest(
 
 
 def reference_modes(
-    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, ...] = TURBINE
 ) -> Sought:
     """Raises InputError where the model has fewer than `lowest`, or no global mode at the sensors."""
     if lowest is not None and lowest > model.n_available:
@@ -57,7 +57,8 @@ def reference_modes(
     shape = solution.shape[rows]
     labels = global_labels(model, solution, sensors, families)
     hidden = unseen(shape)
-    wanted = [labels.index(name) for k, number in MODES_OF_INTEREST if (name := f"{families[k]}{number}") in labels]
+    place = {(FAMILY.get(family(x)), x.removeprefix(family(x))): j for j, x in enumerate(labels)}
+    wanted = [place[k, str(number)] for k, number in MODES_OF_INTEREST if (k, str(number)) in place]
     if lowest is not None:
         wanted = list(range(min(lowest, len(solution.frequency_hz))))
     chosen = [j for j in wanted if not hidden[j]]
@@ -76,7 +77,7 @@ def reference_modes(
 
 
 def global_labels(
-    model: Model, solution: ModalSolution, sensors: tuple[Sensor, ...], families: tuple[str, str, str] = TURBINE
+    model: Model, solution: ModalSolution, sensors: tuple[Sensor, ...], families: tuple[str, ...] = TURBINE
 ) -> tuple[str, ...]:
     """Names of a model's modes: by where their energy is, or, where its nodes are not known, as the sensors see them
     (`seen_labels`)."""
@@ -87,20 +88,21 @@ def global_labels(
 
 
 def seen_labels(
-    frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, str, str] = TURBINE
+    frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, ...] = TURBINE
 ) -> tuple[str, ...]:
     """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little
     and would pass for a bending mode: one that moves the sensors by less than LOCAL of what the largest of its family
     does, or that has the shape of a larger one within 2 % of its frequency, is local."""
     size = np.linalg.norm(shape, axis=0)
-    first = mode_character(shape, sensors, families=families).labels
+    first = sensed_character(frequency_hz, shape, sensors, families).labels
     kind = np.array([family(label) for label in first])
     largest = {name: size[kind == name].max() for name in set(kind)}
     seen = np.array([size[k] > LOCAL * largest[name] for k, name in enumerate(kind)])
     near = np.abs(np.log(frequency_hz / frequency_hz[:, None])) < 0.02
     shadowed = near & (mac(shape, shape) > 0.95) & (size > size[:, None])
     own = np.flatnonzero(seen & ~shadowed.any(axis=1))
-    names = dict(zip(map(int, own), mode_character(shape[:, own], sensors, families=families).labels, strict=True))
+    again = sensed_character(frequency_hz[own], shape[:, own], sensors, families).labels
+    names = dict(zip(map(int, own), again, strict=True))
     last = sum(name.startswith("L") for name in names.values())
     for k in range(len(first)):
         if k not in names:
