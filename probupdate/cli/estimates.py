@@ -87,7 +87,8 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.sets(
-        a.model, a.modes, **compared(a), correlated=a.correlated, spread=a.spread, seed=a.seed, progress=progress)
+        a.model, a.modes, **compared(a), common=tuple(a.common), correlated=a.correlated, spread=a.spread, seed=a.seed,
+        progress=progress)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
 
@@ -147,6 +148,8 @@ def add_commands(verb: AddCommand) -> None:
 
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
+    p.add_argument("--common", nargs="+", metavar="NAME", default=(),
+                   help="parameters that are one number in all sets, such as a mass; the others vary between sets")
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
     p.add_argument("--spread", type=positive(float, "deviations"), default=0.25,
                    help="scale of the hyper-prior of a parameter's "

@@ -430,10 +430,11 @@ class ModalData:
                        labels=tuple(self.labels[j] for j in columns) if self.labels else (),
                        records=tuple(self.records[j] for j in columns) if self.records else ())
 
-    def of_labels(self, labels: Sequence[str]) -> ModalData:
+    def of_labels(self, labels: Sequence[str | int]) -> ModalData:
         """The same sets with these modes alone, in the order of the file; by their numbers, from 1, where they have no
         labels. Raises InputError for one that is not there."""
         known = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        labels = [str(label) for label in labels]
         for label in labels:
             if label not in known:
                 near = get_close_matches(label, known, n=1)

@@ -23,7 +23,7 @@ from probupdate.model.interface import Model
 from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
-from probupdate.runtime.settings import stated
+from probupdate.runtime.settings import refuse_other_types, stated
 from probupdate.updating.baseline import LearntError, Rows
 from probupdate.updating.baseline_file import Baseline, read_baseline
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori, prior_residual
@@ -52,7 +52,7 @@ class LikelihoodSettings:
     tolerances: bool | None = stated(
         None, "-", "stated tolerances of structure, soil, rotor-nacelle assembly and sensors are marginalised; None: "
         "with the measurement's own standard deviations")
-    modes: tuple[str, ...] | None = stated(
+    modes: tuple[str | int, ...] | None = stated(
         None, "-", "labels of the modes that are compared, or their numbers from 1; None: those of interest")
     fix: Mapping[str, float] | None = stated(None, "-", "parameters that are held, name -> value")
     alternatives: tuple[object, ...] = stated(
@@ -60,6 +60,9 @@ class LikelihoodSettings:
         "each, a source of error that is marginalised")
     baseline: tuple[Baseline, ...] = stated(
         (), "-", "runs of other states of the structure, whose model's error is this one's: directories or files")
+
+    def __post_init__(self):
+        refuse_other_types(self)
 
     @property
     def joint_covariance(self) -> bool:

@@ -159,16 +159,14 @@ class _Redraw(emcee.moves.RedBlueMove):
 
 def sample_population(
     likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, *, seed: int,
-    correlated: bool = False, spread: float = SPREAD, target_ess: int = 500, r_hat_limit: float = R_HAT_LIMIT,
-    progress: Progress = silent,
+    correlated: bool = False, spread: float | np.ndarray = SPREAD, target_ess: int = 500,
+    r_hat_limit: float = R_HAT_LIMIT, progress: Progress = silent,
 ) -> Population:
     """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
-    number with R-hat below its limit, or says that it did not get there."""
+    number with R-hat below its limit, or says that it did not get there. spread: one, or one a parameter, zero of what
+    is one number in all sets."""
     if len(likelihoods.ids) < 2:
         raise InputError("sets", "fewer than two do not show any scatter between sets", "give two or more")
-    if not (np.isfinite(spread) and spread > 0):
-        raise InputError("spread", f"{spread} is not above zero",
-                         "give the scale of tau in prior standard deviations, as 0.25")
     hyper = _Hyper(likelihoods, parameters, coordinates, correlated, spread)
     rng = np.random.default_rng([seed, 11])
     start = _start(hyper, 2 * hyper.n_x + 2, rng)

@@ -18,6 +18,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
+from probupdate.runtime.settings import refuse_other_types
 from probupdate.updating.hierarchical import SPREAD
 from probupdate.updating.joint_draws import JointDraws, LinearSet, PriorRatio, draw_joint, weigh_by_model
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
@@ -58,6 +59,9 @@ class JointSettings:
     odd_share: float = SHARE
     odd_wide: float = 1.0
     seed: int = 1
+
+    def __post_init__(self):
+        refuse_other_types(self)
 
 
 DEFAULT = JointSettings()

@@ -163,6 +163,7 @@ def view_sets(
     *,
     weights: Weights | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
+    common: Sequence[str] = (),
     correlated: bool = False,
     spread: float = SPREAD,
     seed: int = 1,
@@ -170,10 +171,11 @@ def view_sets(
 ) -> SetViews:
     """All four views of the sets of `data`, with the model in each set's conditions where `model_at` gives it.
 
-    correlated: let parameters vary together between sets (n (n - 1) / 2 numbers more, of which nine sets show little).
-    spread: standard deviation of tau's hyper-prior, in prior standard deviations. Raises InputError with fewer than two
-    usable sets.
+    common: parameters that are one number in all sets of the population, such as a mass in two states of temperature.
+    correlated: the others vary together between sets (n (n - 1) / 2 numbers more, of which nine sets show little).
+    spread: of tau's hyper-prior, in prior standard deviations. Raises InputError with fewer than two usable sets.
     """
+    own = _spread_of_each(model.parameters, common, spread)
     data, outliers = without_outliers(data)
     reference = build_problem(model if model_at is None else model_at(data.set()), data, weights=weights)
     clusters = [group.measured for group in reference.matching.groups]
@@ -183,34 +185,32 @@ def view_sets(
     if len(found) < 2:
         raise _too_few(len(found), len(data.sets), failed)
     problems, maxima = [p for p, _ in found], [x for _, x in found]
-    parameters, rng = model.parameters, np.random.default_rng([seed, 31])
-    coordinates = coordinates_of(parameters)
-    options = {"seed": seed, "correlated": correlated, "spread": spread, "progress": progress}
-    prior = gaussian_prior(parameters, coordinates)
+    parameters, coordinates = model.parameters, coordinates_of(model.parameters)
+    rng = np.random.default_rng([seed, 31])
+    options = {"seed": seed, "correlated": correlated, "spread": own, "progress": progress}
+    prior, tau = gaussian_prior(parameters, coordinates), own * coordinates.scale
     centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
-    tau = spread * coordinates.scale
     shared = shared_error(problems, centres, coordinates)
     scales = learn_scales(shared, prior, tau)
     noise = shared.without(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
     first = sample_population(linearise(noise, centres, coordinates), parameters, coordinates, target_ess=FIRST_ESS,
                               r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
-    own = linearise(noise, centres, coordinates).draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
-    centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
+    middle = linearise(noise, centres, coordinates).draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
+    centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(middle)])
     shared = shared_error(problems, centres, coordinates)
     expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
-    noise = shared.without(expected, scales.new)
-    likelihoods = linearise(noise, centres, coordinates)
+    likelihoods = linearise(noise := shared.without(expected, scales.new), centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
-    common = Common.of(shared, prior)
+    at_one = Common.of(shared, prior)
     sampled = (parameters, coordinates, prior, rng)
-    alone = [joint_posterior(common.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
-    joint = joint_posterior(common.of_all(), *sampled)
+    alone = [joint_posterior(at_one.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
+    joint = joint_posterior(at_one.of_all(), *sampled)
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
-    scores = _cross_validate(likelihoods, common, population, lent, alone, sampled, options)
+    scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
     share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
     population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
-    rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
+    rows = _rows(parameters, coordinates, maxima, alone, joint, population, own, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
     notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
@@ -221,8 +221,21 @@ def view_sets(
         advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
-        },
+        } | ({"one number in all sets": ", ".join(common)} if common else {}),
     )
+
+
+def _spread_of_each(parameters: Parameters, common: Sequence[str], spread: float) -> np.ndarray:
+    """Of the hyper-prior of each parameter's scatter (n_param,): zero where it is one number in all sets."""
+    if not (np.isfinite(spread) and spread > 0):
+        raise InputError("spread", f"{spread} is not above zero",
+                         "give the scale of tau in prior standard deviations, as 0.25")
+    for name in common:
+        parameters.index(name)
+    if len(set(common)) == len(parameters):
+        raise InputError("common", "leaves no parameter that varies between sets",
+                         "take view (c), one posterior for all sets, which needs no common parameters")
+    return np.where(np.isin(parameters.names, common), 0.0, spread)
 
 
 def _too_few(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
@@ -234,8 +247,9 @@ def _too_few(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
 
 def _correlation(population: Population) -> np.ndarray:
     """Between parameters over sets (n_param, n_param): the median of the draws of the population."""
-    covariance = population.factor @ np.swapaxes(population.factor, 1, 2)
-    each = covariance / (population.tau[:, :, None] * population.tau[:, None, :])
+    # of one number in all sets there is none
+    tau = np.where(population.tau > 0, population.tau, np.inf)
+    each = population.factor @ np.swapaxes(population.factor, 1, 2) / (tau[:, :, None] * tau[:, None, :])
     return frozen_array(np.median(each, axis=0))
 
 
@@ -330,10 +344,12 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         means = np.array([x.mean()[k] for x in alone])
         # of a change about zero a CoV would be over a mean of next to nothing
         tau = population.tau[:, k]
-        hyper = spread * coordinates.scale[k]
-        # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
-        bits = bits_gained(2 * special.ndtr(tau / hyper) - 1, population.ess)
-        (low, high), mid = scatter_interval(tau), np.median(tau)
+        hyper = spread[k] * coordinates.scale[k]
+        mid = low = high = bits = np.nan
+        if hyper > 0:
+            # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
+            bits = bits_gained(2 * special.ndtr(tau / hyper) - 1, population.ess)
+            (low, high), mid = scatter_interval(tau), np.median(tau)
         scatter = float(theta_map[:, k].mean())
 
         def cov(mean: Any, variance: Any, p=p) -> float:
@@ -348,7 +364,8 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
             joint_mean=float(joint.mean()[k]),
             joint_cov=cov(joint.mean()[k], joint.variance()[k]), mean=float(middle[:, k].mean()),
             mean_cov=cov(middle[:, k].mean(), middle[:, k].var()), tau=float(mid), tau_low=float(low),
-            tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper), tau_bits=bits,
+            tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper) if hyper > 0 else np.nan,
+            tau_bits=float(bits),
             population_cov=cov(new[:, k].mean(), new[:, k].var()), tau_relative=bool(coordinates.logarithmic[k]),
         )
         rows.append(SetsRow(sentence=parameter_sentence(row), **row))

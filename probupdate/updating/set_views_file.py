@@ -118,6 +118,8 @@ def varies(bits: float, low: float, middle: float) -> bool:
 def parameter_sentence(row: dict) -> str:
     """What the sets say of one parameter's variation."""
     name, unit = row["name"], row["unit"]
+    if np.isnan(row["tau"]):
+        return f"{name} is one number in all sets, as stated"
     of = "CoV" if row["tau_relative"] else "standard deviation"
     low, mid, high, prior = (f"{row[key]:.2g}{'' if row['tau_relative'] or unit == '-' else f' {unit}'}"
                              for key in ("tau_low", "tau", "tau_high", "tau_prior"))
@@ -184,10 +186,10 @@ def summary(views: SetViews) -> str:
         )
     lines.append("(a) scatter of the updates, (b) posteriors pooled, (c) one posterior for all, (d) population: its "
                  "middle, its scatter tau between sets, and the CoV of a set not yet measured")
-    absolute = [r.name for r in views.rows if not r.tau_relative]
+    absolute = [r.name for r in views.rows if not r.tau_relative and np.isfinite(r.tau)]
     if absolute:
         lines.append(f"tau is a CoV, but of {', '.join(absolute)} a standard deviation in the parameter's unit")
-    lines += [f"{r.sentence}" for r in views.rows if np.isfinite(r.tau)]
+    lines += [r.sentence for r in views.rows if np.isfinite(r.resolution)]
     lines += [f"{m.label}: scatter of f {100 * m.scatter:.3f} %, stated noise {100 * m.stated:.3f} %, variation "
               f"{100 * m.variation:.3f} % ({100 * m.low:.3f} to {100 * m.high:.3f}), p {m.p_value:.2g}"
               for m in views.modes]

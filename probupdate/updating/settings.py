@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from probupdate.errors import InputError
-from probupdate.runtime.settings import stated
+from probupdate.runtime.settings import refuse_other_types, stated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,24 +23,9 @@ class UpdateSettings:
     iterations: int = stated(50, "-", "at most so many iterations")
 
     def __post_init__(self):
-        _refuse_no_whole_number("iterations", self.iterations, 0, 50)
-        if not isinstance(self.alpha, str) and not _is_number(self.alpha):
-            raise InputError("alpha", f"{self.alpha!r} is neither a number nor a rule",
-                             "give one from 0 on, or a rule's name")
-        if not isinstance(self.method, str):
-            raise InputError("method", f"{self.method!r} is no word", "give 'gauss-newton' or 'levenberg-marquardt'")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and bool(
-        np.isfinite(value))
-
-
-def _refuse_no_whole_number(name: str, value: object, least: int, example: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(name, f"{value!r} is not a whole number", f"give one, such as {example}")
-    if value < least:
-        raise InputError(name, f"{value} is {f'below {least}' if least else 'negative'}", f"give {least} or more")
+        refuse_other_types(self)
+        if self.iterations < 0:
+            raise InputError("iterations", f"{self.iterations} is negative", "give 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +41,11 @@ class SamplerSettings:
     ensembles: int = stated(4, "-", "independent ensembles, judged together")
 
     def __post_init__(self):
-        _refuse_no_whole_number("seed", self.seed, 0, 1)
-        for name, example in (("walkers_per_parameter", 2), ("target_ess", 1000), ("max_steps", 20000),
-                              ("ensembles", 4)):
-            _refuse_no_whole_number(name, getattr(self, name), 1, example)
+        refuse_other_types(self)
+        for name, least in (("seed", 0), ("walkers_per_parameter", 1), ("target_ess", 1), ("max_steps", 1),
+                            ("ensembles", 1)):
+            if getattr(self, name) < least:
+                raise InputError(name, f"{getattr(self, name)} is below {least}", f"give {least} or more")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from probupdate.io.outputs import sole_writer
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
+from probupdate.runtime.settings import refuse_other_type
 from probupdate.structure.load import load_model
 from probupdate.updating.comparison import Comparison
 from probupdate.updating.comparison import compare as compare_results
@@ -46,7 +47,9 @@ def refuse_other_kinds(model: object, modes: object) -> None:
         raise InputError("modes", f"a {type(modes).__name__} is not modal data", "give a path or ModalData")
 
 
-def chosen_modes(modes: str | Path | ModalData, only: Sequence[str] | None, every_mode: bool = False) -> ModalData:
+def chosen_modes(
+    modes: str | Path | ModalData, only: Sequence[str | int] | None, every_mode: bool = False
+) -> ModalData:
     """Of all sets the modes that are compared with a model: those of these labels where some are chosen."""
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
     return whole.of_labels(only) if only else whole.compared(every_mode)
@@ -54,7 +57,7 @@ def chosen_modes(modes: str | Path | ModalData, only: Sequence[str] | None, ever
 
 def compared_modes(
     modes: str | Path | ModalData, set_id: str | None = None, every_mode: bool = False,
-    only: Sequence[str] | None = None,
+    only: Sequence[str | int] | None = None,
 ) -> ModalData:
     """Sets of which at least one of the modes that are compared was identified, as the others cannot be updated."""
     data = chosen_modes(modes, only, every_mode)
@@ -105,7 +108,7 @@ class Case:
 
 
 def unmatched(
-    modes: str | Path | ModalData, every_mode: bool = False, only: Sequence[str] | None = None
+    modes: str | Path | ModalData, every_mode: bool = False, only: Sequence[str | int] | None = None
 ) -> dict[str, tuple[str, ...]]:
     """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
     out', and on those that are 'taken' although they look unlike the model's."""
@@ -233,18 +236,26 @@ def sets(
     *,
     parameters: str | Path | None = None,
     likelihood: LikelihoodSettings = COMPARED,
+    common: Sequence[str] = (),
     correlated: bool = False,
     spread: float = CONSTANTS.population_spread,
     seed: int = 1,
     progress: Progress = silent,
 ) -> SetViews:
     """All sets of the file in four views side by side: scatter of their updates, posteriors pooled, one posterior for
-    all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
+    all, and a population with its scatter between sets; with scores of sets left out. `common`: parameters that are one
+    number in all sets. See `updating.set_views`."""
     from probupdate.updating.outlier_sets import without_outliers
     from probupdate.updating.set_views import view_sets
 
     refuse_other_kinds(model, modes)
     refuse_other_value("likelihood", likelihood, LikelihoodSettings)
+    for name, value, kind, default, effect in (
+            ("common", common, tuple[str, ...], (), "names of parameters that are one number in all sets"),
+            ("correlated", correlated, bool, False, "parameters vary together between sets"),
+            ("spread", spread, float, CONSTANTS.population_spread, "scale of tau's hyper-prior, in prior std")):
+        refuse_other_type(name, value, kind, default, effect)
+    SamplerSettings(seed=seed)
     if likelihood.baseline:
         raise InputError("baseline", "is of one state, and views of several sets learn their error from all of them",
                          "give it to update or sample")
@@ -252,8 +263,8 @@ def sets(
     # what all sets are weighed by is not learnt from one that is none of them
     kept, _ = without_outliers(whole)
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
-    return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
-                     spread=spread, seed=seed, progress=progress)
+    return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, common=tuple(common),
+                     correlated=correlated, spread=spread, seed=seed, progress=progress)
 
 
 @names_files("modes")

@@ -12,6 +12,7 @@ from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.ensemble import R_HAT_LIMIT, nested_r_hat
 from probupdate.updating.importance import N_DRAW, WeightedDraws, agree
 from probupdate.updating.problem import Weights, build_problem
@@ -111,6 +112,26 @@ def test_settings_that_are_no_positive_whole_numbers_are_refused(name, value):
 @pytest.mark.parametrize("settings", [{"alpha": True}, {"alpha": float("nan")}, {"alpha": None}, {"method": 2},
                                       {"iterations": True}, {"iterations": "2"}, {"iterations": float("nan")}])
 def test_settings_of_the_update_that_are_no_such_thing_are_refused(settings):
-    said = f"{next(iter(settings))}: .* is (not a (whole )?number|neither a number|no word)"
+    said = f"{next(iter(settings))}: .* is not a (whole number|finite number or a word|word); the default is "
     with pytest.raises(InputError, match=said):
         UpdateSettings(**settings)
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("modes", "FA1", "a tuple of words or whole numbers or None"), ("modes", (1.0,), "a tuple of words"),
+    ("fix", "k=1", "a mapping of words to finite numbers"), ("fix", {"k": None}, "a mapping of words to finite"),
+    ("fix", {"k": True}, "a mapping"), ("tolerances", "yes", "True or False or None"),
+    ("tolerances", 1, "True or False"),
+    ("weights", 0.01, "a word, a tuple of finite numbers or Weights"), ("weights", ("a",), "a word, a tuple"),
+    ("discrepancy", [0.1], "a finite number, a word or None"), ("discrepancy", float("inf"), "a finite number"),
+    ("baseline", "run", "a tuple of "), ("alternatives", "model.toml", "a tuple of "), ("shapes", None, "a word"),
+])
+def test_a_likelihood_of_other_types_is_refused_in_words(name, value, words):
+    with pytest.raises(InputError, match=f"^{name}: .* is not {words}.*; the default is "):
+        LikelihoodSettings(**{name: value})
+
+
+def test_lists_and_numpys_numbers_serve_as_settings():
+    found = LikelihoodSettings(weights=[np.float32(0.01)], fix={"k": np.float64(1)}, modes=[np.int64(1), "FA1"],
+                               tolerances=True, discrepancy=0)
+    assert found.modes == [1, "FA1"]

@@ -2,6 +2,7 @@
 priors where the data are silent, leave-one-set-out scores, and the four views of a chain whose base varies."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,17 +14,20 @@ from probupdate.modal.modes import CovarianceFactors, ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.sets_section import information_section, sets_section
 from probupdate.reporting.values import Run
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.hierarchical import SPREAD, lkj_factor, sample_population, scatter_interval
 from probupdate.updating.information import information
 from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_likelihoods import coordinates_of, linearise
-from probupdate.updating.set_views import Common, gaussian_prior, joint_posterior, mode_scatter, view_sets
+from probupdate.updating.set_views import LAST_ESS, Common, gaussian_prior, joint_posterior, mode_scatter, view_sets
 from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, parameter_sentence, read_views
 from probupdate.updating.shared_error import shared_error
+from probupdate.verbs import sets
 from studies.calibration.scatter import coverage
 
 NOISE = 0.002
+PLAIN = LikelihoodSettings(shapes="none", tolerances=False, discrepancy=0.0)
 SINGLE = [(j,) for j in range(5)]
 TRUTH, TAU = np.array([1.3, 2.2, -1.1]), np.array([0.2, 0.0, 0.05])
 N_SET = 9
@@ -228,6 +232,55 @@ def test_the_four_views_of_a_varying_parameter(views, tmp_path):
     assert re.search(r"a, c vary between sets \(sets left out|a varies between sets \(sets left out", views.advice)
     assert np.all(views.linear_share > 0.999)
     assert read_views(views.write(tmp_path / "sets.json")).summary == views.summary
+
+
+def test_a_number_that_sets_have_in_common_is_one_of_them_all(validation):
+    """One spring in three states, and one that varies: by dense Gaussians on a grid over tau."""
+    row = validation(what="population with a common parameter: means and standard deviations",
+                     reference="dense Gaussians on a grid over tau", unit="standard errors")
+    parameters = Parameters(LINEAR_PARAMETERS.items[:2])
+    full, slope, n = linear_model(), SLOPE[:, :2], 3
+
+    def function(theta):
+        return full.function(np.append(theta, -1.0))
+
+    rng = np.random.default_rng(7)
+    theta = np.column_stack([np.full(n, 1.3), 2.1 + 0.08 * rng.standard_normal(n)])
+    hz = LINEAR_HZ + (theta - [1, 2]) @ slope.T + NOISE * LINEAR_HZ * rng.standard_normal((n, 5))
+    found = view_sets(replace(full, parameters=parameters, function=function), linear_data(hz, cov=NOISE),
+                      common=("a",), correlated=True, seed=3)
+    assert found.converged and found.rows[0].sentence == "a is one number in all sets, as stated"
+    assert np.isnan(found.rows[0].tau) and found.rows[1].tau > 0 and np.all(np.isfinite(found.correlation))
+    A, noise, prior = np.tile(slope, (n, 1)), np.diag((NOISE * LINEAR_HZ) ** 2), np.diag(parameters.std**-2)
+    y, weight, mean, variance = (hz - LINEAR_HZ).ravel(), [], [], []
+    grid = np.linspace(1e-4, 0.4, 400)
+    for tau in grid:
+        own = np.kron(np.eye(n), noise + tau**2 * np.outer(slope[:, 1], slope[:, 1]))
+        whole = stats.multivariate_normal(cov=own + A @ parameters.covariance @ A.T)
+        weight.append(whole.logpdf(y) - 0.5 * (tau / (SPREAD * 0.3)) ** 2)
+        inner = np.linalg.inv(own)
+        P = np.linalg.inv(A.T @ inner @ A + prior)
+        mean.append(P @ A.T @ inner @ y + [1, 2])
+        variance.append(np.diag(P))
+    weight = np.exp(np.array(weight) - max(weight))
+    weight /= weight.sum()
+    centre = weight @ mean
+    std = np.sqrt(weight @ np.array(variance) + weight @ (np.array(mean) - centre) ** 2)
+    own = [(r.mean, r.mean_cov * abs(r.mean)) for r in found.rows]
+    row.error(([x for x, _ in own] - centre) / std * np.sqrt(LAST_ESS), below=4, of="means")
+    row.error(([x for _, x in own] / std - 1) * np.sqrt(LAST_ESS), below=4, of="standard deviations")
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"common": ("z",)}, "parameter z: not among the updated ones; choose from a, b, c"),
+    ({"common": ("a", "b", "c")}, "common: leaves no parameter that varies"), ({"common": "a"}, "common: 'a' is not a"),
+    ({"spread": 0.0}, "spread: 0.0 is not above zero"), ({"spread": np.nan}, "spread: nan is not a finite number"),
+    ({"spread": "1"}, "spread: '1' is not a finite number"), ({"seed": 1.5}, "seed: 1.5 is not a whole number"),
+    ({"seed": -1}, "seed: -1 is below 0"), ({"correlated": "yes"}, "correlated: 'yes' is not True or False"),
+])
+def test_wrong_options_of_sets_are_refused(options, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        sets(linear_model(), linear_data(measured(2), cov=NOISE), likelihood=PLAIN, **options)
 
 
 def test_tau_of_a_change_about_zero_is_no_share_of_its_mean():
