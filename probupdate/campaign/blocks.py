@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -150,29 +151,35 @@ def read_block(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], minutes: float | None = None
 ) -> Block:
     """One block, from the files that `block_files` names for its start."""
-    import h5py
-
     length = _length(campaign, minutes)
-    pieces = []
+    pieces, read = [], []
     n = round(length.total_seconds() * campaign.sampling_rate_hz)
     for file in files:
-        file.refuse_changed()
         first, source = _placing(file, start, campaign.sampling_rate_hz)
-        if file.path.suffix == parquet_records.ENDING:
-            pieces.append((first, parquet_rows(file.path, campaign.channels, source, source + n - first)))
-            continue
-        if file.path.suffix == zarr_records.ENDING:
-            rows = zarr_rows(file.path, source, source + n - first)
-            pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
-            continue
+        read.append((file, source, source + n - first))
+        file.refuse_changed(*read[-1][1:])
+        begins, rows = _stored_rows(campaign, *read[-1])
+        file.refuse_other(begins)
+        pieces.append((first, rows))
+    for file, source, end in read:
+        # once more: it may have been replaced while it was read
+        file.refuse_changed(source, end)
+    return _assemble(campaign, start, length, pieces)
+
+
+def _stored_rows(campaign: Campaign, file: RecordFile, first: int, last: int) -> tuple[Any, np.ndarray]:
+    """The start as the file states it, and rows `first` to `last` of the campaign's channels."""
+    import h5py
+
+    if file.path.suffix == parquet_records.ENDING:
+        return parquet_rows(file.path, campaign.channels, first, last)
+    if file.path.suffix == zarr_records.ENDING:
+        begins, rows = zarr_rows(file.path, first, last)
+    else:
         with (parsing(str(file.path), "cannot be read", "the file was cut or damaged: copy it again, or remove it"),
               h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened):
-            rows = _rows(opened, file.path, source, source + n - first)
-        pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
-    for file in files:
-        # once more: it may have been replaced while it was read
-        file.refuse_changed()
-    return _assemble(campaign, start, length, pieces)
+            begins, rows = opened["data"].attrs["start"], _rows(opened, file.path, first, last)
+    return begins, rows[:, campaign.columns] if campaign.left_out else rows
 
 
 def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:

@@ -15,7 +15,7 @@ import pandas as pd
 from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
-from probupdate.campaign.reading import CampaignHead, channels_attribute, read_head
+from probupdate.campaign.reading import WAIT, CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import opened
 from probupdate.campaign.stated import OwnWords, Stated, channel_factor, refuse_other_rate
 from probupdate.campaign.timing import file_clock
@@ -28,6 +28,8 @@ from probupdate.runtime.progress import Progress, silent
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
 FILE_S = 3600.0
 RECORD = "converted.json"
+# of a source in that file, while it is converted
+UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +80,16 @@ def convert(
     notes: list[str] = []
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
-    for number, paths in enumerate(found):
+    above = sources if sources.is_dir() else sources.parent
+    named = {" + ".join(p.relative_to(above).as_posix() for p in paths): paths for paths in found}
+    for number, (name, paths) in enumerate(named.items()):
         progress("converting files", number, len(found))
-        above = sources if sources.is_dir() else sources.parent
-        name = " + ".join(p.relative_to(above).as_posix() for p in paths)
+        before = [_state(p) for p in paths]
         key = _key(paths, words)
         entry = record.get(name)
+        if entry is not None and entry.get(UNFINISHED):
+            notes += _without_remains(folder, name, entry["key"], key)
+            entry = None
         if entry is not None:
             if entry["key"] != key:
                 raise InputError(str(paths[0]), "or its description changed after it was converted",
@@ -97,7 +103,10 @@ def convert(
             samples += entry["samples"]
             spans += [(pd.Timestamp(a), pd.Timestamp(b), name) for a, b in entry["spans"]]
             continue
+        record[name] = {"key": key, "files": [], "samples": 0, "spans": [], UNFINISHED: True}
+        _write_record(folder / RECORD, record)
         outputs, count, said, own = _one_source(paths, name, described, head, folder, key)
+        _refuse_changed(paths, before, outputs)
         joined = _agreeing(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
                            str(paths[0]))
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
@@ -147,6 +156,29 @@ def _key(paths: Sequence[Path], words: bytes) -> str:
         with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
             content += f"{hashlib.file_digest(file, 'sha256').hexdigest()}\n"
     return hashlib.sha256(content.encode() + words).hexdigest()
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    with parsing(str(path), "cannot be read", "check its permissions"):
+        found = path.stat()
+    return found.st_size, found.st_mtime_ns, found.st_ino
+
+
+def _refuse_changed(paths: Sequence[Path], before: list[tuple[int, ...]], outputs: Sequence[Path]) -> None:
+    for path, state in zip(paths, before, strict=True):
+        if _state(path) != state:
+            for written in outputs:
+                written.unlink()
+            raise InputError(str(path), "changed while it was converted", WAIT)
+
+
+def _without_remains(folder: Path, name: str, former: str, key: str) -> list[str]:
+    """A sentence where files are removed that a conversion which did not end made of other content or words."""
+    remains = [path for path in folder.glob(f"*Z-{former[:6]}.h5")] if former != key else []
+    for path in remains:
+        path.unlink()
+    return [f"{name}: {plural(len(remains), 'file')} of an unfinished conversion removed, as the source or its "
+            "description has changed since"] if remains else []
 
 
 def _read_record(path: Path) -> dict:

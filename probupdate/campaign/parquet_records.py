@@ -53,18 +53,19 @@ def _text(metadata: dict | None) -> dict[str, str]:
     return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
-def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> np.ndarray:
-    """Rows `first` to `last` (n, n_channel) of the channels, from the row groups that have some of them; NaN for
-    null."""
+def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> tuple[str, np.ndarray]:
+    """The file's start as it is written, and rows `first` to `last` (n, n_channel) of the channels, from the row groups
+    that have some of them; NaN for null."""
     with _opened(path) as file:
+        start = _text(file.schema_arrow.metadata).get("start", "")
         ends = np.cumsum([file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)])
         begins = ends - np.diff(ends, prepend=0)
         touched = np.flatnonzero((ends > first) & (begins < last))
         if not len(touched):
-            return np.empty((0, len(channels)))
+            return start, np.empty((0, len(channels)))
         table = file.read_row_groups(touched.tolist(), columns=list(channels), use_threads=False)
         part = table.slice(max(first - int(begins[touched[0]]), 0), min(last, int(ends[-1])) - first)
-        return np.column_stack([part[c].to_numpy().astype(float) for c in channels])
+        return start, np.column_stack([part[c].to_numpy().astype(float) for c in channels])
 
 
 @contextmanager

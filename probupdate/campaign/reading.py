@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -33,6 +33,7 @@ LONGEST_RECORD_S = 3.2e8
 LARGEST_BLOCK_BYTES = 128 * 2**20
 # what stands in a campaign.toml that is to be filled in
 BLANK = "?"
+WAIT = "wait until what copies or moves records is done, and run again"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +70,8 @@ class WrittenCampaign:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFile:
-    """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC. size, changed_ns: of the file (of an
-    array, of its head) when it was scanned."""
+    """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC. size, changed_ns: of the file when it was
+    scanned, before its head was read; of an array size of its head, and the last change of any of its files."""
 
     path: Path
     start: pd.Timestamp
@@ -78,15 +79,27 @@ class RecordFile:
     size: int
     changed_ns: int
 
-    def refuse_changed(self) -> None:
-        """Raises InputError where the file is no more the one that was scanned: a copy or a sync that goes on would
-        put another hour's samples in its place."""
-        with parsing(str(self.path), "was there when the campaign was scanned and cannot be read now",
-                     "wait until what copies or moves records is done, and run again"):
-            found = _head_of(self.path).stat()
-        if (found.st_size, found.st_mtime_ns) != (self.size, self.changed_ns):
-            raise InputError(str(self.path), "changed while it was used: it is not the file that was scanned at the "
-                             "start of this run", "wait until what copies or moves records is done, and run again")
+    def refuse_changed(self, first: int, last: int) -> None:
+        """Raises InputError where the file, or of an array what holds rows `first` to `last`, is no more what was
+        scanned: a copy or a sync that goes on would put another hour's samples in its place."""
+        with parsing(str(self.path), "was there when the campaign was scanned and cannot be read now", WAIT):
+            if self.path.suffix == zarr_records.ENDING:
+                good = ((self.path / zarr_records.HEAD).stat().st_size == self.size
+                        and zarr_records.last_change(self.path, first, last) <= self.changed_ns)
+            else:
+                good = _state(self.path) == (self.size, self.changed_ns)
+        if not good:
+            self.refuse()
+
+    def refuse_other(self, start: object) -> None:
+        """Raises InputError where the start that was read with the samples is not the one that was scanned: a sync may
+        keep size and time of a file."""
+        if parse_time(_text(start), f"{self.path}, start") != self.start:
+            self.refuse()
+
+    def refuse(self) -> NoReturn:
+        raise InputError(str(self.path), "changed while it was used: it is not the file that was scanned at the start "
+                         "of this run", WAIT)
 
     @property
     def parts(self) -> tuple[Path, ...]:
@@ -96,9 +109,12 @@ class RecordFile:
         return tuple(self.path / name for name in zarr_records.zarr_files(self.path))
 
 
-def _head_of(path: Path) -> Path:
-    """The file that is scanned: of an array, the one that says what it is."""
-    return path / "zarr.json" if path.suffix == zarr_records.ENDING else path
+def _state(path: Path) -> tuple[int, int]:
+    """Size and time of the last change of a file; of an array those of its head and of any of its files."""
+    if path.suffix == zarr_records.ENDING:
+        return (path / zarr_records.HEAD).stat().st_size, zarr_records.last_change(path)
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -273,7 +289,6 @@ def _sensors(where: Path, tables: Sequence[Mapping]) -> tuple[Sensor, ...]:
 
 
 def _record_files(folder: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> tuple[RecordFile, ...]:
-    channels = tuple(s.channel for s in sensors)
     endings = (".h5", parquet_records.ENDING, zarr_records.ENDING)
     paths = sorted(path for ending in endings for path in folder.glob(f"*{ending}"))
     if not paths:
@@ -281,19 +296,26 @@ def _record_files(folder: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> 
     files = []
     for path in paths:
         path_inside(path, folder.parent)
-        if path.suffix == parquet_records.ENDING:
-            start, rate, n_sample = parquet_head(input_file(path, "remove it"), sensors)
-            files.append(_checked(path, n_sample, start, rate, rate_hz))
-            continue
-        if path.suffix == zarr_records.ENDING:
-            start, rate, names, n_sample = zarr_head(input_folder(path, remedy="remove it"), sensors)
-            if names is not None:
-                _refuse_renamed(path, names, channels)
-            files.append(_checked(path, n_sample, start, rate, rate_hz))
-            continue
-        with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
-            files.append(_record_file(path, file, rate_hz, sensors))
+        files.append(_scanned(path, rate_hz, sensors))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
+
+
+def _scanned(path: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordFile:
+    array, table = (path.suffix == kind.ENDING for kind in (zarr_records, parquet_records))
+    input_folder(path, remedy="remove it") if array else input_file(path, "remove it")
+    # before the head is read: what takes the file's place meanwhile is not what was scanned
+    with parsing(str(path), "cannot be read", "write it again or remove it"):
+        state = _state(path)
+    if table:
+        start, rate, n_sample = parquet_head(path, sensors)
+    elif array:
+        start, rate, names, n_sample = zarr_head(path, sensors)
+        if names is not None:
+            _refuse_renamed(path, names, tuple(s.channel for s in sensors))
+    else:
+        with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
+            start, rate, n_sample = _hdf5_head(path, file, sensors)
+    return _checked(path, n_sample, start, rate, rate_hz, state)
 
 
 def channels_attribute(channels: tuple[str, ...]) -> str:
@@ -301,7 +323,7 @@ def channels_attribute(channels: tuple[str, ...]) -> str:
     return json.dumps(channels, ensure_ascii=False)
 
 
-def _record_file(path: Path, file, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordFile:
+def _hdf5_head(path: Path, file, sensors: tuple[Sensor, ...]) -> tuple[Any, Any, int]:
     import h5py
 
     n_channel = len(sensors)
@@ -322,7 +344,7 @@ def _record_file(path: Path, file, rate_hz: float, sensors: tuple[Sensor, ...]) 
     if "channels" in data.attrs:
         _refuse_renamed(path, data.attrs["channels"], tuple(s.channel for s in sensors))
     refuse_other_words(str(path), sensors, data.attrs)
-    return _checked(path, int(data.shape[0]), data.attrs["start"], data.attrs["sampling_rate_hz"], rate_hz)
+    return data.attrs["start"], data.attrs["sampling_rate_hz"], int(data.shape[0])
 
 
 def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> None:
@@ -344,7 +366,9 @@ def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> No
                      "into a new folder")
 
 
-def _checked(path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: float) -> RecordFile:
+def _checked(
+    path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: float, state: tuple[int, int]
+) -> RecordFile:
     try:
         own = float(own_rate)
     except (TypeError, ValueError):
@@ -353,14 +377,16 @@ def _checked(path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: f
     if not abs(own - rate_hz) <= 1e-6 * rate_hz:
         raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
                          "correct the one that is wrong")
-    text = start.decode() if isinstance(start, bytes) else str(start)
-    begins = parse_time(text, f"{path}, start")
+    begins = parse_time(_text(start), f"{path}, start")
     # whatever the format, before anything of the length that is declared is made
     if n_sample / rate_hz > LONGEST_RECORD_S:
         raise InputError(str(path), f"declares {n_sample} samples, {n_sample / rate_hz / 86400:.3g} days at "
                          f"{rate_hz:g} Hz", "the file is damaged: write it again, or remove it")
-    found = _head_of(path).stat()
-    return RecordFile(path=path, start=begins, n_sample=n_sample, size=found.st_size, changed_ns=found.st_mtime_ns)
+    return RecordFile(path=path, start=begins, n_sample=n_sample, size=state[0], changed_ns=state[1])
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def parse_time(text: str, where: str) -> pd.Timestamp:

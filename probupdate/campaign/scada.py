@@ -19,6 +19,7 @@ from probupdate.io.schema import Range
 from probupdate.modal.conditions import COLUMNS, misspelt
 from probupdate.modal.modes import refuse_no_celsius
 
+LONGEST_NUMBER = 300
 ROW_MINUTES = 10
 # of any time that a file may state; what counts nanoseconds ends in 2262
 EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-01", tz="UTC")
@@ -111,10 +112,12 @@ def read_scada(
 
 def _numbers(where: str, column: pd.Series) -> pd.Series:
     """As floats; a filler of thirty digits, which is not a number of a machine, too."""
-    number = pd.to_numeric(column, errors="coerce")
-    wrong = (number.isna() & column.notna() & ~column.astype(str).str.strip().str.lower().isin(NOT_A_NUMBER)).to_numpy()
+    text = column.astype(str)
+    # pandas takes so many digits for an integer, which no float holds
+    number = pd.to_numeric(column.mask(text.str.len() > LONGEST_NUMBER), errors="coerce")
+    wrong = (number.isna() & column.notna() & ~text.str.strip().str.lower().isin(NOT_A_NUMBER)).to_numpy()
     if wrong.any():
-        raise InputError(where, f"'{column.iloc[int(np.argmax(wrong))]}' is not a number",
+        raise InputError(where, f"'{text.iloc[int(np.argmax(wrong))]:.80}' is not a number",
                          "correct it, or leave the cell empty where it is unknown")
     return number.astype(float)
 

@@ -16,7 +16,7 @@ from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_json_table
 from probupdate.modal.modes import Sensor
 
-ENDING = ".zarr"
+ENDING, HEAD = ".zarr", "zarr.json"
 # a chunk as eight-byte numbers: it is read whole
 LARGEST_CHUNK = 256 * 2**20
 # ten years at 100 kHz
@@ -31,9 +31,9 @@ def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int
     """Start, sampling rate and names of the channels (None where they are not said) as they are written, and the number
     of samples. Raises InputError where a number or the package zarr is missing."""
     files, n_channel = set(zarr_files(path)), len(sensors)
-    if "zarr.json" not in files:
+    if HEAD not in files:
         raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
-    head = read_json_table(path / "zarr.json", AGAIN, nan=True)
+    head = read_json_table(path / HEAD, AGAIN, nan=True)
     attributes = _checked(path, head)
     shape = head.get("shape")
     if not isinstance(shape, list) or len(shape) != 2 or not all(
@@ -61,11 +61,29 @@ def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int
             json.dumps(names) if isinstance(names, list) else names, int(array.shape[0]))
 
 
-def zarr_rows(path: Path, first: int, last: int) -> np.ndarray:
-    """Rows `first` to `last` (n, n_channel), from the chunks that have some of them."""
+def zarr_rows(path: Path, first: int, last: int) -> tuple[Any, np.ndarray]:
+    """The array's start as it is written, and its rows `first` to `last` (n, n_channel), from the chunks that have some
+    of them."""
     with parsing(str(path), f"samples {first} to {last} cannot be read",
                  "the array is damaged: copy it again, or remove it"), np.errstate(invalid="ignore"):
-        return np.asarray(_opened(path)[first:last], float)
+        array = _opened(path)
+        return array.attrs["start"], np.asarray(array[first:last], float)
+
+
+def last_change(path: Path, first: int = 0, last: int | None = None) -> int:
+    """When any of an array's files and folders, or of those that hold rows `first` to `last`, was last changed in any
+    way (ns): chunks take the place of others of their size and time in a sync."""
+    if last is None:
+        parts = [path / name for name in zarr_files(path)]
+    else:
+        array = _opened(path)
+        rows, columns = (array.shards or array.chunks)
+        parts = [path / HEAD, *(path / array.metadata.encode_chunk_key((i, j))
+                                for i in range(first // rows, -(-min(last, array.shape[0]) // rows))
+                                for j in range(-(-array.shape[1] // columns)))]
+    # a chunk that has gone has changed its folder
+    touched = {*(p for p in parts if p.exists()), *(p.parent for p in parts if p.parent != path and p.parent.exists())}
+    return max((t for p in touched for t in (p.stat().st_mtime_ns, p.stat().st_ctime_ns)), default=0)
 
 
 def zarr_files(path: Path) -> list[str]:

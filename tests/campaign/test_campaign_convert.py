@@ -18,10 +18,12 @@ import scipy.io
 from damage import damaged
 from peer_packages import peer
 
+from probupdate.campaign import converting, table_sources
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.converting import convert
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.sources import opened
 from probupdate.errors import InputError
 
 RATE, START = 10.0, pd.Timestamp("2019-06-03T10:00:00Z")
@@ -444,6 +446,38 @@ def test_the_record_of_conversions_is_in_one_order(job):
         convert(raw, campaign)
     kept = json.loads((campaign / "acceleration" / "converted.json").read_text())
     assert list(kept) == ["20190603100000.npy", "20190603110000.npy"]
+
+
+def test_a_source_that_changes_while_it_is_converted_is_named(job, monkeypatch):
+    raw, campaign = job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
+    np.save(raw / "r.npy", noise(seed=1))
+    np.save(campaign / "other.npy", noise(seed=2))
+    monkeypatch.setattr(converting, "opened", lambda path, *given, **more: (
+        os.replace(campaign / "other.npy", path), opened(path, *given, **more))[1])
+    with pytest.raises(InputError, match=r"r\.npy: changed while it was converted"):
+        convert(raw, campaign)
+    assert not list((campaign / "acceleration").glob("*.h5"))
+
+
+@pytest.mark.parametrize("again", ["corrected", "other factor"])
+def test_what_an_unfinished_conversion_left_is_not_read_beside_the_next(job, monkeypatch, again):
+    monkeypatch.setattr(converting, "FILE_S", 60.0)
+    monkeypatch.setattr(table_sources, "PIECE", 1000)
+    described = 'files = "*.csv"\ntime = "when"' + COLUMNS
+    raw, campaign = job(described)
+    data = noise()
+    rows = table(data, [t.isoformat() for t in stamps()])
+    rows.assign(east=rows["east"].astype(object).where(rows.index != 5500, "oops")).to_csv(raw / "r.csv", index=False)
+    with pytest.raises(InputError, match="oops"):
+        convert(raw, campaign)
+    assert len(records(campaign)) > 2
+    rows.to_csv(raw / "r.csv", index=False)
+    if again == "other factor":
+        job(described + '[factor]\n"a-x" = 1.0\n"a-y" = 1.0\n')
+    found = convert(raw, campaign)
+    assert "of an unfinished conversion removed" in found.notes[0]
+    kept = np.concatenate([part for _, part in records(campaign)])
+    assert kept.shape == data.shape and np.allclose(kept, data, atol=1e-6)
 
 
 def test_broken_files_are_named(job):

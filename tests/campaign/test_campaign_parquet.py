@@ -52,7 +52,7 @@ def test_rows_are_read_by_the_row_groups_that_have_them(folder, monkeypatch, fir
     real = parquet.ParquetFile.read_row_groups
     monkeypatch.setattr(parquet.ParquetFile, "read_row_groups",
                         lambda self, groups, **more: asked.extend(groups) or real(self, groups, **more))
-    rows = parquet_records.parquet_rows(folder / "acceleration" / "a.parquet", ("T-x", "T-y", "T-z"), first, last)
+    _, rows = parquet_records.parquet_rows(folder / "acceleration" / "a.parquet", ("T-x", "T-y", "T-z"), first, last)
     assert np.array_equal(rows, whole[first:last])
     assert asked == [k for k in range(5) if 700 * k < last and min(700 * (k + 1), 3000) > first]
 
