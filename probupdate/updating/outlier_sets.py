@@ -1,8 +1,9 @@
-"""Sets that do not belong to the others' population: one mode's frequency far from what the other sets say.
+"""Sets that do not belong to the others' population: one mode's frequency or shape far from what the other sets say.
 
 ln f of a mode over the sets is a normal about their mean, with what each set states of itself and a scatter that the
 others show; each set is judged by the others alone, so that it does not widen what it is held against. An outlier has
-one mode drawn from a normal WIDE as wide, whichever: a mixture with a stated share of outliers (Box & Tiao 1968).
+one mode drawn from a normal WIDE as wide, or its shape (`outlier_shapes`), whichever: a mixture with a stated share of
+outliers (Box & Tiao 1968).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from scipy import special, stats
 from probupdate.modal.modes import ModalData
 from probupdate.modal.rounding import rounding_std
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.outlier_shapes import ShapeTable
 from probupdate.updating.settings import CONSTANTS
 
 SHARE, WIDE, SURE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide, CONSTANTS.outlier_sure
@@ -25,6 +27,8 @@ FEWEST, PASSES = 4, 4
 LEAST = 1e-6
 # so many sets that are off alike are said one by one
 MOST_SINGLE = 2
+# the reason of an outlier that is no frequency above or below the others'
+SHAPE = "shape"
 # sets on each side of a step; its size over the scatter within both: of a straight drift cut in halves that is
 # 2 sqrt(3) = 3.5, of a sine cut where it crosses its mean 4.1
 FEWEST_SIDE, STEP = 3, 6.0
@@ -33,13 +37,15 @@ FEWEST_SIDE, STEP = 3, 6.0
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OutlierSets:
     """probability (n_set,) of each set to be an outlier; mode (n_set,) the number of the mode that is the most likely
-    reason, and by how much its ln f is off, `off` (n_set,)."""
+    reason, and by how much its ln f is off, `off` (n_set,); mac (n_set,) with what the others say where its shape is
+    the reason, else NaN."""
 
     ids: tuple[str, ...]
     labels: tuple[str, ...]
     probability: np.ndarray
     mode: np.ndarray
     off: np.ndarray
+    mac: np.ndarray
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -48,29 +54,32 @@ class OutlierSets:
 
     @property
     def sentences(self) -> list[str]:
-        alike: dict[tuple[int, bool], list[int]] = {}
+        alike: dict[tuple[int, str], list[int]] = {}
         for k in self.numbers:
-            alike.setdefault((int(self.mode[k]), bool(self.off[k] > 0)), []).append(k)
-        return [sentence for (mode, above), own in alike.items() for sentence in self._sentences(own, mode, above)]
+            how = "above" if self.off[k] > 0 else "below"
+            alike.setdefault((int(self.mode[k]), how if np.isnan(self.mac[k]) else SHAPE), []).append(k)
+        return [sentence for (mode, how), own in alike.items() for sentence in self._sentences(own, mode, how)]
 
-    def _sentences(self, own: Sequence[int], mode: int, above: bool) -> list[str]:
+    def _sentences(self, own: Sequence[int], mode: int, how: str) -> list[str]:
         """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
-        def off(some: Sequence[int]) -> str:
-            size = 100 * np.mean(np.abs(np.expm1(self.off[list(some)])))
-            return (f"{size:.2g} % {'above' if above else 'below'} the other sets'; the population is what the others "
-                    "say")
+        label, rest = self.labels[mode], "the population is what the others say"
 
-        label = self.labels[mode]
+        def off(some: Sequence[int]) -> str:
+            if how == SHAPE:
+                return f"shape of {label} is unlike the other sets' (MAC {self.mac[list(some)].min():.3f}); {rest}"
+            size = 100 * np.mean(np.abs(np.expm1(self.off[list(some)])))
+            return f"frequency of {label} is {size:.2g} % {how} the other sets'; {rest}"
+
         if len(own) <= MOST_SINGLE:
-            return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its frequency of "
-                    f"{label} is {off([k])}" for k in own]
+            return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its {off([k])}"
+                    for k in own]
         return [f"{len(own)} of {len(self.ids)} sets, {self.ids[own[0]]} to {self.ids[own[-1]]}, are outliers with "
-                f"probability {self.probability[own].min():.3f} and more: their frequency of {label} is {off(own)}. So "
-                "many that differ alike are a change: `diagnose` says of what, and since when"]
+                f"probability {self.probability[own].min():.3f} and more: their {off(own)}. So many that differ alike "
+                "are a change: `diagnose` says of what, and since when"]
 
 
 def outlier_sets(data: ModalData) -> OutlierSets:
-    """Of the sets of one structure, by their frequencies."""
+    """Of the sets of one structure, by their frequencies and shapes."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     frequency = np.array([s.frequency_hz for s in data.sets], float)
     stated = np.nan_to_num(np.array([s.frequency_std_hz for s in data.sets], float))
@@ -78,24 +87,31 @@ def outlier_sets(data: ModalData) -> OutlierSets:
     stated = np.hypot(stated, rounding_std(frequency))
     with np.errstate(invalid="ignore", divide="ignore"):
         ln, stated = np.log(frequency), np.nan_to_num(stated / frequency)
-    stated = np.maximum(stated, LEAST)
+    stated, shapes = np.maximum(stated, LEAST), ShapeTable.of(data, ln)
     n_set, n_mode = ln.shape
-    probability, ratio, off = np.zeros(n_set), np.full((n_set, n_mode), -np.inf), np.zeros((n_set, n_mode))
-    counts = near_the_median(ln, stated)
+    # of the frequency and of the shape of each mode
+    ratio, off, mac = np.full((2, n_set, n_mode), -np.inf), np.zeros((n_set, n_mode)), np.ones((n_set, n_mode))
+    probability = np.zeros(n_set)
+    counts = near_the_median(ln, stated) & shapes.near_the_median()
     for _ in range(PASSES if n_set >= FEWEST else 0):
-        for s in range(n_set):
-            for j in np.flatnonzero(np.isfinite(ln[s])):
-                others = np.isfinite(ln[:, j]) & (np.arange(n_set) != s) & counts
-                if others.sum() >= FEWEST - 1:
-                    ratio[s, j], off[s, j] = _log_ratio(ln[s, j], stated[s, j], ln[others, j], stated[others, j])
-        odds = special.logsumexp(ratio, axis=1) - np.log(np.maximum(np.isfinite(ratio).sum(axis=1), 1))
+        for s, j in np.ndindex(n_set, n_mode):
+            others = (np.arange(n_set) != s) & counts
+            same, seen = others & np.isfinite(ln[:, j]), others & shapes.measured(j)
+            if np.isfinite(ln[s, j]) and same.sum() >= FEWEST - 1:
+                ratio[0, s, j], off[s, j] = _log_ratio(ln[s, j], stated[s, j], ln[same, j], stated[same, j])
+            if shapes.measured(j)[s] and seen.sum() >= FEWEST - 1:
+                ratio[1, s, j], mac[s, j] = shapes.log_ratio(s, j, seen)
+        each = np.concatenate(ratio, axis=1)
+        odds = special.logsumexp(each, axis=1) - np.log(np.maximum(np.isfinite(each).sum(axis=1), 1))
         probability = special.expit(odds + np.log(SHARE / (1 - SHARE)))
         if np.array_equal(counts, probability < 0.5):
             break
         counts = probability < 0.5
-    mode = np.argmax(ratio, axis=1)
+    row = np.arange(n_set)
+    kind, mode = np.divmod(np.argmax(np.concatenate(ratio, axis=1), axis=1), n_mode)
     return OutlierSets(ids=tuple(s.id for s in data.sets), labels=labels, probability=frozen_array(probability),
-                       mode=mode, off=frozen_array(off[np.arange(n_set), mode]))
+                       mode=mode, off=frozen_array(off[row, mode]),
+                       mac=frozen_array(np.where(kind == 1, mac[row, mode], np.nan)))
 
 
 def near_the_median(value: np.ndarray, stated: np.ndarray, times: float = 5.0) -> np.ndarray:

@@ -85,6 +85,8 @@ class UpdatingConstants:
     population_r_hat_limit: float = stated(1.02, "-", "R-hat of the population below which it has converged")
     outlier_share: float = stated(0.05, "-", "share of sets that are outliers a priori")
     outlier_wide: float = stated(0.05, "ln f", "standard deviation of the frequency of an outlier's mode")
+    outlier_shape_wide: float = stated(
+        0.3, "-", "length of what an outlier's shape, of unit length, has beside the other sets'")
     outlier_sure: float = stated(0.95, "-", "probability from which a set is left out of the population as an outlier")
     same_angle_deg: float = stated(
         10.0, "deg", "a nacelle that looks farther than this from the other sets' is not a comparable condition")

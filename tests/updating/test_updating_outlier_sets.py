@@ -1,11 +1,14 @@
 """Sets that are none of the others' population are named with their probability, and leave it as it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 from updating_cases import LINEAR_HZ, linear_data, linear_model
 
 from probupdate import verbs
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.updating.joint_set import joint_set
 from probupdate.updating.outlier_sets import outlier_sets, step_between_sets, without_outliers
 
@@ -115,3 +118,46 @@ def test_sets_of_one_population_hardly_ever_show_a_step():
     alarms = sum(bool(step_between_sets(moved(np.zeros(6), seed))) for seed in range(n_draw))
     chance = n_mode * 2 * stats.t.sf(6 / np.sqrt(2 / 3), 4)
     assert alarms <= stats.binom.ppf(0.999, n_draw, chance)
+
+
+def shaped(seed, *, n_set=9, off=0.0, noise=0.01, n_channel=8, turned=0.5, decimals=None):
+    """Four modes, the first two a close pair that turns within its plane from set to set; the third's shape is off in
+    set 3 by `off` of its length, its frequency is not."""
+    rng = np.random.default_rng(seed)
+    own, sets = np.linalg.qr(rng.standard_normal((n_channel, 4)))[0], []
+    for k in range(n_set):
+        shape, angle = own.copy(), turned * rng.standard_normal()
+        shape[:, :2] = own[:, :2] @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        shape += noise * rng.standard_normal(shape.shape)
+        if k == 3:
+            away = rng.standard_normal(n_channel)
+            shape[:, 2] += off * away / np.linalg.norm(away)
+        frequency = np.array([1.0, 1.04, 3.0, 5.0]) * np.exp(NOISE * rng.standard_normal(4))
+        scale = rng.uniform(0.5, 2.0, 4) * np.exp(1j * rng.uniform(0, 6, 4))
+        shape = shape * scale if decimals is None else np.round(shape / np.abs(shape).max(axis=0), decimals)
+        sets.append(ModalSet(id=f"set {k}", frequency_hz=frequency, shape=shape, damping_ratio=np.full(4, 0.01),
+                             frequency_std_hz=NOISE * frequency, shape_std=np.full(shape.shape, np.nan)))
+    return ModalData(channels=tuple(f"c{i}" for i in range(n_channel)), sets=tuple(sets))
+
+
+@pytest.mark.parametrize("kind", [{}, {"n_set": 14}, {"noise": 1e-3}, {"n_channel": 5}, {"decimals": 2}])
+def test_a_shape_that_is_off_alone_is_named(kind):
+    """By ten times what it scatters by."""
+    size = 10 * kind.get("noise", 0.01) * np.sqrt(kind.get("n_channel", 8))
+    found = [outlier_sets(shaped(seed, off=size, **kind)) for seed in range(10)]
+    hits = [x for x in found if x.numbers == (3,) and x.mode[3] == 2 and "its shape of mode 3 is" in x.sentences[0]]
+    assert len(hits) >= 8
+
+
+def test_shapes_of_one_population_are_hardly_ever_outliers():
+    kinds = ({}, {"decimals": 2}, {"turned": 1.5}, {"noise": 0.05}, {"n_channel": 4})
+    assert sum(len(outlier_sets(shaped(seed, **kind)).numbers) for seed in range(8) for kind in kinds) <= 2
+
+
+def test_channels_that_some_sets_lack_and_one_sensor_say_nothing_of_shapes():
+    data = shaped(1, off=0.5)
+    lost = [replace(s, shape=np.where(np.arange(8)[:, None] == k % 3, np.nan, s.shape))
+            for k, s in enumerate(data.sets)]
+    assert outlier_sets(replace(data, sets=tuple(lost))).numbers == (3,)
+    one = tuple(s.of_channels([0]) for s in data.sets)
+    assert outlier_sets(ModalData(channels=data.channels[:1], sets=one)).numbers == ()
