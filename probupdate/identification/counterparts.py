@@ -25,6 +25,8 @@ SURE_FREQUENCY, WRONG_MAC, ALL_NEAR = CONSTANTS.sure_frequency, CONSTANTS.wrong_
 # of fewer modes all may be near others by chance
 FEWEST_SOUGHT = 4
 LEAST_SIZE = CONSTANTS.least_size
+# so many modes of the model that were not asked for are said one by one; probability from which a mode looks like one
+MOST_SINGLE, LIKELY = 2, 0.5
 # blocks that are compared at most, evenly over those that have the mode
 MOST_BLOCKS = 200
 SEEN = CONSTANTS.seen
@@ -229,6 +231,32 @@ def _model_only(
     return tuple(result)
 
 
+def counterpart_words(one: ModeRecord) -> str:
+    """Of a measured mode that is none of the model's, whether another measured mode has the one that it looks like."""
+    label, probability = next(iter(one.alternatives), ("", 0.0))
+    return (f"looks like the model's {label}, which another measured mode is: the same mode before or after a change, "
+            "or a second one of that shape" if probability > LIKELY else "has no counterpart in the model")
+
+
+def further_modes(records: Sequence[ModeRecord]) -> list[ModeRecord]:
+    """Measured modes that the model has, of which it was not asked to have a name."""
+    return [one for one in records if one.match == "alike" and one.label != one.model_label and one.found]
+
+
+def further_modes_left_out(records: Sequence[ModeRecord]) -> list[str]:
+    """Why an update leaves these out: a sentence each, of many one for all."""
+    end = "not of interest; --every-mode takes those that are alike"
+    if len(records) > MOST_SINGLE:
+        return [f"{len(records)} modes, {_listed(records)}: {end} (frequencies and MAC in the file of the modal sets)"]
+    return [f"{one.label} ({one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks): the model's "
+            f"{one.model_label} (MAC {one.mac:.2f}), {end}" for one in records]
+
+
+def _listed(further: Sequence[ModeRecord]) -> str:
+    return (f"{', '.join(one.label for one in further)}, which are the model's "
+            f"{', '.join(one.model_label for one in further)}")
+
+
 def unmatched_sentences(data: ModalData) -> list[str]:
     """The same of modes that were written: of a file's records, where it has any."""
     wanted = [r.label for r in data.records if not r.label.isdigit()]
@@ -246,10 +274,15 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
                 f"{place} looks unlike the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz: MAC "
                 f"{one.mac:.2f}{scatter}; kept by that name, as nothing else of the model is nearer")
         elif one.match == "none" and one.found:
-            lines.append(f"{place} has no counterpart in the model; kept as mode {one.label}")
-        elif one.match == "alike" and one.label != one.model_label and one.found:
-            lines.append(f"{place} is the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC "
-                         f"{one.mac:.2f}); kept as mode {one.label}")
+            lines.append(f"{place} {counterpart_words(one)}; kept as mode {one.label}")
+    further = further_modes(records)
+    if len(further) > MOST_SINGLE:
+        lines.append(f"{len(further)} modes, {_listed(further)}, were not asked for; they are kept by number "
+                     "(frequencies and MAC in the file)")
+    else:
+        lines += [f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks, is the model's "
+                  f"{one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC {one.mac:.2f}); kept as mode {one.label}"
+                  for one in further]
     for one in lacking:
         if one.expected or one.label in wanted:
             why = "although the excitation should show it" if one.expected else "which the excitation may not show"

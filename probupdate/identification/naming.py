@@ -17,7 +17,7 @@ from probupdate.identification.physical import PhysicalModes, stays
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice
 from probupdate.io.result_table import plural
-from probupdate.modal.joined_modes import columns_of, modes_with_two_numbers
+from probupdate.modal.joined_modes import columns_of, frequencies_around, modes_with_two_numbers, same_mode_words
 from probupdate.modal.modes import ModalSet, ModelMode, ModeRecord
 
 T = TypeVar("T")
@@ -70,9 +70,11 @@ def name_modes(
     name = dict(zip(columns, labels, strict=True))
     name |= {b: name[a] for a, b, _ in two if a in name}
     for change in sorted({k for _, _, k in two}):
-        those = ", ".join(name[a] for a, _, k in two if k == change and a in name)
-        notes.append(f"from {sets[change].id} on {those} with other shapes near the same frequency: taken as the same "
-                     "modes, which changed then or are measured otherwise")
+        those = [pair for pair in two if pair[2] == change and pair[0] in name]
+        around = [frequencies_around(sets, (a, a, k)) for a, _, k in those]
+        if those:
+            notes.append(f"from {sets[change].id} on {', '.join(name[a] for a, _, _ in those)} found "
+                         f"{same_mode_words(around)}")
     return NamedModes(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels,
                       records=records, model_only=lacking, notes=(*notes, *said), sets=own,
                       mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, list(columns)]))

@@ -19,8 +19,9 @@ FEWEST = 8
 PRESENT, ABSENT = 0.8, 0.25
 # what an id that is a time begins with
 TIME = re.compile(r"\d{4}-\d\d")
-# this near in ln f, or if as alike as far
-SAME_PLACE, MOVED_PLACE, ALIKE_MAC = 0.02, 0.10, 0.5
+# in ln f: this near whatever the shapes are, and so far times MAC squared: half the stiffness moves a mode of the same
+# shape by a third
+SAME_FREQUENCY, MOVED_FREQUENCY = 0.02, 0.4
 
 
 def join_modes(data: ModalData) -> tuple[ModalData, list[str]]:
@@ -76,10 +77,28 @@ def _notes(sets: Sequence[ModalSet], labels: Sequence[str], pairs: Sequence[tupl
     """What to say of them, a sentence for each change."""
     said = []
     for change in sorted({k for _, _, k in pairs}):
-        before, after = ([labels[pair[end]] for pair in pairs if pair[2] == change] for end in (0, 1))
-        said.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} near the same "
-                    "frequency: taken as the same modes, which changed then or are measured otherwise")
+        those = [pair for pair in pairs if pair[2] == change]
+        before, after = ([labels[pair[end]] for pair in those] for end in (0, 1))
+        said.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} "
+                    f"{same_mode_words([frequencies_around(sets, pair) for pair in those])}")
     return said
+
+
+def frequencies_around(sets: Sequence[ModalSet], pair: tuple[int, int, int]) -> tuple[float, float]:
+    """Median frequency [Hz] of the first mode before the change and of the second from it on."""
+    a, b, k = pair
+    return (float(np.nanmedian([s.frequency_hz[a] for s in sets[:k]])),
+            float(np.nanmedian([s.frequency_hz[b] for s in sets[k:]])))
+
+
+def same_mode_words(around: Sequence[tuple[float, float]]) -> str:
+    """Why modes are taken as one: `around` their frequencies before and after the change."""
+    same = "taken as the same mode" + "s" * (len(around) > 1)
+    if all(abs(np.log(after / before)) <= SAME_FREQUENCY for before, after in around):
+        return f"with another shape near the same frequency: {same}, as the structure or the sensors changed then"
+    moved = ", ".join(f"{before:.4g}, then {after:.4g} Hz, {100 * (after / before - 1):+.2g} %"
+                      for before, after in around)
+    return f"with a similar shape at another frequency ({moved}): {same}, as the structure changed then"
 
 
 def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
@@ -115,5 +134,5 @@ def _difference(before: Sequence[ModalSet], after: Sequence[ModalSet]) -> float:
     alike = mac(a, b)
     # frequencies alone are alike in shape to none
     median_mac = float(np.median(alike[np.isfinite(alike)])) if np.isfinite(alike).any() else 0.0
-    same = away <= SAME_PLACE or (away <= MOVED_PLACE and median_mac >= ALIKE_MAC)
-    return away / SAME_PLACE + 1 - median_mac if same else np.inf
+    same = away <= max(SAME_FREQUENCY, MOVED_FREQUENCY * median_mac**2)
+    return away / SAME_FREQUENCY + 1 - median_mac if same else np.inf

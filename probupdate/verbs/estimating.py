@@ -112,6 +112,8 @@ def unmatched(
 ) -> dict[str, tuple[str, ...]]:
     """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
     out', and on those that are 'taken' although they look unlike the model's."""
+    from probupdate.identification.counterparts import counterpart_words, further_modes_left_out
+
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
     used = chosen_modes(whole, only, every_mode).labels
     left, taken = [], []
@@ -125,10 +127,9 @@ def unmatched(
             taken.append(f"{place}: MAC {one.mac:.2f} with the model's {one.model_label}, which it looks unlike; a "
                          "parameter that bends that shape may be missing (probupdate diagnose)")
         elif one.label not in used and one.match == "none":
-            left.append(f"{place}: no mode of the model is like it")
-        elif one.label not in used:
-            left.append(f"{place}: the model's {one.model_label} (MAC {one.mac:.2f}), not one of interest; "
-                        "--every-mode takes those that are alike")
+            left.append(f"{place} {counterpart_words(one)}")
+    left += further_modes_left_out([one for one in whole.records if one.found and one.match not in ("", "none")
+                                    and one.label not in used and not (only and one.label not in only)])
     left += [f"the model's {one.label} ({one.frequency_hz:.4g} Hz): in no block, although the excitation should show it"
              for one in whole.model_only if one.expected]
     return {"left out": tuple(left), "taken": tuple(taken)}

@@ -55,7 +55,7 @@ def test_a_channel_that_is_reversed_amid_the_record_is_named_where_its_modes_hav
     (finding,) = found.findings
     row.equal((found.verdict, finding.cause, finding.location, finding.time_profile, finding.time_profile_start),
               ("named", "sensor polarity", "y5", "step", data.sets[22].id))
-    said = f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2 near the same frequency"
+    said = f"from {data.sets[22].id} on 5, 6, 7, 8 instead of X1, Y1, X2, Y2 with another shape near"
     assert any(note.startswith(said) for note in found.notes)
     corrected, _ = join_modes(data)
     assert corrected.labels == NAMES and all(s.measured.all() for s in corrected.sets)
@@ -88,13 +88,29 @@ def test_modes_that_come_and_go_or_have_names_or_are_elsewhere_stay_two(record):
     assert join_modes(few) == (few, [])
 
 
+@pytest.mark.parametrize(("share", "mixed", "one"), [(0.89, 0.1, True), (1.3, 0.1, True), (0.89, 1.5, False),
+                                                   (0.5, 0.0, False)])
+def test_a_mode_may_move_the_farther_the_more_its_shape_stays(record, share, mixed, one):
+    """An eighth of the frequency with the shape nearly the same is one mode that changed, half of it is another."""
+    data, sets = record(9), []
+    for k, s in enumerate(data.sets):
+        shape = s.shape[:, 0] + mixed * np.linalg.norm(s.shape[:, 0]) / np.linalg.norm(s.shape[:, 2]) * s.shape[:, 2]
+        moved = replace(s, frequency_hz=[share * s.frequency_hz[0], *s.frequency_hz[1:]],
+                        shape=np.column_stack([shape, s.shape[:, 1:]]))
+        sets.append(s.of_modes([0, -1]) if k < 20 else moved.of_modes([-1, 0]))
+    joined, notes = join_modes(ModalData(channels=data.channels, sets=tuple(sets), labels=("X1", "2")))
+    assert (joined.n_mode == 1) is one and len(notes) == one
+    assert not one or f"Hz, {100 * (share - 1):+.2g} %): taken as the same mode" in notes[0]
+
+
 def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order(record):
     data = record(6)
     sets = [s.of_modes([0, -1] if k < 12 else [-1, 0]) for k, s in enumerate(data.sets)]
     sets[3] = data.sets[3].of_modes([0, 1])
     made = ModalData(channels=data.channels, sets=tuple(sets[::-1]), labels=("2", "X1"))
     one, notes = join_modes(made)
-    assert one.labels == ("X1",) and notes[0].startswith(f"from {data.sets[12].id} on X1 instead of 2 near")
+    assert one.labels == ("X1",)
+    assert notes[0].startswith(f"from {data.sets[12].id} on X1 instead of 2 with another shape near")
     assert [s.frequency_hz[0] for s in one.sets] == [s.frequency_hz[0] for s in data.sets[::-1]]
     assert join_modes(replace(made, labels=()))[0].n_mode == 1
 
