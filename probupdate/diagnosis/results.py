@@ -112,7 +112,7 @@ class Diagnosis:
         for f in content["findings"]:
             score = [f"z = {f['z']:z.1f}"] if f["z"] is not None else []
             said = ", ".join([*score, wording.cause_probability_words(f)])
-            lines.append(f"  {wording.finding_words(f)}; {said}")
+            lines.append(f"  {wording.finding_words(f, content)}; {said}")
             lines_of = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]),
                         ("on held-out blocks", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in lines_of if text]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -194,9 +194,7 @@ def _with_larger_error(
             continue
         if found.verdict == "unexplained":
             break
-        findings = [asdict(f) | {"since": f.time_profile_start} for f in found.findings]
-        error = {"frequency": share, "shape": scale * DISCREPANCY_SHAPE}
-        said = [larger_error_words(error, found.verdict, findings)]
+        said = [larger_error_words({"frequency": share, "shape": scale * DISCREPANCY_SHAPE}, found.content())]
     return said
 
 

@@ -6,12 +6,16 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 
+from probupdate.effects.catalogue import OWN_PARAMETER
+
 # causes whose size is a share of something, stated in per cent
 SHARES = (
     "brace stiffness lost", "joints loosened", "leg stiffness lost", "soil stiffness", "lateral soil stiffness",
     "axial soil stiffness", "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
     "soil softens with amplitude", "crosstalk", "stiffness with temperature",
 )
+# changes within the record
+CHANGES = ("step", "ramp")
 # causes that are there or not: a limit of their size says nothing but that they would be seen
 DISCRETE = {"swapped channels": "exchanged", "sensor polarity": "reversed"}
 # large units of elementary parts
@@ -62,26 +66,56 @@ def column_words(column: str) -> str:
 
 
 def name_of(row: Mapping) -> str:
+    """"sensor gain, TP-C-y"; "parameter k_1" of the model's own."""
+    if row["cause"] == OWN_PARAMETER:
+        return f"parameter {row['location']}"
     return f"{row['cause']}, {row['location']}" if row.get("location") else str(row["cause"])
 
 
-def finding_words(finding: Mapping) -> str:
-    """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
-    size = DISCRETE.get(finding["cause"]) or amount(finding["size"], finding.get("size_std"), finding["unit"],
-                                                    finding["cause"])
+def finding_words(finding: Mapping, content: Mapping) -> str:
+    """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record", a finding of this diagnosis.json."""
     profile = time_profile_words(finding.get("time_profile", "constant"), finding.get("since", ""))
-    return f"{name_of(finding)}: {size}, {profile}"
+    return f"{name_of(finding)}: {size_words(finding, content)}, {profile}"
+
+
+def size_words(finding: Mapping, content: Mapping) -> str:
+    """"+12.0 +- 0.9 %"; of the model's own parameters the values before and after, "from 1.29 to 0.91 (-29 +- 3 %)"."""
+    size, std, unit = finding["size"], finding.get("size_std"), finding["unit"]
+    change = DISCRETE.get(finding["cause"]) or amount(size, std, unit, finding["cause"])
+    before = value_before(finding, content)
+    if before is None or size is None:
+        return change
+    if before:
+        change = amount(size / abs(before), None if std is None else std / abs(before), "-", SHARES[0])
+    per = f" {unit}" if unit not in ("", "-") else ""
+    return f"from {before:.3g} to {before + size:.3g}{per} ({change})"
+
+
+def value_before(finding: Mapping, content: Mapping) -> float | None:
+    """Of one of the model's own parameters that changed within the record, its value before: as fitted, and with what
+    it had changed already. None of other findings."""
+    if finding["cause"] != OWN_PARAMETER or finding.get("time_profile") not in CHANGES:
+        return None
+    fitted = next((p for p in content.get("parameters", ()) if p["name"] == finding["location"]), {})
+    value = fitted.get("value_after", fitted.get("value"))
+    earlier = [f["size"] for f in content["findings"] if f["cause"] == OWN_PARAMETER and f.get("time_profile") == "step"
+               and f["location"] == finding["location"] and f.get("since", "") < finding.get("since", "")]
+    return None if value is None or None in earlier else value + sum(earlier)
 
 
 def changes_of_structure(content: Mapping | None) -> tuple[str, ...]:
     """Findings of a diagnosis.json with which the structure itself changed within the record, in words."""
-    return tuple(finding_words(f) for f in (content or {}).get("findings", ())
-                 if f["kind"] == "structural" and f.get("time_profile") in ("step", "ramp"))
+    return tuple(finding_words(f, content) for f in structural_changes(content or {}))
+
+
+def structural_changes(content: Mapping) -> list[Mapping]:
+    """Findings with which the structure itself changed within the record."""
+    return [f for f in content.get("findings", ()) if f["kind"] == "structural" and f.get("time_profile") in CHANGES]
 
 
 def found_words(content: Mapping) -> list[str]:
     """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
-    return [finding_words(f) for f in content["findings"]] or [
+    return [finding_words(f, content) for f in content["findings"]] or [
         f"no row, but something like {_with_article(name_of(part))}" for part in _parts(content) if part["elementary"]]
 
 
@@ -160,12 +194,12 @@ def nearest_part_words(found: Mapping) -> str:
             f"{gain_words(found)}")
 
 
-def larger_error_words(error: Mapping[str, float], verdict: str, findings: Sequence[Mapping]) -> str:
-    """Of a record that is unexplained, what explains it if the model is known no better than this."""
-    found = "; ".join(finding_words(f) for f in findings) or "nothing beyond that"
+def larger_error_words(error: Mapping[str, float], content: Mapping) -> str:
+    """Of a record that is unexplained, what explains it (`content`) if the model is known no better than this."""
+    found = "; ".join(finding_words(f, content) for f in content["findings"]) or "nothing beyond that"
     return (f"if the model were known no better than {error_words(error)} (--discrepancy {error['frequency']:g}), the "
-            f"record would be explained ({verdict}): {found}; what no row describes passes for the model's error then, "
-            "so state it only where that is all it can be")
+            f"record would be explained ({content['verdict']}): {found}; what no row describes passes for the model's "
+            "error then, so state it only where that is all it can be")
 
 
 def probability_words(p: float | None) -> str:
@@ -326,7 +360,13 @@ def best_detectable(content: Mapping, count: int) -> list[Mapping]:
 def detectable_words(entry: Mapping, content: Mapping) -> str:
     """What of a cause is detected nine times in ten where it is so throughout, and from which size on where it begins
     within the record: what is normal hides much less of a change."""
+    fitted = {p["name"]: p.get("value_after", p.get("value")) for p in content.get("parameters", ())}
+
     def size(row: Mapping) -> str:
+        value = fitted.get(row["location"]) if row["cause"] == OWN_PARAMETER else None
+        if value:
+            share = amount(abs(row["size"] / value), None, "-", SHARES[0])
+            return f"{share} of {value:.3g} {row['unit'].removeprefix('-')}".strip().lstrip("+")
         return amount(abs(row["size"]), None, row["unit"], row["cause"]).lstrip("+")
 
     begun = [size(x) for x in content.get("detectable_sizes", ()) if x["time_profile"] == "step"

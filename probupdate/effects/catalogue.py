@@ -38,6 +38,9 @@ LATE_MS = 200.0
 # channels.
 WARMS_ODDS, RATE_ODDS, RATE_STEP_ODDS = 10.0, 0.3, 0.003
 
+# the cause that is a change of one of the model's own parameters; its place is the parameter's name
+OWN_PARAMETER = "parameter"
+
 # complex shapes (n_channel, k) of modes near frequency_hz, and a size -> shapes, and what is added to their ln f
 Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
 
@@ -88,6 +91,8 @@ class Effect:
 
     @property
     def name(self) -> str:
+        if self.cause == OWN_PARAMETER:
+            return f"{self.cause} {self.location}"
         return f"{self.cause}, {self.location}" if self.location else self.cause
 
     @property
@@ -467,8 +472,8 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
     """Every updated parameter beyond what its prior expects, or moving along the record."""
     return tuple(
         Effect(
-            kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, prior_scale=3 * p.std,
-            lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
+            kind="structural", cause=OWN_PARAMETER, location=p.name, unit=p.unit, tolerance=p.std,
+            prior_scale=3 * p.std, lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
             time_profiles=("constant", "step", "ramp"),
             signature=p.description or f"that of {p.name}", check=f"inspect the part that {p.name} describes",
         )

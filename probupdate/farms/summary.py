@@ -101,7 +101,7 @@ def _row(month: Month, farm: Farm, state: MonthState | None, folder: Path) -> Mo
         if "diagnose" in state.finished:
             content = read_diagnosis(folder / "diagnosis.json")
             row = replace(row, verdict=content["verdict"], p_value=content["p_value"],
-                          findings=tuple(finding_words(f) for f in content["findings"]),
+                          findings=tuple(finding_words(f, content) for f in content["findings"]),
                           causes=tuple(name_of(f) for f in content["findings"]))
     except InputError as error:
         row = replace(row, failed_step=row.failed_step or "summary", failed=row.failed or str(error))

@@ -7,6 +7,7 @@ from itertools import zip_longest
 from statistics import NormalDist
 
 from probupdate.diagnosis import wording
+from probupdate.effects.catalogue import OWN_PARAMETER
 from probupdate.io.result_table import plural
 from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import (
@@ -56,7 +57,7 @@ def diagnosis_section(run: Run) -> Section | None:
     if hidden:
         items.insert(0, _table_of_hidden_and_found(hidden, wording.found_words(content)))
     if content["findings"]:
-        items.append(_findings_table(content["findings"]))
+        items.append(_findings_table(content))
         items.append(_picture(
             figures.causes(content["findings"]), "causes", "Probability of the cause of each finding (filled) and "
             "of its competing hypotheses (hatched), by their evidence."))
@@ -140,13 +141,13 @@ def _table_of_hidden_and_found(hidden: Sequence[str], found: Sequence[str]) -> T
                       "is −25 %.")
 
 
-def _findings_table(findings: Sequence[Mapping]) -> Table:
+def _findings_table(content: Mapping) -> Table:
     rows = tuple(
         (str(k), f["kind"], wording.name_of(f),
-         typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
+         typeset(wording.size_words(f, content)),
          wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
          fixed(f["posterior_probability"], 2), number(wording.prior_probability(f), 2), wording.alternatives_words(f))
-        for k, f in enumerate(findings, start=1)
+        for k, f in enumerate(content["findings"], start=1)
     )
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
                Column(name="size with standard "
@@ -348,7 +349,7 @@ def _detectable_sizes(content: Mapping) -> list[Element]:
 
 def _unseen(static: Sequence[Mapping]) -> list[Notice]:
     """Candidates that no size they can have would show; the model's own parameters are estimated, not sought."""
-    names = sorted({wording.name_of(x) for x in static if not x.get("size") and x["cause"] != "parameter"})
+    names = sorted({wording.name_of(x) for x in static if not x.get("size") and x["cause"] != OWN_PARAMETER})
     if not names:
         return []
     return [Notice(level="plain", text=(

@@ -17,6 +17,7 @@ from probupdate.diagnosis.wording import (
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
+from probupdate.reporting.states import changes_within, step_words
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
@@ -31,6 +32,10 @@ MANY_FALLBACKS = 0.2
 NO_CHANCE = 0.01
 # standardised shift of one parameter beyond which it is said without a diagnosis; a prior is rarely better known
 FAR_SHIFT = 2.0
+
+
+# what is wrong with an update of sets before and after a change, which the answer has said already
+NEITHER_STATE = "update and posterior are of neither state"
 
 
 def check_priors(names: Sequence[str]) -> str:
@@ -54,7 +59,8 @@ def findings(run: Run) -> tuple[Finding, ...]:
     """The worst first, otherwise in the order in which they matter."""
     found = [Finding(level="warning", short="parts of this run do not belong together", text=text,
                      action="Run the steps again in one directory.") for text in run.warnings]
-    for part in (_fit_findings, _sampler_findings, _diagnosis_findings, _shift_findings, _update_findings):
+    for part in (_step_findings, _fit_findings, _sampler_findings, _diagnosis_findings, _shift_findings,
+                 _update_findings):
         found += part(run)
     return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
 
@@ -122,6 +128,9 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
     if content is None or content["verdict"] == "none" or (run.included and content["verdict"] == "named"):
         return []
     named = "; ".join(found_words(content))
+    if content["verdict"] == "named" and run.update is not None and changes_within(run):
+        return [Finding(level="warning", short=NEITHER_STATE,
+                        text=typeset(f"{verdict_words(content)} Found: {named}."), action=_state_advice(content))]
     actions = [] if run.included else _extension_advice(content)
     actions += [full_sentence(one) for one in own_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
@@ -135,6 +144,29 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
                     "the diagnosis found what the model does not describe",
                     text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
                     action=" ".join(actions))]
+
+
+def _state_advice(content: Mapping) -> str:
+    """How the state after a change is updated alone."""
+    extension = content.get("extension") or {}
+    mean = (extension.get("files") or {}).get("mean")
+    if not mean:
+        return "Update the sets before and those after the change each by themselves."
+    model = content.get("extended_model") or "MODEL"
+    return ("Update and sample the state after the change alone, with what was found in the model: `probupdate update "
+            f"--model {model} --modes {mean}`, and `sample` likewise.")
+
+
+def _step_findings(run: Run) -> list[Finding]:
+    """Frequencies that step between the sets of an update, where no diagnosis was made or none that explains them."""
+    words = step_words(run)
+    if not words or (run.diagnosis is not None and run.diagnosis["verdict"] != "unexplained"):
+        return []
+    action = ("Run `probupdate diagnose` with this model and these sets: it says what changed, and has the parameters "
+              "before and after." if run.diagnosis is None else
+              "Update the sets before and those after the step each by themselves.")
+    return [Finding(level="warning", short="frequencies step between the sets, so that they are of neither state",
+                    text=full_sentence(words), action=action)]
 
 
 def checks(content: Mapping) -> list[str]:

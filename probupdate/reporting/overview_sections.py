@@ -29,7 +29,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, Finding, checks, evaluations, findings, worst
+from probupdate.reporting.findings import MANY_FALLBACKS, NEITHER_STATE, Finding, checks, evaluations, findings, worst
 from probupdate.reporting.identifiability import (
     BOUND,
     KNOWN,
@@ -43,6 +43,7 @@ from probupdate.reporting.identifiability import (
 from probupdate.reporting.measurement_sections import passing
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
+from probupdate.reporting.states import NINETY, changes_within, state_table, step_words
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
@@ -51,8 +52,6 @@ from probupdate.updating.update_file import SETS, UpdateRecord, blunt, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
-# half of a 90 % interval in standard deviations
-NINETY = 1.645
 
 
 def verdict_section(run: Run) -> Section:
@@ -97,8 +96,11 @@ def conclusion(run: Run) -> list[str]:
         return said
     for table in _parameters_to_use(run, found):
         if isinstance(table, Table):
+            rows = _plain_rows(run, update)
+            if changes_within(run):
+                rows = [tuple(column.name for column in table.columns), *table.rows]
             said.append(f"{table.caption}:")
-            said += [f"  {'  '.join(cell for cell in row if cell != MISSING)}" for row in _plain_rows(run, update)]
+            said += [f"  {'  '.join(cell for cell in row if cell != MISSING)}" for row in rows]
     if run.paper is not None:
         after = {p.name: value for p, value in zip(run.paper.parameters, run.paper.map_theta, strict=True)}
         named = [p.name for p in _informed_parameters(run, update) if p.name in after]
@@ -108,9 +110,10 @@ def conclusion(run: Run) -> list[str]:
     return said
 
 
-def _plain_rows(run: Run, update: UpdateRecord) -> list[tuple[str, ...]]:
+def _plain_rows(run: Run, update: UpdateRecord) -> list[Sequence[str]]:
     after, known = estimate(update, run.posterior), (run.truth or {}).get("parameters") or {}
-    rows, used = [], [p.name for p in _informed_parameters(run, update)]
+    rows: list[Sequence[str]] = []
+    used = [p.name for p in _informed_parameters(run, update)]
     for k, p in enumerate(update.parameters):
         if p.name in used:
             interval = MISSING if after.low is None or after.high is None else (
@@ -137,8 +140,11 @@ def _sizes_by_change(run: Run) -> dict[str, float]:
 
 
 def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
-    """The parameters with their intervals, or of a diagnosis alone those of its own fit."""
-    update = run.update
+    """The parameters with their intervals; of a structure that changed within its record those of each state, and of a
+    diagnosis alone those of its own fit."""
+    update, changes = run.update, changes_within(run)
+    if run.diagnosis is not None and changes and run.diagnosis["parameters"]:
+        return [state_table(run.diagnosis, changes)]
     if update is None:
         rows = (run.diagnosis or {}).get("parameters") or ()
         return [_diagnosed_parameters(rows)] if rows else []
@@ -166,10 +172,12 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     columns += [Column(name="truth")] if known else []
     left = [p.name for p in update.parameters if p.name not in used]
     note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
-    if of_sets := update.settings.get(SETS, "").split(";")[0]:
-        note = f"{full_sentence(of_sets)} {note}".strip()
-    refused = bool(found) and found[0].level == "warning"
-    return [Table(caption="Parameters, provisional" if refused else "Parameters to use, with their intervals",
+    of_sets = update.settings.get(SETS, "").split(";")[0] or f"these numbers are of set {update.set_id}"
+    note = f"{full_sentence(of_sets)} {note}".strip()
+    caption = "Parameters to use, with their intervals"
+    if found and found[0].level == "warning":
+        caption = "Parameters of the mean of two states, of neither" if step_words(run) else "Parameters, provisional"
+    return [Table(caption=caption,
                   columns=tuple(columns), rows=tuple(rows), note=note, width="half")]
 
 
@@ -197,7 +205,7 @@ def _findings_list(run: Run) -> list[Items]:
     said = []
     for f in content["findings"]:
         gain = wording.gain_words(f)
-        said.append(typeset_with_stop(wording.finding_words(f)
+        said.append(typeset_with_stop(wording.finding_words(f, content)
                                       + (f"; held-out blocks: {gain}" if gain else "")))
     said += [typeset_with_stop(s) for s in wording.free_form_words(content)]
     if not said:
@@ -249,7 +257,7 @@ def _diagnosed_words(run: Run) -> str:
     content = run.diagnosis
     if content is None:
         return ""
-    named = "; ".join(typeset(wording.finding_words(f)) for f in content["findings"])
+    named = "; ".join(typeset(wording.finding_words(f, content)) for f in content["findings"])
     several = len(content["findings"]) > 1
     if content["verdict"] == "none":
         changes = ", ".join(changed_parameters(content))
@@ -272,26 +280,41 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         done = "Modes were identified; no" if run.modes is not None else "No"
         return f"{done} model has been updated in this run."
     before = percent(_worst(update.measured_hz, update.initial_hz))
-    after = percent(_worst(update.measured_hz, estimate(update, run.posterior).frequency_hz))
+    after = _after_words(update, run.posterior)
     its = f"the model {'with the finding' + ('s' if len(run.diagnosis['findings']) > 1 else '') + ' in it'}" if (
         run.diagnosis is not None and run.included) else "the updated model"
-    if misses(update):
+    if changes_within(run):
+        its = "the update of this run is" if run.posterior is None else "update and posterior of this run are"
+        words = (f"{its} of the sets before and after that together, so of neither state; the table has the parameters "
+                 "of each")
+    elif misses(update):
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"{its} does not fit: it misses the measurement by {ratio} times the stated standard deviations, the "
-                 f"worst frequency of {compared_words(update)} by {after} % ({before} % before)")
+                 f"worst frequency of {compared_words(update)} by {after} ({before} % before)")
     elif blunt(update):
         words = (f"{its} was not tested: standard deviations this wide let any fit, the worst frequency of "
-                 f"{compared_words(update)} is off by {after} % ({before} % before)")
+                 f"{compared_words(update)} is off by {after} ({before} % before)")
     else:
-        words = f"{its} fits {compared_words(update)} within {after} % ({before} % before)"
+        words = f"{its} fits {compared_words(update)} within {after} ({before} % before)"
     sentence = full_sentence(f"{start}; {words}" if start else words)
     if run.posterior is None:
         sentence += " No posterior was sampled."
     if not found:
         return f"{sentence} No check speaks against the parameters."
-    reasons = "; ".join(f.short for f in found if f.level == found[0].level)
+    reasons = "; ".join(f.short for f in found if f.level == found[0].level and f.short != NEITHER_STATE)
+    if not reasons:
+        return sentence
     start = "Do not rely on the parameters yet" if found[0].level == "warning" else "Use the parameters with care"
     return f"{sentence} {start}: {reasons}."
+
+
+def _after_words(update: UpdateRecord, posterior: Posterior | None) -> str:
+    """The worst frequency error after the update and of which estimate it is: as `update` has it, and of the posterior
+    where that was sampled."""
+    chosen, at_map = estimate(update, posterior), percent(_worst(update.measured_hz, update.map_hz))
+    after = percent(_worst(update.measured_hz, chosen.frequency_hz))
+    other = f" ({at_map} % at the MAP)" if posterior is not None and at_map != after else ""
+    return f"{after} % at the {chosen.name}{other}"
 
 
 def _join_names(names: list[str]) -> str:
@@ -303,7 +326,7 @@ def _keep(names: list[str]) -> str:
 
 
 def _lead(run: Run) -> str:
-    if run.update is None:
+    if run.update is None or changes_within(run):
         return ""
     found = identifiabilities(run.update, run.posterior)
     known, partly, kept, bound = (names_of(found, kind) for kind in (KNOWN, PARTLY, PRIOR, BOUND))
@@ -375,8 +398,11 @@ def _sets_tile(run: Run, modes: ModalData) -> Tile:
     if run.selection is not None:
         passed = passing(run.selection)
         detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
+    if run.update is not None and run.update.set_id not in {s.id for s in modes.sets}:
+        # of all sets together, or of a mean that the diagnosis made: none of those selected
+        detail += f"; the update is of {run.update.set_id}"
     value = f"{selected} of {blocks}" if selected is not None else str(blocks)
-    return Tile(label="sets used" if selected is not None else "modal sets", value=value, detail=detail)
+    return Tile(label="sets selected" if selected is not None else "modal sets", value=value, detail=detail)
 
 
 def _fit_tile(update: UpdateRecord) -> Tile:
@@ -429,6 +455,7 @@ def _parameter_table(run: Run, update: UpdateRecord) -> Table:
     else:
         note = ("After: the most probable value (MAP). Width over prior: standard deviation of the Gaussian "
                 "approximation at the MAP over the prior's, as nothing was sampled.")
+    note = f"{'Of all sets together, of neither state. ' if changes_within(run) else ''}{note}"
     note += (f" Strongly identified: below {STRONG}; keeps its prior: above {BLIND}. At a bound the bound decides. "
              "Standardised shift: of the value after, in standard deviations of the prior.")
     return Table(caption="What is known of each parameter", columns=tuple(columns), rows=tuple(rows),

@@ -149,9 +149,9 @@ def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
     return replace(data, sets=kept, reference_set=reference), found.sentences
 
 
-def step_between_sets(data: ModalData) -> list[str]:
+def step_between_sets(data: ModalData) -> str:
     """A sentence where frequencies stand at one level up to a set and at another from it on: their mean is of neither
-    state. The sets are in the order of the data, which is that of time."""
+    state; empty where they do not. The sets are in the order of the data, which is that of time."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     frequency = np.array([s.frequency_hz for s in data.sets], float)
     stated = np.array([s.frequency_std_hz for s in data.sets], float) / frequency
@@ -165,11 +165,12 @@ def step_between_sets(data: ModalData) -> list[str]:
             found[label] = (*steps[at], data.sets[there[at + FEWEST_SIDE]].id)
     changed = {label: one for label, one in found.items() if abs(one[0]) >= STEP * one[1]}
     if not changed:
-        return []
+        return ""
     clearest = max(changed, key=lambda label: abs(changed[label][0]) / changed[label][1])
     sizes = ", ".join(f"{label} by {100 * np.expm1(size):+.2g} %" for label, (size, _, _) in changed.items())
-    return [f"frequencies step at set {changed[clearest][2]} ({sizes}): the structure changed there, and these numbers "
-            "are of neither state; `diagnose` says what changed"]
+    return (f"frequencies step at set {changed[clearest][2]} ({sizes}): the structure changed there, and parameters "
+            "from the mean of all sets are of neither state. `probupdate diagnose` says what changed, with the "
+            "parameters before and after")
 
 
 def _step(value: np.ndarray, at: int, least: float) -> tuple[float, float]:

@@ -35,6 +35,8 @@ SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anch
 UNLIKE = "modes unlike the model's"
 # the one that says which sets the numbers are of, and which are left out
 SETS = "sets"
+# that frequencies step between them
+STEP = "step between the sets"
 # what of earlier states is used, and how much of the model's error all states resolve
 BASELINE = "baseline"
 
@@ -192,6 +194,8 @@ def summary(record: UpdateRecord) -> str:
     elif blunt(record):
         lines.append("NOT TESTED: standard deviations this wide let any model fit, and its parameters are not to be "
                      "trusted")
+    if STEP in record.settings:
+        lines.append(f"TWO STATES: {record.settings[STEP]}")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     lines += [record.settings[key] for key in (SETS, BASELINE) if key in record.settings]

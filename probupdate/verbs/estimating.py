@@ -23,7 +23,7 @@ from probupdate.updating.joint_set import JointSet, joint_set, single_set
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
-from probupdate.updating.update_file import SETS, UNLIKE, UpdateRecord, read_update
+from probupdate.updating.update_file import SETS, STEP, UNLIKE, UpdateRecord, read_update
 from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model, refuse_other_value
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ class Case:
     def setting(self) -> dict[str, str]:
         """What to say of the model beside a result."""
         said = {SETS: "; ".join(self.joint.notes)} if self.joint.notes else {}
+        said |= {STEP: self.joint.step} if self.joint.step else {}
         return said | self.model_at.setting(self.joint.data.set(), self.data.channels)
 
 
@@ -205,7 +206,8 @@ def sample(
         posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
                                      settings=settings, jobs=jobs, progress=progress)
         held = [f"held: {case.setting['held']}"] if likelihood.fix else []
-        statements = [*case.joint.notes, *held, *posterior.record.get("statements", ())]
+        states = [f"TWO STATES: {case.joint.step}"] if case.joint.step else []
+        statements = [*states, *case.joint.notes, *held, *posterior.record.get("statements", ())]
         posterior = replace(posterior, record={**posterior.record, **case.setting, "statements": statements})
         write_posterior(posterior, out)
     return posterior

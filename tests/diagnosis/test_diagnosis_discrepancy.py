@@ -69,9 +69,9 @@ def test_an_unexplained_record_says_what_a_larger_error_would_leave(frame_file, 
     (said,) = [n for n in found.notes if "known no better" in n]
     assert found.verdict == "unexplained"
     assert said.startswith("if the model were known no better than 0.6 % of a frequency and 2 % of a shape's largest "
-                           "component (--discrepancy 0.006), the record would be explained (named): parameter, "
-                           "k3: -0.15")
-    assert "from 2020-01-04T00:00:00 on;" in said
+                           "component (--discrepancy 0.006), the record would be explained (named): parameter "
+                           "k3: from ")
+    assert " %), from 2020-01-04T00:00:00 on;" in said
 
 
 @pytest.mark.parametrize("share", [0.0, -0.01, 1.0, np.nan])

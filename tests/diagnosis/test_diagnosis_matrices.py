@@ -317,7 +317,7 @@ def test_frequencies_in_another_unit_are_refused_as_an_update_does(prepared, rec
 def test_a_size_at_the_end_of_what_its_row_allows_is_said(prepared, record):
     found = probupdate.diagnose(prepared, record(5, storey=2, factor=0.08), extend=False)
     (note,) = [note for note in found.notes if "stands at an end" in note]
-    assert note.startswith("the size of parameter, k3") and "-0.8 to 1" in note
+    assert note.startswith("the size of parameter k3") and "-0.8 to 1" in note
 
 
 @pytest.mark.parametrize(("channel", "factor"), [("y4", 0.1), ("y4", 0.5), ("y4", 2.0), ("x5", 3.0), ("y2", 9.81)])

@@ -188,7 +188,7 @@ def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monk
     for id in ("causes", "moderest", "restmap", "restplace", "calendar", "covariates", "prior_shift",
                "detectable_sizes"):
         assert f'id="{id}-' in page
-    assert "Fault identified" in page and "parameter, k3" in page
+    assert "Fault identified" in page and "parameter k3" in page
     # what the directory lacks is named once, not section by section
     assert 'id="posterior"' not in page and "posterior.nc" in page
 
@@ -228,7 +228,7 @@ def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record
     found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18), extend=False)
     assert found.verdict == "ambiguous"
     (sentence, *_) = found.splits
-    assert "parameter, k2" in sentence and "group of parameters, second storey" in sentence
+    assert "parameter k2" in sentence and "group of parameters, second storey" in sentence
     assert "no record of these modes" in sentence
     row.error([needed_z(0.8) - 5.2, needed_z(0.95) - 10.4], 0.05)
     # evidence divided by 1 + (0.1 z)^2 / 4: z^2 = 10.4^2 (1 + z^2 / 400), and never more than 20 of noise alone

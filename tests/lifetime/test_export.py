@@ -222,7 +222,7 @@ def test_a_change_of_the_structure_is_told_from_the_weather_and_from_sensors():
     content = {"findings": [{"kind": kind, "cause": "parameter", "location": f"k_{n}", "size": -0.3, "size_std": 0.04,
                              "unit": "-", "time_profile": profile, "since": "2025-10-14T08:10Z"}
                             for n, (kind, profile) in enumerate(rows)]}
-    assert [text.split(":")[0] for text in changes_of_structure(content)] == ["parameter, k_0", "parameter, k_1"]
+    assert [text.split(":")[0] for text in changes_of_structure(content)] == ["parameter k_0", "parameter k_1"]
     assert changes_of_structure(None) == ()
 
 

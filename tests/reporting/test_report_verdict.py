@@ -145,6 +145,74 @@ def test_a_storey_that_its_own_parameter_describes_is_said(run):
     assert diagnosis_section(replace(alone, diagnosis=unmoved)).level == "good"
 
 
+@pytest.fixture
+def two_states(sound):
+    """An update of all sets together, of which one of the model's own parameters changed at noon."""
+    finding = {"kind": "structural", "cause": "parameter", "location": "k_t", "size": -0.3, "size_std": 0.03,
+               "unit": "-", "posterior_probability": 1.0, "time_profile": "step", "since": "2019-06-03T12:00Z",
+               "z": -20.0, "alternatives": [], "gain": {}, "check": "inspect the part that k_t describes"}
+    k_t, k_j = ({"name": name, "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": value, "std": 0.02,
+                 "prior_shift": 1.0, "value_after": value, "std_after": 0.02, "prior_shift_after": 1.0}
+                for name, value in (("k_t", 1.2), ("k_j", 1.05)))
+    content = dict(sound.diagnosis, verdict="named", findings=[finding], parameters=[k_t, k_j], extended_model=None,
+                   extension={"files": {"mean": "diagnosis.mean.json"}, "added": [], "after": {
+                       "parameters": [{"name": "k_t", "std": 0.01}, {"name": "k_j", "std": 0.03}]}})
+    return replace(sound, diagnosis=content, update=replace(sound.update, set_id="48 of 48 sets"))
+
+
+def test_parameters_of_a_structure_that_changed_are_those_of_each_state(two_states):
+    table = to_use(two_states)
+    assert [c.name for c in table.columns][2:4] == ["until 2019-06-03T12:00Z", "from 2019-06-03T12:00Z on"]
+    assert table.rows[0][2:] == ("1.20 (1.17 to 1.23)", "0.900 (0.884 to 0.916)", "−25")
+    assert table.rows[1][2:] == ("1.05 (1.02 to 1.08)", "the same", "–")
+    section = verdict_section(two_states)
+    assert "parameter k_t: from 1.2 to 0.9 (−25.0 ± 2.5 %), from 2019-06-03T12:00Z on; " in section.headline
+    assert "so of neither state" in section.headline and not section.lead and "fits" not in section.headline
+    actions = next(i for i in section.items if getattr(i, "title", "") == "What to do").statements
+    assert any("--modes diagnosis.mean.json" in text for text in actions)
+    assert any("from 2019-06-03T12:00Z on" in line for line in conclusion(two_states))
+
+
+def test_a_second_step_and_a_growing_loss_are_states_too(two_states):
+    (first,) = two_states.diagnosis["findings"]
+    second = dict(first, size=-0.1, since="2019-06-03T18:00Z")
+
+    def rows(*findings):
+        return to_use(replace(two_states, diagnosis=dict(two_states.diagnosis, findings=list(findings))))
+
+    table = rows(second, first)
+    assert [c.name for c in table.columns][3:5] == ["from 2019-06-03T12:00Z to 2019-06-03T18:00Z",
+                                                    "from 2019-06-03T18:00Z on"]
+    assert table.rows[0][3] == "0.900" and table.rows[0][4].startswith("0.800 (")
+    grown = rows(dict(first, time_profile="ramp", since=""))
+    assert [c.name for c in grown.columns][2:4] == ["at the beginning", "at the end"]
+    assert grown.rows[0][3].startswith("0.900 (")
+
+
+@pytest.mark.parametrize("chosen", ["2019-06-03T01:30Z", "9 of 9 sets"])
+def test_sets_of_one_state_have_parameters_of_their_own(two_states, chosen):
+    """One set, or the nine that were selected, all before the change."""
+    run = replace(two_states, update=replace(two_states.update, set_id=chosen))
+    assert to_use(run).columns[2].name == "updated" and "neither state" not in verdict_section(run).headline
+
+
+def test_frequencies_that_step_between_the_sets_forbid_their_mean(sound):
+    update = replace(sound.update, set_id="48 of 48 sets", settings={"step between the sets": "frequencies step at x"})
+    stepping = replace(sound, diagnosis=None, update=update)
+    assert to_use(stepping).caption == "Parameters of the mean of two states, of neither"
+    section = verdict_section(stepping)
+    assert section.level == "warning" and "of neither state" in section.headline
+    assert any("probupdate diagnose" in f.action for f in findings(stepping))
+    # a diagnosis that finds nothing beyond what is normal has explained it
+    assert "neither" not in verdict_section(replace(stepping, diagnosis=sound.diagnosis)).headline
+
+
+def test_the_headline_says_of_which_estimate_its_error_is(sound):
+    words = verdict_section(sound).headline
+    assert "at the posterior median (" in words and "% at the MAP)" in words
+    assert "% at the MAP (" in verdict_section(replace(sound, posterior=None)).headline
+
+
 def test_a_model_that_fits_is_said_to_fit_with_its_worst_frequency(sound):
     section = verdict_section(sound)
     after = 100 * np.nanmax(np.abs(np.median(sound.posterior.frequency_hz, axis=0) / sound.update.measured_hz - 1))

@@ -1,0 +1,114 @@
+"""A structure that changed within its record has parameters of each state: those of the diagnosis, from state to
+state."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from probupdate.diagnosis.wording import amount, name_of, structural_changes, time_profile_words
+from probupdate.effects.catalogue import OWN_PARAMETER
+from probupdate.reporting import figures
+from probupdate.reporting.diagnosis_tables import typeset
+from probupdate.reporting.elements import MISSING, Column, Table, number, percent
+from probupdate.reporting.values import Run
+from probupdate.updating.update_file import STEP
+
+# half of a 90 % interval in standard deviations
+NINETY = 1.645
+
+
+def changes_within(run: Run) -> list[Mapping]:
+    """Findings with which the structure changed within the sets of this run's update (of the diagnosis, where there is
+    none), and that the updated model does not hold."""
+    if run.diagnosis is None or run.included:
+        return []
+    changes, update = structural_changes(run.diagnosis), run.update
+    return changes if update is None else [f for f in changes if _averages_over(f, update.set_id, run)]
+
+
+def _averages_over(finding: Mapping, set_id: str, run: Run) -> bool:
+    """Whether a set that an update is of, such as "9 of 9 sets", is of blocks before and after a change."""
+    ids = [s.id for s in run.modes.sets] if run.modes is not None else []
+    if set_id in ids:
+        return False
+    if finding["time_profile"] != "step" or finding.get("since") not in ids:
+        return True
+    # the sets that were selected, where it is of that many
+    chosen = next((data for data in (run.nine, run.modes)
+                   if data is not None and set_id.endswith(f" of {len(data.sets)} sets")), run.modes)
+    later = [ids.index(s.id) >= ids.index(finding["since"]) for s in chosen.sets if s.id in ids]
+    return not later or len(set(later)) == 2
+
+
+def step_words(run: Run) -> str:
+    """Where the update's frequencies step between its sets, and no diagnosis says what changed."""
+    return "" if run.update is None or changes_within(run) else run.update.settings.get(STEP, "")
+
+
+def state_names(changes: Sequence[Mapping]) -> tuple[str, ...]:
+    """The states of a record in the order of time: "until 08:10", "from 08:10 on"."""
+    onsets = _onsets(changes)
+    grows = any(f["time_profile"] == "ramp" for f in changes)
+    if not onsets:
+        return ("at the beginning", "at the end")
+    last = f"from {onsets[-1]} on{', at the end' if grows else ''}"
+    between = (f"from {a} to {b}" for a, b in itertools.pairwise(onsets))
+    return (f"until {onsets[0]}", *between, last)
+
+
+def _onsets(changes: Sequence[Mapping]) -> list[str]:
+    return sorted({str(f.get("since", "")) for f in changes if f["time_profile"] == "step"})
+
+
+def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
+    """The model's own parameters in every state, with 90 % intervals in the first, by the diagnosis's fit, and in the
+    last, by the update of its mean; below them what changed beside these."""
+    states = state_names(changes)
+    last = {p["name"]: p for p in ((content.get("extension") or {}).get("after") or {}).get("parameters", ())}
+    rows = []
+    for p in content["parameters"]:
+        value, std = (p.get(f"{key}_after", p.get(key)) for key in ("value", "std"))
+        if value is None:
+            continue
+        own = [f for f in changes if f["cause"] == OWN_PARAMETER and f["location"] == p["name"]]
+        values = value + _moved(own, _onsets(changes), len(states))
+        moves = abs(values[-1] - value) > 0
+        end = last.get(p["name"], {}).get("std")
+        cells = [_with_interval(values[0], std), *(number(v) for v in values[1:-1]),
+                 _with_interval(values[-1], end) if moves else "the same"]
+        prior = f"{number(p['prior'])} ± {number(p['prior_std'])}"
+        rows.append((figures.unit_label(p["name"], p["unit"]), prior, *cells, percent(
+            values[-1] / value - 1, 0, sign=True) if moves and value else MISSING))
+    for f in changes:
+        if f["cause"] != OWN_PARAMETER:
+            size = typeset(amount(f["size"], f.get("size_std"), f["unit"], f["cause"]))
+            when = time_profile_words(f["time_profile"], f.get("since", ""))
+            rows.append((name_of(f), MISSING, "none", *(MISSING for _ in states[1:-1]), f"{size}, {when}", MISSING))
+    return Table(
+        caption="Parameters in each state, by the diagnosis", rows=tuple(rows), width="half",
+        columns=(Column(name="parameter", unit="[unit]", number=False), Column(name="prior ± standard deviation"),
+                 *(Column(name=name) for name in states), Column(name="change", unit="%")),
+        note="In brackets 90 % intervals: before the change by the fit to all sets, after it by the update of the sets "
+             "from then on.")
+
+
+def _moved(changes: Sequence[Mapping], onsets: Sequence[str], n_state: int) -> np.ndarray:
+    """(n_state,) by how much one parameter has changed in each state; NaN while it grows."""
+    total = np.zeros(n_state)
+    for f in changes:
+        size = np.nan if f["size"] is None else f["size"]
+        if f["time_profile"] == "step":
+            total[onsets.index(str(f.get("since", ""))) + 1 :] += size
+        else:
+            total[1:-1] = np.nan
+            total[-1] += size
+    return total
+
+
+def _with_interval(value: float, std: float | None) -> str:
+    if std is None:
+        return number(value)
+    return f"{number(value)} ({number(value - NINETY * std)} to {number(value + NINETY * std)})"
