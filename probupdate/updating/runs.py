@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ from probupdate.updating.components import misfit_by_response, variance_componen
 from probupdate.updating.discrepancy import learnt_error
 from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
+from probupdate.updating.exchanges import exchange_words
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
@@ -56,10 +56,6 @@ N_CHECK = 24
 SETTLING_MAC = CONSTANTS.settling_mac
 # draws of the prior from which further maxima are looked for
 N_START = 12
-# responses that change by less, in standard deviations, are the same
-SWAPPED = 1e-4
-# pairs of exchanges that are tried at once, and orders of parameters that are counted, at most
-MOST_EXCHANGES, MOST_ORDERS = 2000, 50_000
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -359,6 +355,7 @@ def sample_posterior(
         laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
         against=_against_full(problem, predicted, shown[:N_CHECK]),
         likely=_suspected(problem, data, laplace, set_id),
+        exchanges=exchange_words(problem, laplace.theta, weighted) if prepared.notes["maxima"] > 1 else "",
     )
     return _posterior(found, data, settings, rng)
 
@@ -367,7 +364,7 @@ def sample_posterior(
 class _Sampled:
     """A chain, every `thin`-th step of it after burn-in (theta, log_posterior), and what it stands beside: the problem
     on the full model, the maximum, the approach, weighted draws, the evidence (None: not stated), predictions at some
-    draws and those of the full model, channels that may be mistaken."""
+    draws and those of the full model, channels that may be mistaken, words on parameters that may be exchanged."""
 
     problem: Problem
     laplace: Laplace
@@ -382,6 +379,7 @@ class _Sampled:
     predicted: Prediction
     against: _AgainstFull
     likely: ChannelMistake | None
+    exchanges: str
 
 
 def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
@@ -416,7 +414,8 @@ def _run_record(found: _Sampled, settings: SamplerSettings, error: LearntError |
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
     statements = [*_baseline_settings(problem, error).values(),
-                  *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
+                  *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"], found.exchanges),
+                  found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
     return found.prepared.notes | {
@@ -467,83 +466,20 @@ def _against_full(problem: Problem, predicted: Prediction, checked: np.ndarray) 
     )
 
 
-def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None, maxima: int) -> list[str]:
+def _warnings(
+    problem: Problem, laplace: Laplace, likely: ChannelMistake | None, maxima: int, exchanges: str
+) -> list[str]:
     """What is to be read before any number of the posterior."""
     said = []
     if maxima > 1:
-        alike = exchangeable(problem, laplace.theta)
-        number = count(alike, problem.parameters.names)
-        words = _exchange_words(alike)
         said.append(f"{maxima} separate maxima of the posterior, found by {N_START} starts and all of them sampled; "
-                    "there may be more, and ln evidence counts those found"
-                    + (f"; {words} may be exchanged without a change of any response: {number} maxima by construction, "
-                       f"for which ln evidence lacks {np.log(max(number / maxima, 1.0)):.2f} where each has the same "
-                       "mass" if alike else ""))
+                    "there may be more, and ln evidence counts those found" + exchanges)
     if likely is not None:
         said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if laplace.misfit > beyond_chance(problem.n_effective):
         said.append(f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for {problem.n_effective} "
                     "effective responses; the posterior is not to be trusted")
     return said
-
-
-Exchange = tuple[tuple[str, str], ...]
-
-
-def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
-    """Exchanges of parameters with the same prior that leave all responses as they are, at theta (n_param,): of two
-    parameters, or of two pairs at once, as of substructures that are built alike."""
-    parameters = problem.parameters
-    if parameters.correlation is not None:
-        return []
-    # no two parameters at one value, at a bound neither
-    step = 0.1 * parameters.std * np.arange(1, len(theta) + 1) / len(theta)
-    at = np.maximum(np.where(theta + step > parameters.upper, theta - step, theta + step), parameters.lower)
-    names, items = parameters.names, parameters.items
-    pairs = [(i, j) for i, j in combinations(range(len(names)), 2)
-             if replace(items[i], name=names[j], description=items[j].description) == items[j]]
-
-    def unchanged(exchanges: list[tuple[tuple[int, int], ...]]) -> list[tuple[tuple[int, int], ...]]:
-        if not exchanges:
-            return []
-        swapped = np.tile(at, (len(exchanges), 1))
-        for row, exchange in zip(swapped, exchanges, strict=True):
-            for i, j in exchange:
-                row[[i, j]] = at[[j, i]]
-        off = problem.weighted(problem.predict_many(swapped).response - problem.predict(at))
-        return [one for one, apart in zip(exchanges, off, strict=True) if np.all(np.abs(apart) < SWAPPED)]
-
-    single = unchanged([(pair,) for pair in pairs])
-    left = [pair for pair in pairs if (pair,) not in single]
-    both = [(a, b) for a, b in combinations(left, 2) if not {*a} & {*b}]
-    found = [*single, *unchanged(both[:MOST_EXCHANGES])]
-    return [tuple((names[i], names[j]) for i, j in one) for one in found]
-
-
-def _exchange_words(exchanges: Sequence[Exchange]) -> str:
-    """Parameters that any exchange of two reaches side by side, then pairs that go together."""
-    groups: list[set[str]] = []
-    for pair in (one[0] for one in exchanges if len(one) == 1):
-        reached = [g for g in groups if g & {*pair}]
-        groups = [g for g in groups if not g & {*pair}] + [{*pair}.union(*reached)]
-    together = [", ".join(f"{a} with {b}" for a, b in one) + " at once" for one in exchanges if len(one) > 1]
-    return " and ".join([*(" = ".join(sorted(group)) for group in groups), *together])
-
-
-def count(exchanges: Sequence[Exchange], names: Sequence[str]) -> int:
-    """How many orders of the parameters these exchanges lead to, one after another; no more than MOST_ORDERS are
-    counted."""
-    orders = {tuple(names)}
-    fresh = list(orders)
-    while fresh and len(orders) < MOST_ORDERS:
-        order = fresh.pop()
-        for exchange in exchanges:
-            swap = dict(exchange) | {b: a for a, b in exchange}
-            moved = tuple(swap.get(name, name) for name in order)
-            if moved not in orders:
-                orders.add(moved)
-                fresh.append(moved)
-    return len(orders)
 
 
 def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:

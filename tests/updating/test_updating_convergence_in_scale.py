@@ -1,7 +1,7 @@
 """A chain whose means agree and whose widths do not has not converged; exchangeable parameters are counted."""
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, permutations
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,9 +14,9 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.ensemble import R_HAT_LIMIT, nested_r_hat
+from probupdate.updating.exchanges import exchange_words, exchangeable, orders
 from probupdate.updating.importance import N_DRAW, WeightedDraws, agree
 from probupdate.updating.problem import Weights, build_problem
-from probupdate.updating.runs import count, exchangeable
 from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
 
@@ -67,16 +67,38 @@ def oscillators(items):
     return build_problem(model, data, weights=Weights(shapes="none"), clusters=[(j,) for j in range(n)])
 
 
+@pytest.mark.parametrize("top", [(0.7, 1.0, 1.3, 1.6, 1.0), (0.917, 0.917, 1.1, 1.1, 1.0)])
+@pytest.mark.parametrize("reached", [24, 3])
+def test_orders_that_draws_fall_on_are_counted_by_their_share(top, reached):
+    """Of maxima that coincide, as two parameters are alike there, the evidence lacks nothing: ln 4 had been said."""
+    alike = tuple(Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4))
+    problem = oscillators((*alike, Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)))
+    # those of one maximum of two alike pairs are four
+    every = list(permutations(range(4)))[:reached] if len(set(top)) > 3 or reached == 24 else [
+        (0, 1, 2, 3), (1, 0, 2, 3), (0, 1, 3, 2), (1, 0, 3, 2)]
+    rng = np.random.default_rng(2)
+    theta = np.array([[*np.array(top)[list(every[k % len(every)])], 1.0] for k in range(4000)])
+    theta = theta + 0.01 * rng.standard_normal(theta.shape)
+    draws = replace(weighted(), theta=theta, weight=rng.dirichlet(np.full(4000, 2.0)))
+    words = exchange_words(problem, np.array(top), draws)
+    if reached == 24:
+        assert words.endswith("24 orders by construction, and draws fall on all of them, so that ln evidence lacks "
+                              "none")
+    else:
+        lacks = np.log(24 / len(every))
+        assert words.endswith(f"about {len(every)} of them: ln evidence lacks {lacks:.2f}")
+
+
 def test_parameters_that_may_be_exchanged_are_found_and_counted():
     alike = [Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4)]
     other = Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)
     problem = oscillators((*alike, other))
     found = exchangeable(problem, problem.parameters.initial)
     assert {frozenset(pair) for (pair,) in found} == {frozenset(p) for p in combinations(["k0", "k1", "k2", "k3"], 2)}
-    assert count(found, problem.parameters.names) == 24
+    assert len(orders(found, problem.parameters.names)) == 24
     # another prior is another parameter
     less = oscillators((*alike[:3], replace(alike[3], std=0.2), other))
-    assert count(exchangeable(less, less.parameters.initial), less.parameters.names) == 6
+    assert len(orders(exchangeable(less, less.parameters.initial), less.parameters.names)) == 6
     assert exchangeable(linear_problem(np.array([1.0, 2, 4, 8, 16])), LINEAR_PARAMETERS.initial) == []
 
 
@@ -99,7 +121,7 @@ def test_substructures_built_alike_are_exchanged_with_all_their_parameters(n_ali
                             weights=Weights(shapes="none"), clusters=[(j,) for j in range(2 * n_alike)])
     found = exchangeable(problem, np.full(2 * n_alike, 2.0 if at_bound else 1.0))
     assert len(found) == n_alike * (n_alike - 1) // 2 and all(len(one) == 2 for one in found)
-    assert count(found, problem.parameters.names) == {2: 2, 3: 6}[n_alike]
+    assert len(orders(found, problem.parameters.names)) == {2: 2, 3: 6}[n_alike]
 
 
 @pytest.mark.parametrize("value", [True, "2", float("nan"), 2.5, None, [2], 0, -1])
