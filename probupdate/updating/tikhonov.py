@@ -87,7 +87,8 @@ def update(
         raise InputError("iterations", f"{max_iteration} is negative", "give how many at most")
     parameters = problem.parameters
     theta = np.array(parameters.initial if start is None else start, float)
-    if theta.shape != (len(parameters),) or not parameters.inside(theta):
+    # the penalty of Eq. 6 is finite at a bound where a lognormal prior is zero
+    if theta.shape != (len(parameters),) or not np.all((theta >= parameters.lower) & (theta <= parameters.upper)):
         raise InputError("start", f"{theta.tolist()} is not one value within its bounds for each parameter",
                          f"give {', '.join(parameters.names)}")
     objective = _Objective(problem, penalty, alpha, linalg.cholesky(np.linalg.inv(parameters.covariance)))

@@ -13,11 +13,13 @@ from probupdate.model.box_probability import draws_in_box, log_box_probability
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.parameter_table import parameter_from_table
 from probupdate.updating.comparison import compare
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.identifiability import cov_of, sampled_width
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
 SHORT = SamplerSettings(target_ess=50, max_steps=100, ensembles=2)
+FREQUENCIES = LikelihoodSettings(shapes="none", tolerances=False, discrepancy=0.0)
 B, C = LINEAR_PARAMETERS.items[1:]
 
 
@@ -89,6 +91,15 @@ def test_estimates_with_a_lognormal_prior_stay_above_zero(tmp_path):
     record = verbs.update(linear_model(parameters), data)
     drawn = verbs.sample(linear_model(parameters), data, tmp_path / "p.nc", settings=SHORT)
     assert record.map_theta[0] > 0 and np.all(drawn.draws[:, 0] > 0) and np.isfinite(record.map_covariance).all()
+
+
+@pytest.mark.parametrize("correlation", [None, np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1.0]])])
+def test_a_step_of_eq_7_that_ends_at_a_lognormals_zero_is_no_end_of_the_update(correlation):
+    """Data that ask for a = -1.5; the path over alpha went on from zero, and was refused as out of its bounds."""
+    parameters = Parameters(lognormal(0.0).items, correlation)
+    data = linear_data(LINEAR_HZ + SLOPE @ np.array([-2.5, 0.5, 0.1]))
+    record = verbs.update(linear_model(parameters), data, likelihood=FREQUENCIES)
+    assert record.schemes[0].theta[-1][0] == 0 and 0 < record.map_theta[0] < 0.2
 
 
 def test_a_parameter_that_the_data_leave_alone_keeps_its_joint_prior():
