@@ -25,7 +25,7 @@ from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.frequency_pairs import pair_in_order
 from probupdate.modal.matching import assign
-from probupdate.modal.modes import within_plane
+from probupdate.modal.modes import spanning
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 
@@ -34,9 +34,6 @@ from probupdate.runtime.arrays import frozen_array
 MATE = 0.02
 # standard deviation in rad of a turn of which nothing is known
 FREE_TURN = 10.0
-# of a pair's two computed modes what they lack of 2 in spanning its plane, as at 65 degrees, that other two need not
-# have
-OWN_DIRECTIONS = 0.1
 # a mode that moves the sensors less than this share of what another does is seen by none of them
 UNSEEN = 1e-3
 # least share of a measured shape that lies in the plane of the computed mode it is paired with (and of its equals)
@@ -123,7 +120,7 @@ class ModalPredictor:
         for plane, (start, end) in zip(self.planes, pairwise(ends), strict=True):
             own = tuple(sorted(int(i) for i in chosen[start:end]))
             if len(own) == 2:
-                own = _spanning(plane, shown, score[start], own, taken)
+                own = spanning(plane, shown, score[start], own, taken)
                 taken = taken - set(chosen[start:end].tolist()) | set(own)
             groups.append(own)
         return shape, groups
@@ -433,25 +430,6 @@ def _seen(shape: np.ndarray) -> np.ndarray:
     if not len(shape):
         return np.ones(shape.shape[1], bool)
     return size > UNSEEN * np.max(size, initial=0.0)
-
-
-def _spanning(
-    plane: np.ndarray, shape: np.ndarray, score: np.ndarray, own: tuple[int, ...], taken: Collection[int]
-) -> tuple[int, ...]:
-    """The two modes of a measured plane (n_channel, 2): `own`, or of these and those that are not `taken` the two that
-    lie along directions of their own in it. Two that look alike to the sensors, as a bending and a torsion in which the
-    sensors show that bending, would each be its best half. `score` (n_search,) of each by itself."""
-    beside = within_plane(plane, shape[:, own])
-    free = [i for i in range(len(score)) if score[i] > 0 and (i not in taken or i in own)]
-    # no other two are better together than these are one by one
-    if np.trace(beside) - beside[0, 1] < OWN_DIRECTIONS or len(free) < 3:
-        return own
-    first, second = np.triu_indices(len(free), 1)
-    together = within_plane(plane, shape[:, free])
-    near = score[free] - np.diag(together)
-    total = near[first] + near[second] + together[first, second]
-    best = int(np.argmax(total))
-    return free[first[best]], free[second[best]]
 
 
 def _squares(shape: np.ndarray) -> np.ndarray:

@@ -13,19 +13,21 @@ from probupdate.modal.sets import (
     StoredFactors,
 )
 from probupdate.modal.shape_criteria import (
+    OWN_DIRECTIONS,
     mac,
     modal_phase_collinearity,
     pair_by_mac,
     plane_mac,
     rotate_to_real,
+    spanning,
     subspace_mac,
     unit_largest,
     within_plane,
 )
 
 __all__ = [
-    "QUANTITIES",
+    "OWN_DIRECTIONS", "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
     "mac", "modal_phase_collinearity", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
-    "rotate_to_real", "subspace_mac", "unit_largest", "within_plane", "write_modes",
+    "rotate_to_real", "spanning", "subspace_mac", "unit_largest", "within_plane", "write_modes",
 ]

@@ -5,7 +5,12 @@ Shapes are columns (n_channel, n_mode). Components that are NaN in either shape 
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
+
+# of a pair's two modes what they lack of 2 in spanning its plane, as at 65 degrees, that other two need not have
+OWN_DIRECTIONS = 0.1
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -57,6 +62,25 @@ def within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     share = np.sum(np.abs(inside) ** 2, axis=0)
     area = np.abs(np.outer(inside[0], inside[1]) - np.outer(inside[1], inside[0]))
     return 0.5 * (share[:, None] + share) + area
+
+
+def spanning(
+    plane: np.ndarray, shape: np.ndarray, score: np.ndarray, own: tuple[int, ...], taken: Collection[int]
+) -> tuple[int, ...]:
+    """The two modes of a measured plane (n_channel, 2): `own`, or of these and those that are not `taken` the two that
+    lie along directions of their own in it. Two that look alike to the sensors, as a bending and a torsion in which the
+    sensors show that bending, would each be its best half. `score` (n_search,) of each by itself."""
+    beside = within_plane(plane, shape[:, own])
+    free = [i for i in range(len(score)) if score[i] > 0 and (i not in taken or i in own)]
+    # no other two are better together than these are one by one
+    if np.trace(beside) - beside[0, 1] < OWN_DIRECTIONS or len(free) < 3:
+        return own
+    first, second = np.triu_indices(len(free), 1)
+    together = within_plane(plane, shape[:, free])
+    near = score[free] - np.diag(together)
+    total = near[first] + near[second] + together[first, second]
+    best = int(np.argmax(total))
+    return free[first[best]], free[second[best]]
 
 
 def modal_phase_collinearity(shape: np.ndarray) -> np.ndarray:

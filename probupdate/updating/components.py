@@ -207,7 +207,7 @@ def _further_modes(
     """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
     n_mode = problem.matching.n_mode
     solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
-    taken = {int(i) for i in problem._assign(solution.shape[None])[0][0]}
+    taken = {int(i) for i in problem._assign(solution.frequency_hz[None], solution.shape[None])[0][0]}
     highest = max(taken)
     seen = np.array(seen_hz, float)
     share = float(np.median([s / f for g in problem.groups for s, f in

@@ -17,13 +17,14 @@ from scipy import linalg, special
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import Matching, assign, channel_rows, match, nearest_free, reading
+from probupdate.modal.matching import Matching, channel_rows, match, nearest_free, reading
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, together
 from probupdate.updating.mixing import mixed
+from probupdate.updating.pairing import paired_modes
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
 from probupdate.updating.settings import CONSTANTS
 
@@ -254,7 +255,7 @@ class Problem:
         """Lambda_M(theta) for theta (n, n_param) inside the bounds."""
         theta = np.atleast_2d(np.asarray(theta, float))
         solved = self.model.solve_many(theta, self.matching.n_mode)
-        computed, criterion = self._assign(solved.shape)
+        computed, criterion = self._assign(solved.frequency_hz, solved.shape)
         frequency, parts = np.empty(computed.shape), []
         mac, start = np.empty(computed.shape), 0
         members = self._with_mates(computed, solved.frequency_hz, solved.shape)
@@ -279,35 +280,14 @@ class Problem:
             frequency_hz=frequency, mac=mac, fallback=solved.fallback,
         )
 
-    def _assign(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """shape (n, n_channel, n_mode) -> computed (n, n_used) and the criterion (n, n_used, n_mode)."""
-        criterion = np.empty((len(shape), self.n_frequency, shape.shape[2]))
+    def _assign(self, frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """frequency_hz (n, n_mode), shape (n, n_channel, n_mode) -> computed (n, n_used) and the criterion (n, n_used,
+        n_mode)."""
         if all(group.rows.size <= 1 for group in self.groups):
             # one sensor or none: no shape says which mode is which, their order does
-            criterion[:] = 1.0
-            return np.tile(np.array(self.matching.computed), (len(shape), 1)), criterion
-        start = 0
-        measured = np.unique(np.concatenate([group.rows for group in self.groups]))
-        # what hardly moves the channels has a shape there by chance
-        unseen = np.sum(shape[:, measured] ** 2, axis=1) < self.matching.least_motion**2
-        for group in self.groups:
-            k = group.size
-            rows = shape[:, group.rows]
-            inside = np.einsum("ck,ncm->nkm", group.plane, rows)
-            share = np.where(unseen, -1.0, np.sum(inside**2, axis=1) / np.sum(rows**2, axis=1))
-            criterion[:, start : start + k] = share[:, None]
-            start += k
-        # mostly every group's best columns are its own: no sum can be larger, and no assignment problem need be solved
-        score, chosen, start = np.nan_to_num(criterion, nan=-1.0), [], 0
-        for group in self.groups:
-            best = np.argsort(-score[:, start], axis=1, kind="stable")[:, : group.size]
-            chosen.append(np.sort(best, axis=1))
-            start += group.size
-        computed = np.concatenate(chosen, axis=1)
-        in_order = np.sort(computed, axis=1)
-        for row in np.flatnonzero(np.any(in_order[:, 1:] == in_order[:, :-1], axis=1)):
-            computed[row] = _ascending_in_groups(assign(criterion[row]), self.groups)
-        return computed, criterion
+            return (np.tile(np.array(self.matching.computed), (len(shape), 1)),
+                    np.ones((len(shape), self.n_frequency, shape.shape[2])))
+        return paired_modes(self.groups, frequency_hz, shape, self.matching.least_motion)
 
     def _with_mates(self, computed: np.ndarray, frequency_hz: np.ndarray, shape: np.ndarray) -> list[np.ndarray]:
         """The computed modes of each group, (n, size + n_mates): those assigned to it, (n, n_used) of all, and of one
@@ -348,7 +328,7 @@ class Problem:
 
     def _clusters(self, solution: ModalSolution) -> tuple[tuple[int, ...], ...]:
         """The computed modes of each group."""
-        computed, _ = self._assign(solution.shape[None])
+        computed, _ = self._assign(solution.frequency_hz[None], solution.shape[None])
         members = self._with_mates(computed, solution.frequency_hz[None], solution.shape[None])
         return tuple(tuple(int(i) for i in own[0]) for own in members)
 
@@ -628,15 +608,6 @@ def _hash(*parts: str | np.ndarray) -> str:
         digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
         digest.update(b"|")
     return digest.hexdigest()
-
-
-def _ascending_in_groups(columns: np.ndarray, groups: tuple[ResponseGroup, ...]) -> np.ndarray:
-    result, start = np.array(columns), 0
-    for group in groups:
-        k = group.size
-        result[start : start + k] = np.sort(result[start : start + k])
-        start += k
-    return result
 
 
 def _prior_cov(model: Model, n_mode: int) -> np.ndarray:
