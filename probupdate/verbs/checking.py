@@ -20,7 +20,7 @@ from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.joint_set import joint_set
-from probupdate.verbs.identifying import reference_at, sensors_of, ssi_settings
+from probupdate.verbs.identifying import TOO_FEW, reference_at, sensors_of, ssi_settings
 from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
 from probupdate.verbs.sought import Sought
 
@@ -68,7 +68,7 @@ def against_model(
         sought = reference_at([campaign], model, where=campaign.path, parameters=parameters, lowest=held)
     chosen, said = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
     held = _shapes_against(campaign, model, parameters, sought, chosen, progress)
-    suspected = [text for text in (*sought.notes, *said) if text.startswith("suspect")]
+    suspected = [text for text in (*sought.notes, *said) if text.startswith(("suspect", TOO_FEW))]
     return replace(held, finding="; ".join(filter(None, [*suspected, held.finding])))
 
 

@@ -56,6 +56,10 @@ OTHER_UNITS = {
     1000**0.5: "mass in t beside N and m, which ask for kg", 1000**-0.5: "mass in kg beside kN and m, which ask for t",
     1000.0: "moduli in N/m2 beside mm", 0.001: "moduli in N/mm2 beside m"}
 NEAR_FACTOR = 0.35
+# periods of a mode of 1 % damping in which its damping ratio is at best known to its own size, 1 / sqrt(2 pi zeta n)
+# (Au 2014, Uncertainty law in ambient modal identification): its frequency then to its half-power bandwidth
+FEW_PERIODS = 16
+TOO_FEW = "too few periods"
 
 
 @names_files("campaign")
@@ -159,10 +163,15 @@ def ssi_settings(
     said, units = [], ""
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
     recorded = min(c.sampling_rate_hz for c in campaigns)
+    few = _few_periods(min(c.block_minutes for c in campaigns), reference)
+    said += [f"{TOO_FEW}: {'; '.join(few)}"] if few else []
     if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ <= recorded:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
-        found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
+        try:
+            found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
+        except InputError as error:
+            raise InputError(error.where, f"{error.problem}; {few[0]}", few[1]) if few else error from None
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
         units = "" if reference is None else _unit_question(reference, found.peaks_hz[0])
@@ -270,6 +279,18 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
             "row of channel_row times -1)"
             if opposite else "correct direction in campaign.toml, or channel_dof in the model's archive (channel_row "
             "for an oblique sensor)")
+
+
+def _few_periods(block_minutes: float, reference: ReferenceModes | None) -> tuple[str, ...]:
+    """What is too short, and what to give; () where a block holds enough of the model's lowest mode."""
+    lowest = np.inf if reference is None else float(np.min(reference.frequency_hz))
+    periods = 60 * block_minutes * lowest
+    if periods >= FEW_PERIODS:
+        return ()
+    return (f"blocks of {block_minutes:g} min hold {periods:.2g} periods of the model's lowest mode ({lowest:.3g} Hz), "
+            f"and fewer than {FEW_PERIODS} of ambient vibration do not show its damping ratio",
+            f"give a block_minutes of {np.ceil(FEW_PERIODS / lowest / 60):.0f} or more in campaign.toml, of recordings "
+            "as long, or check the model's units")
 
 
 def _unit_question(reference: ReferenceModes, lowest_hz: float) -> str:

@@ -65,3 +65,25 @@ def test_the_papers_rate_gives_way_to_one_that_holds_the_modes(tmp_path):
     for highest_hz, given in ((3.6, {"rate_hz": 5.0}), (6.0, {})):
         with pytest.raises(InputError, match="holds nothing above"):
             rate_for(highest_hz, **given)
+
+
+def test_blocks_of_few_periods_of_the_model_s_lowest_mode_are_said(tmp_path):
+    """Fewer than 16 of a mode of 1 % damping bound its damping ratio by nothing less than itself."""
+    noise = np.random.default_rng(2).standard_normal((8000, 3))
+    pole = np.exp(2j * np.pi * 0.3 / 10 * (1 + 0.01j))
+    sway = signal.lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise[:, 0])[2000:]
+    data = np.outer(sway / sway.std(), [1.0, 0.7, 0.3]) + 0.01 * noise[2000:]
+    records = {name: read_campaign(write_campaign(tmp_path / name, data=x)) for name, x in (
+        ("sway", data), ("noise", noise[2000:]))}
+
+    def said(lowest_hz, of="sway"):
+        reference = ReferenceModes(labels=("X1",), frequency_hz=np.array([lowest_hz]), shape=np.ones((3, 1)))
+        _, notes = ssi_settings([records[of]], None, probupdate.IdentificationSettings(), reference)
+        return [text for text in notes if text.startswith("too few periods")]
+
+    assert "12 periods of the model's lowest mode (0.02 Hz)" in said(0.02)[0]
+    assert "block_minutes of 14 or more" in said(0.02)[0]
+    assert said(0.03) == []
+    # the reason where nothing is found at all
+    with pytest.raises(InputError, match="no peak.*1.2 periods of the model's lowest mode.*block_minutes of 134"):
+        said(0.002, of="noise")
