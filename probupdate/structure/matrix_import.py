@@ -21,6 +21,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.matrices import SPARSE_PARTS, load_matrices, read_archive
 from probupdate.structure.parameter_table import read_parameters, updated_parameters
+from probupdate.structure.plausible_size import implausible_size
 from probupdate.structure.schema import Number, Positive, Table, nearest
 
 if TYPE_CHECKING:
@@ -198,6 +199,9 @@ def write_matrices(
     arrays |= _csr("K0", stiffness) | _csr("M0", mass)
     write_arrays(out, arrays)
     write_text(beside, table)
+    place = arrays.get("node_position_m", np.zeros((1, 3)))
+    if said := implausible_size(float(found[0]), float(np.max(np.ptp(place, axis=0)))):
+        notes.append(said)
     return ImportedMatrices(
         files=(out, beside), n_row=base.stiffness.shape[0], channels=tuple(str(c) for c in arrays["channel"]),
         parameters=tuple(name for name, *_ in terms), frequency_hz=frozen_array(found), printed_hz=printed,

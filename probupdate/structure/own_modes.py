@@ -23,6 +23,7 @@ from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
+from probupdate.structure.plausible_size import implausible_size
 from probupdate.structure.subdyn_model import is_subdyn, read_description, with_tower
 
 if TYPE_CHECKING:
@@ -34,15 +35,6 @@ UNSEEN = 1e-9
 MODES_SAID = tuple(f"{family}{k}" for family in FAMILY for k in (1, 2))
 # modes where it is not said how many
 MOST_MODES = 10
-# lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
-# buildings, 100 for footbridges; a bar of steel alone has 1280 (a quarter of the speed of sound in it). Wide on purpose
-LEAST_SPEED, MOST_SPEED = 2.0, 500.0
-# lowest frequency, Hz, where the extent is not known
-LEAST_HZ, MOST_HZ = 0.02, 1000.0
-# longer than structures are between their joints: places in mm, more likely
-MOST_EXTENT_M = 3000.0
-UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
-                "and that K and M are not exchanged")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,7 +110,7 @@ def own_modes(
         solution, phi, free = _solve_with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     labels = mode_labels(opened, solution, sensors or (), families=NEUTRAL if of_matrices else TURBINE, phi=phi)
-    notes = (*notes, *_implausible(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
+    notes = (*notes, *implausible(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
     shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
@@ -128,24 +120,15 @@ def own_modes(
     )
 
 
-def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
-    """A sentence where the lowest frequency above zero is none of a structure, or none of one of the model's size."""
+def implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
+    """A sentence where the lowest frequency above zero is none of a structure of the model's extent."""
     own = frequency_hz[frequency_hz > 0]
     if not len(own):
         return ()
-    lowest, wire = float(own[0]), model.wireframe(model.parameters.initial)
-    extent = 0.0 if wire is None else float(np.max(np.ptp(wire.node_m, axis=0)))
-    if extent > 0:
-        if LEAST_SPEED <= lowest * extent <= MOST_SPEED:
-            return ()
-        usual = f"{LEAST_SPEED / extent:.2g} to {MOST_SPEED / extent:.2g} Hz is usual for an extent of {extent:.3g} m"
-        if extent > MOST_EXTENT_M:
-            usual += " (are node_position_m in mm? they are to be in m)"
-    elif LEAST_HZ <= lowest <= MOST_HZ:
-        return ()
-    else:
-        usual = f"{LEAST_HZ:g} to {MOST_HZ:g} Hz is usual for structures"
-    return (f"implausible: the lowest frequency is {lowest:.3g} Hz; {usual}: {UNITS_ADVICE}",)
+    wire, places = model.wireframe(model.parameters.initial), getattr(model, "places", None)
+    node_m = wire.node_m if wire is not None else np.zeros((1, 3)) if places is None else places.position_m
+    said = implausible_size(float(own[0]), float(np.max(np.ptp(node_m, axis=0))))
+    return (said,) if said else ()
 
 
 def _solve_with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:

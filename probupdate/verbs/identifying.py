@@ -35,6 +35,7 @@ from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
+from probupdate.structure.own_modes import implausible
 from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
@@ -243,7 +244,10 @@ def reference_at(
         _refuse_other_directions(str(where), turbine, sensors)
         far = _elsewhere(turbine, sensors)
     found = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
-    return replace(found, notes=(*far, *found.notes))
+    computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
+    lowest_first = np.sort(np.hstack(computed))
+    odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible(turbine, lowest_first)]
+    return replace(found, notes=(*odd, *far, *found.notes))
 
 
 def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:

@@ -128,6 +128,18 @@ def test_every_form_gives_the_programs_frequencies(tmp_path, form, validation):
         np.max(np.abs(result.frequency_hz / frequencies(K, M)[: len(result.frequency_hz)] - 1)), below=1e-8)
 
 
+@pytest.mark.parametrize(("factor", "said"), [(1, ""), (1000, "places in mm? they are to be in m"),
+                                             (0.001, "a thousandth of m?")])
+def test_places_in_another_unit_are_asked_about(tmp_path, factor, said):
+    """The frequencies are right, so that they alone show nothing."""
+    calculix_files(tmp_path, "job", *chain())
+    nodes = "".join(f"{n}, {factor * (n - 1.0)}, 0., 0.\n" for n in range(1, N + 2))
+    (tmp_path / "job.inp").write_text(f"*NODE, NSET=ALL\n{nodes}")
+    notes = probupdate.matrices(tmp_path / "job.sti", tmp_path / "out" / "model.npz").notes
+    odd = [note for note in notes if note.startswith("implausible")]
+    assert len(odd) == bool(said) and all(said in note for note in odd)
+
+
 def test_held_rows_of_zeros_and_of_penalties_are_left_out(tmp_path):
     K, M = chain()
     grown = np.zeros((N + 2, N + 2))

@@ -101,6 +101,9 @@ def test_without_a_count_a_small_model_gives_what_it_has():
     (1e-6, 1.0, 9.0, "0.0014"), (1e-6, 1.0, None, "0.00142 Hz; 0.02 to 1000 Hz"),  # E in MPa
     (1.0, 1e-3, 30.0, "Hz; 0.067 to 17 Hz is usual for an extent of 30 m"),  # masses in t
     (None, None, 9.0, "exchanged"), (None, None, None, "exchanged"),
+    # right frequencies, places in mm and divided by 1000 once too often
+    (1.0, 1.0, 9000.0, "places in mm"), (1.0, 1.0, 0.02, "a thousandth of m"),
+    (1e-3, 1.0, 1e4, "more than structures have"),
 ])
 def test_frequencies_of_no_structure_are_said_to_be(stiffness, mass, height, said):
     model = shear_building(3)
