@@ -89,13 +89,13 @@ def demo(
     diagnosis and the update beside the sampler, with the same bytes; a script needs `if __name__ == "__main__"` then.
     """
     out = Path(out)
-    hidden = _hidden(hide, days)
+    hidden = hidden_text(hide, days)
     # before anything is written
     SamplerSettings(seed=seed)
     n_slots(days)
     begun = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
-    state = _State(out, {"seed": seed, "days": days, "hidden": hashlib.sha256(hidden.encode()).hexdigest(),
+    state = RunState(out, {"seed": seed, "days": days, "hidden": hashlib.sha256(hidden.encode()).hexdigest(),
                          "version": __version__})
     campaign, model = out / "campaign", out / "model.toml"
     write_bytes(model, reference_model(START_STATE).read_bytes())
@@ -163,7 +163,7 @@ def _measure(
             say(chosen.summary)
 
 
-def _hidden(hide: str | Path, days: float) -> str:
+def hidden_text(hide: str | Path, days: float) -> str:
     """The text of a truth.toml, empty where nothing is hidden."""
     if hide == "none":
         return ""
@@ -175,7 +175,7 @@ def _hidden(hide: str | Path, days: float) -> str:
     return read_text(path, "write it as `simulate` writes truth.toml")
 
 
-def _hidden_and_found(hidden: str, diagnosis) -> str:
+def hidden_and_found_words(hidden: str, diagnosis) -> str:
     """What the campaign held, beside what was found without that knowledge."""
     effects = [hidden_words(e) for e in tomllib.loads(hidden).get("effect", ())]
     if not effects:
@@ -213,7 +213,7 @@ def _diagnose(
     diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, sampler=False, jobs=runs,
                                progress=progress)
     diagnosis.write(out)
-    return f"{diagnosis.summary}\n{_hidden_and_found(hidden, diagnosis)}"
+    return f"{diagnosis.summary}\n{hidden_and_found_words(hidden, diagnosis)}"
 
 
 def _timed(step: Callable[..., str], *arguments) -> tuple[str, float]:
@@ -235,7 +235,7 @@ STEPS = {
 class _Steps:
     """A heading before each step, a line with its time after it; what is said comes in the order of STEPS."""
 
-    def __init__(self, state: _State, say: Callable[[str], None]):
+    def __init__(self, state: RunState, say: Callable[[str], None]):
         self._state, self._say = state, say
 
     @contextmanager
@@ -301,7 +301,7 @@ def _finished(path: Path) -> dict:
     return found
 
 
-class _State:
+class RunState:
     """Which steps are finished, in run.json; refuses a directory of another run."""
 
     def __init__(self, out: Path, settings: dict):

@@ -20,7 +20,7 @@ from probupdate.campaign.scada import COLUMNS
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
 from probupdate.diagnosis.results import DetectableSizeTable, DiagnosisTable, FindingTable
-from probupdate.lifetime.conditions import Conditions, _keys
+from probupdate.lifetime.conditions import Conditions, condition_keys
 from probupdate.modal.modes import read_modes
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
 from probupdate.structure.description import Description as TurbineDescription
@@ -390,7 +390,7 @@ def test_the_format_of_a_turbine_names_every_key():
 
 def test_the_format_of_loads_names_every_key():
     page = text("docs/formats/fatigue.md")
-    for key in _keys(Conditions):
+    for key in condition_keys(Conditions):
         assert f"`{key}`" in page or f"`{key}.<name>`" in page, key
 
 

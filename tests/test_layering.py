@@ -146,6 +146,16 @@ def test_documents_name_public_modules_only():
                 assert inner in public_names(other), f"{page.name}: probupdate.{other}.{inner} is the room's own"
 
 
+def test_tests_import_public_names_only():
+    """What a test needs of a module has a name that others may use, or is tested through one."""
+    private = []
+    for path in (PACKAGE.parent / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("probupdate"):
+                private += [f"{path.name}: {one.name}" for one in node.names if one.name.startswith("_")]
+    assert not private, f"{private}: import a public name, or test through one"
+
+
 def test_arviz_is_imported_in_one_module_only():
     users = set()
     for path in MODULES:

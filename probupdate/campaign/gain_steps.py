@@ -157,7 +157,7 @@ def gain_steps(
         alternatives = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + AS_WELL and len(t[1]) == 1
                              and t[1][0] not in members)
         steps += [(known[c], at, factor, std, alternatives) for c in members]
-    found = _findings(steps, ids, [s.channel for s in sensors])
+    found = gain_step_findings(steps, ids, [s.channel for s in sensors])
     return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
             f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
 
@@ -324,7 +324,7 @@ def _undone(
     return left, members, at, factor, error, now, series
 
 
-def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
+def gain_step_findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
     """Steps at one place by one factor are one finding: those of channels with something in common."""
     found: list[SensorFinding] = []
     left = list(steps)

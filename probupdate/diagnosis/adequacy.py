@@ -237,12 +237,12 @@ def _spanned(
     design = fitted.design
     names, rare = [], []
     # crosstalks may have been taken up after the search
-    usable = _spanning(problem, design)[: len(found.which)]
+    usable = spanning_candidates(problem, design)[: len(found.which)]
     for c, time_profile in enumerate(problem.time_profiles):
         rows = np.flatnonzero((found.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
-        white = _whitening(design, rows)
+        white = whitening_matrix(design, rows)
         z = np.vstack([found.u[None, rows], drawn[:, rows]]) @ white
         z[0] /= PATTERN * found.heavier if time_profile.kind == "constant" else found.heavier * np.maximum(
             1.0, design.scatter(fitted.centred, c, found.which[rows, 0], white))
@@ -275,7 +275,7 @@ def _frequencies(problem: DiagnosisProblem, fitted: Fit, found: Search) -> float
     rows = np.flatnonzero(moved.share_left > FREE)
     if not len(rows):
         return 1.0
-    z = moved.scores(fitted.centred)[rows] / (PATTERN * found.heavier) @ _whitening(moved, rows, FREE)
+    z = moved.scores(fitted.centred)[rows] / (PATTERN * found.heavier) @ whitening_matrix(moved, rows, FREE)
     return float(stats.chi2.sf(z @ z, len(z)))
 
 
@@ -329,20 +329,20 @@ def span_left(problem: DiagnosisProblem, fitted: Fit, time_profile: int) -> tupl
     """Sum of squares of what remains in the directions the catalogue spans with one time profile, and their number:
     zero and one where unknowns can follow all of them."""
     design = fitted.design
-    rows = np.flatnonzero((problem.which[:, 1] == time_profile) & _spanning(problem, design))
+    rows = np.flatnonzero((problem.which[:, 1] == time_profile) & spanning_candidates(problem, design))
     if not len(rows):
         return 0.0, 1
-    z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
+    z = design.scores(fitted.centred)[rows] @ whitening_matrix(design, rows)
     return float(z @ z), len(z)
 
 
-def _spanning(problem: DiagnosisProblem, design: Design) -> np.ndarray:
+def spanning_candidates(problem: DiagnosisProblem, design: Design) -> np.ndarray:
     """(n_candidate,) bool: what spans the directions of the rest; exchanged cables of any two sensors would span
     every shape."""
     return (design.share_left > 1e-3) & np.array([not problem.effects[j].discrete for j, _ in design.which])
 
 
-def _whitening(design: Design, rows: np.ndarray, least: float = SPAN) -> np.ndarray:
+def whitening_matrix(design: Design, rows: np.ndarray, least: float = SPAN) -> np.ndarray:
     """(n_row, n_direction): u of these candidates -> independent standard normal numbers when nothing is wrong."""
     value, turn = np.linalg.eigh(design.score_correlation(rows))
     kept = value > least * value[-1]

@@ -103,7 +103,7 @@ def campaign_tests(campaign: Campaign, *, runs: Executor = SERIAL, progress: Pro
     measured, _ = sensor_findings(campaign, compared, sways, sentences)
     by_rate, agrees = rate_findings(campaign, ratio)
     rows = [_row(s, campaign.channels) for s in (*sentences, *by_rate)]
-    rows += [_measured_row(f, campaign.channels) for f in measured]
+    rows += [finding_row(f, campaign.channels) for f in measured]
     if np.isfinite(ratio.ratio):
         of_lines = [r for r in rows if r["cause"] == "sampling rate" and "rotor" in r["statement"]]
         row = of_lines[0] if of_lines else {
@@ -121,7 +121,7 @@ def _row(sentence: str, channels: Sequence[str]) -> dict:
             "statement": sentence, "suspected": True}
 
 
-def _measured_row(found: SensorFinding, channels: Sequence[str]) -> dict:
+def finding_row(found: SensorFinding, channels: Sequence[str]) -> dict:
     """With the size as the catalogue has it: a gain less one."""
     cause = MEASURED.get(found.name, "samples")
     size = found.size - 1 if cause == "sensor gain" else found.size

@@ -161,7 +161,7 @@ def examine(
         notes=(
             *lost,
             *problem.notes,
-            *_chance_note(explored),
+            *chance_note(explored),
             *([] if remaining.keys() - {FREQUENCIES, SHAPES} else [NOT_TESTED]),
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
@@ -389,7 +389,7 @@ def _shared_error_share(problem: DiagnosisProblem, best: Hypothesis, number: int
     return float(rest.design.information[k] / known[k]) if known[k] > 0 else 1.0
 
 
-def _chance_note(explored: Explored) -> list[str]:
+def chance_note(explored: Explored) -> list[str]:
     """What to say of a score beyond the threshold that no effect makes probable."""
     last = explored.last
     if explored.one_more or not last.statistic.max() > last.threshold:

@@ -487,7 +487,7 @@ def own_response_of_one(explored: Explored, runs: Executor) -> OwnResponse | Non
 def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple[int, ...]) -> OwnResponse | None:
     """Throughout where it is in place of no effect. None where the model has no modes there."""
     best, first = explored.hypotheses[0], len(explored.problem.effects)
-    effects = _factors_of_modes(explored.problem, rows)
+    effects = mode_factor_effects(explored.problem, rows)
     profiles = explored.problem.time_profiles
     profile = (best.fitted.included[_strongest(best, numbers)].time_profile if numbers else
                next(one for one in profiles if one.kind == "constant"))
@@ -526,7 +526,7 @@ def _relative(problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> f
     return relative[key_of(problem, one.candidates)] - relative[key_of(problem, best.candidates)]
 
 
-def _factors_of_modes(problem: DiagnosisProblem, rows: tuple[int, ...]) -> list[Effect]:
+def mode_factor_effects(problem: DiagnosisProblem, rows: tuple[int, ...]) -> list[Effect]:
     """Of every group of modes, the lowest first and those that are close as one, what these channels show in phase and
     a quarter of a period ahead at its mean frequency; two modes of a pair differ as the line to the next group says."""
     hz = np.exp([own.mean() for own in problem.predictor.log_frequency])

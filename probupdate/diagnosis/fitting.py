@@ -130,7 +130,7 @@ def _design(
                     for n in included if not n.effect.discrete), *scatter),
         n_scatter=len(scatter),
         turns=_turns(problem, theta, exact, bins),
-        model_errors=_model_errors(problem, included, [[e[:, :, column[_number(problem, n)]] for e in effect]
+        model_errors=effect_model_errors(problem, included, [[e[:, :, column[_number(problem, n)]] for e in effect]
                                                        for n in included]),
     )
 
@@ -283,7 +283,7 @@ def _turns(
     return tuple(turns)
 
 
-def _model_errors(
+def effect_model_errors(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], signatures: Sequence[Sequence[np.ndarray]]
 ) -> tuple[tuple[TimeProfile, tuple[np.ndarray, ...]], ...]:
     """Per time profile and group the standard deviations (n_bin, n_response) of the model errors of the included

@@ -107,7 +107,7 @@ def contest(
              for d, y in zip(designs, centred, strict=True)]
     residuals = [_joined(side) for side in sides]
     whole = [carried(d, y, every) for d, y in zip(designs, centred, strict=True)]
-    unknown, own = zip(*(_shared(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
+    unknown, own = zip(*(shared_covariance(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
                        strict=True)
     densities = [log_density(d, every, Q, r, o)[0]
                  for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]
@@ -132,7 +132,7 @@ def contest(
                    snr=float(np.sqrt(max(float(solution.shares.sum()), 0.0))))
 
 
-def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
+def shared_covariance(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
     """Covariance of how all predictions differ and of how each does besides in the unknowns that are carried, such that
     a fold differs as its own prediction says and the mean over folds as the whole record does, by Q: estimates from a
     part differ from that of the whole by what the part knows less, and these differences nearly cancel. Residuals,

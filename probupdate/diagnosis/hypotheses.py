@@ -236,7 +236,7 @@ def _fit_at_last(
     moves = _changed_together(problem, best, first, most)
     if not first.statistic.max() > LARGE:
         moves += large_moves(problem, start, first, len(first.z))
-    _fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
+    fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
     for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
         known[key] = _renewed(problem, known[key])
 
@@ -323,7 +323,7 @@ def explore(
         best = max(h.log_posterior for h in known.values())
         moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()),
                  *moves_from(problem, here, add=add, competing=_competing(known, key), best=best)]
-        _fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
+        fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
         promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
         if add:
             # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
@@ -343,7 +343,7 @@ def _explore_first(
     """The model as it is, and where these moves from it lead."""
     start = hypothesis_of(problem, (), (), null)
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
-    _fit_moves(problem, start.not_asked(), moves, known, noise_anew=True, runs=runs)
+    fit_moves(problem, start.not_asked(), moves, known, noise_anew=True, runs=runs)
     return known
 
 
@@ -383,15 +383,15 @@ def _choose_next(
     promised: Mapping[int, float],
 ) -> frozenset | None:
     """The most probable hypothesis, else another of the WIDTH of its number of effects that come near it, from which no
-    moves were made, else one `_choose_substitute`; None where there is none. `keys` the most probable first,
+    moves were made, else one `choose_substitute`; None where there is none. `keys` the most probable first,
     with the ln posterior relative to it."""
     levels = [len(k) for k in looked_at]
     near = (k for k, r in zip(keys, relative, strict=True)
             if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH)))
-    return next(near, _choose_substitute(keys, relative, looked_at, promised))
+    return next(near, choose_substitute(keys, relative, looked_at, promised))
 
 
-def _choose_substitute(
+def choose_substitute(
     keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
     promised: Mapping[int, float],
 ) -> frozenset | None:
@@ -413,7 +413,7 @@ def _renewed_with_its_like(
 ) -> dict[frozenset, Hypothesis]:
     """The hypothesis of that key `_renewed`, and with its noise and times those of as many effects that were not."""
     here = _renewed(problem, known[key])
-    return {k: _transfer_noise_and_times(h, known[key], here) for k, h in known.items()
+    return {k: transfer_noise_and_times(h, known[key], here) for k, h in known.items()
             if len(k) == len(key) and k not in renewed} | {key: here}
 
 
@@ -429,7 +429,7 @@ def _ordered_at_last(
     return keys, relative
 
 
-def _fit_moves(
+def fit_moves(
     problem: DiagnosisProblem, here: Hypothesis, moves: Sequence[Move], known: dict[frozenset, Hypothesis], *,
     noise_anew: bool, runs: Executor,
 ) -> None:
@@ -507,7 +507,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()
 
 
-def _transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
+def transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
     """A competing hypothesis with the noise and the times of steps that were found again for another one: it is not
     less probable for what it was not offered. An effect of both takes its own time, one in another's place that
     one's."""

@@ -295,9 +295,9 @@ class Design:
 
     def scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of residuals per group (..., n_block, n_response), zero where not measured."""
-        return self._raw(residuals, self.unknowns(residuals))
+        return self.raw_scores(residuals, self.unknowns(residuals))
 
-    def _raw(self, residuals: Sequence[np.ndarray], unknowns: np.ndarray) -> np.ndarray:
+    def raw_scores(self, residuals: Sequence[np.ndarray], unknowns: np.ndarray) -> np.ndarray:
         """X^T R^-1 (y - U c) (..., n_candidate) of residuals y and unknowns c (..., n_unknown), R the noise alone.
 
         Each block with every effect's signature first, then along all time profiles: of half a month in a sixth of the
@@ -481,7 +481,7 @@ class Design:
                 part = slice(first, first + at_once)
                 noise = [y[part] for y in residuals]
                 right = self._right(self._sums(noise, len(self.time_profiles))) + unknown[part] @ self._information
-                result[start + first : start + min(first + at_once, size)] = self._raw(
+                result[start + first : start + min(first + at_once, size)] = self.raw_scores(
                     noise, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)
         return result

@@ -100,7 +100,7 @@ class ModalPredictor:
         same = other._paired(local, local.at_rest)[1] == self._paired(local, local.at_rest)[1]
         return self if same else other
 
-    def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    def group_members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
         their mates."""
         shape, groups = self._paired(local, modes)
@@ -158,7 +158,7 @@ class ModalPredictor:
     def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
         modes = local.solve(angle_deg, local.n_search)
-        shape, groups = self._members(local, modes)
+        shape, groups = self.group_members(local, modes)
         return tuple(
             self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
         )
@@ -179,7 +179,7 @@ class ModalPredictor:
         with: (n_response, n) for a turn of one radian, and the standard deviation (n,) of the turn. Of mates any turn
         is as probable, as a tolerance of any stiffness makes it; beyond them it fades out to twice as far."""
         modes = local.solve(angle_deg, local.n_search)
-        shape, groups = self._members(local, modes)
+        shape, groups = self.group_members(local, modes)
         log, taken = np.log(modes.frequency_hz[: shape.shape[1]]), {i for group in groups for i in group}
         result = []
         for members, axes in zip(groups, self.axes, strict=True):
@@ -209,7 +209,7 @@ class ModalPredictor:
         places, own_shapes = [], []
         for angle in angles_deg:
             modes = local.solved(angle)
-            shape, groups = self._members(local, modes)
+            shape, groups = self.group_members(local, modes)
             places.append((angle, modes, groups))
             own_shapes.append(shape)
         result = []
@@ -372,7 +372,7 @@ def build_predictor(
     lacked = frozenset(q for q in range(len(blocks.groups)) if blocks.group_name(q) in unmatched)
     start = replace(_without_axes(small, blocks, blocks.groups), lacked=lacked)
     local = small.at(theta)
-    shape, groups = start._members(local, local.solve())
+    shape, groups = start.group_members(local, local.solve())
     axes = tuple(_align_alike_pairs(blocks, group, _align_in_plane(plane, shape[:, list(members)]))
                  for group, plane, members in zip(blocks.groups, start.planes, groups, strict=True))
     return replace(start, axes=axes, known={})

@@ -279,7 +279,7 @@ def with_crosstalk(
     rows = [e for e in crosstalk_effects(problem.blocks.channels) if e.key not in known]
     constant = [k for k, time_profile in enumerate(problem.time_profiles) if time_profile.kind == "constant"]
     time_profiles = np.unique([*constant, c])
-    everything = _wider(problem, rows, np.tile(time_profiles, (len(rows), 1)))
+    everything = problem_with_effects(problem, rows, np.tile(time_profiles, (len(rows), 1)))
     design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
     u, v = scores_beside(everything, design, fitted.centred, fitted.included, z_included)
     gain, _ = gains(everything, u, np.where(design.share_left > 1e-3, v, 0.0))
@@ -291,13 +291,16 @@ def with_crosstalk(
                  if new[k].max() > of_table.max() - MARGIN]
     if not len(strongest):
         return problem, fitted, found
-    wider = _wider(problem, [rows[k] for k in strongest], time_profiles[np.argmax(new[strongest], axis=1)][:, None])
+    wider = problem_with_effects(problem, [rows[k] for k in strongest],
+                                 time_profiles[np.argmax(new[strongest], axis=1)][:, None])
     fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.included, fitted.design.noise))
     again = search(wider, fitted, seed=seed, z_included=z_included, heavier=found.heavier)
     return wider, fitted, replace(again, threshold=found.threshold, p_value=found.p_value, maxima=found.maxima)
 
 
-def _wider(problem: DiagnosisProblem, rows: Sequence[Effect], time_profiles: np.ndarray) -> DiagnosisProblem:
+def problem_with_effects(
+    problem: DiagnosisProblem, rows: Sequence[Effect], time_profiles: np.ndarray
+) -> DiagnosisProblem:
     """The problem with these effects as last candidates, each along its time profiles (n_effect, n)."""
     numbers = len(problem.effects) + np.arange(len(rows))
     added = np.column_stack([np.repeat(numbers, time_profiles.shape[1]), time_profiles.ravel()])

@@ -74,7 +74,7 @@ class ModelSource:
             raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                              "export its matrices as model.npz")
         own = read_parameters(self.parameters) if self.parameters else None
-        groups = _read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
+        groups = read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
         made = prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
                        progress=progress)
         return replace(made, discrepancy=self.discrepancy)
@@ -219,7 +219,8 @@ def _with_gains(found: Diagnosis, gains_of: Sequence[dict]) -> Diagnosis:
     return replace(found, findings=findings, notes=(*found.notes, *notes))
 
 
-def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:
+def read_groups(path: str | Path) -> dict[str, dict[str, float]]:
+    """Group -> its parameters and their changes for a size of one, of a groups.toml; raises InputError."""
     table = read_toml(path)
     for name, parts in table.items():
         numbers = isinstance(parts, dict) and parts and all(

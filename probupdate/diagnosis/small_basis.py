@@ -85,7 +85,7 @@ def small_model(
     sure = max(1, n_mode - UNSURE)
     # the snapshots, thousands of vectors, go with the call
     K = _Sum(first).K(first.parameters.initial)
-    energy, directions = _directions(_snapshots(models, points, count, n_mode, size), K)
+    energy, directions = energy_directions(_snapshots(models, points, count, n_mode, size), K)
     basis, error, wrong = directions[:, :0], np.inf, np.inf
     for _ in range(MOST_ROUNDS):
         verified = _Verified.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
@@ -99,7 +99,8 @@ def small_model(
                 return replace(_project(models, basis, n_mode), frequency_error=error)
         # what was missed joins what the basis is made from, and others verify
         seen = energy > 0
-        energy, directions = _directions(np.hstack([directions[:, seen] * np.sqrt(energy[seen]), verified.modes]), K)
+        kept = directions[:, seen] * np.sqrt(energy[seen])
+        energy, directions = energy_directions(np.hstack([kept, verified.modes]), K)
         check = _points(first.parameters, felt, effects, reach, rng)
     raise ConvergenceError(
         f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where "
@@ -169,7 +170,7 @@ def _snapshots(
     return result
 
 
-def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:
+def energy_directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:
     """Principal directions of snapshots S (n_dof, n_snapshot) in the energy norm: energies (n,) and directions
     (n_dof, n) of unit energy, n the lesser of the two sizes.
 

@@ -107,7 +107,7 @@ def _with_mode(prepared: Prepared, known: Outcome, data: ModalData, label: str) 
     blocks, before = problem.blocks, known.problem.blocks
     if (blocks.ids, blocks.channels) != (before.ids, before.channels) or label not in blocks.labels:
         return None
-    if len(blocks.channels) < 2 or np.count_nonzero(problem.measured[1][_group(problem, label)]) < FEWEST:
+    if len(blocks.channels) < 2 or np.count_nonzero(problem.measured[1][group_of_label(problem, label)]) < FEWEST:
         return None
     return replace(problem, effects=known.problem.effects, which=known.problem.which,
                    time_profiles=known.problem.time_profiles)
@@ -150,7 +150,7 @@ def _explained(
 ) -> Unmatched:
     profile = _beginning_profile(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
-    stepped = initialise_tuned_mass(problem.taken(there), _noise(problem).taken(there), parts, runs)
+    stepped = initialise_tuned_mass(problem.taken(there), noise_of_sets(problem).taken(there), parts, runs)
     begun = [(parts[k], size) for k in at_different_places(parts, [*stepped], FITTED)
              for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
     shared = problem, _effects_found(known), profile
@@ -199,7 +199,7 @@ def _substitute_for_findings(
 def _evidence_without_mass(known: Outcome, problem: DiagnosisProblem, noise: Noise, label: str) -> tuple[float, float]:
     """ln evidence of all modes without a mass: where that of this label is the model's own, one that is left by all
     others, and where it is of something else."""
-    number = _group(problem, label)
+    number = group_of_label(problem, label)
     others = noise.of_groups([q for q in range(len(noise.weight)) if q != number])
     elsewhere = marginal_evidence(known.problem, known.fitted.theta, known.fitted.included, others)
     try:
@@ -210,7 +210,8 @@ def _evidence_without_mass(known: Outcome, problem: DiagnosisProblem, noise: Noi
     return of_model, elsewhere + anywhere(problem, noise, number)
 
 
-def _group(problem: DiagnosisProblem, label: str) -> int:
+def group_of_label(problem: DiagnosisProblem, label: str) -> int:
+    """Number of the group of modes that has this label."""
     return next(q for q in range(len(problem.blocks.groups)) if problem.blocks.group_name(q) == label)
 
 
@@ -231,7 +232,7 @@ def _beginning_profile(problem: DiagnosisProblem, label: str) -> TimeProfile:
     return next(profile for profile in problem.time_profiles if profile.kind == "constant")
 
 
-def _noise(problem: DiagnosisProblem) -> Noise:
+def noise_of_sets(problem: DiagnosisProblem) -> Noise:
     """From the sets' own scatter: whatever is expected of them does not change from one set to the next."""
     return noise_of(problem, tuple(np.where(used[:, None], y, 0.0) for y, used in zip(*problem.measured, strict=True)))
 
@@ -346,7 +347,7 @@ def _content(
     for key, own in value.items():
         places[key.untuned] = places.get(key.untuned, 0.0) + float(np.exp(own - total))
     here = best.part[1].key.untuned
-    number = _group(problem, record.label)
+    number = group_of_label(problem, record.label)
     used = problem.measured[1][number]
     expected = np.mean((problem.measured[0][number] - fitted.residuals[number])[used], axis=0)
     axes = problem.predictor.axes[number]

@@ -149,7 +149,7 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
                 (folder / WRITES[later]).unlink(missing_ok=True)
             _RUN[step](month, folder, farm.options, farm.seed)
             finished[step] = round(time.monotonic() - begun, 3)
-            _write(folder, MonthState(format=FORMAT, made_of=now, finished=finished))
+            write_state(folder, MonthState(format=FORMAT, made_of=now, finished=finished))
     except (ProbupdateError, OSError, MemoryError) as error:
         return _failed(folder, now, finished, step, _words(error))
     except Exception as error:
@@ -185,7 +185,7 @@ def lost_month(month: Month, farm: Farm, out: Path) -> MonthState:
 
 def _failed(folder: Path, now: Mapping[str, str], finished: Mapping[str, float], step: str, text: str) -> MonthState:
     state = MonthState(format=FORMAT, made_of=now, finished=finished, failed_step=step, failed=plain(text)[:2000])
-    _write(folder, state)
+    write_state(folder, state)
     return state
 
 
@@ -197,7 +197,8 @@ def _words(error: BaseException) -> str:
     return str(error)
 
 
-def _write(folder: Path, state: MonthState) -> None:
+def write_state(folder: Path, state: MonthState) -> None:
+    """Where a month stands, into its folder; `read_state` reads it."""
     write_json(folder / STATE, asdict(state))
 
 

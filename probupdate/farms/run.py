@@ -78,7 +78,7 @@ def farm(
     if read.joint is not None:
         refuse_other_parameters(read)
     share = Shard.of(shard) if isinstance(shard, str) else shard
-    _claim(out, read)
+    claim_folder(out, read)
     known = {month: _stored_state(out / month.folder) for month in read.months}
     mine = list(read.months) if share is None else share.chunk(read.months)
     # the records of a month that was never begun are read where it is worked on
@@ -125,7 +125,7 @@ def _stored_state(folder: Path) -> MonthState | None:
         return MonthState(format=0, made_of={}, finished={}, failed_step="the state kept", failed=str(error))
 
 
-def _claim(out: Path, farm: Farm) -> None:
+def claim_folder(out: Path, farm: Farm) -> None:
     """Refuses a folder of something else, and one of another farm by name."""
     path = out / HEAD
     # asked before the head: another shard may write that one meanwhile

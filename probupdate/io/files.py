@@ -74,7 +74,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         _remove_remains(path.parent.absolute())
         # a name may have 255 bytes
         short = os.fsdecode(os.fsencode(path.name)[:120])
-        part = path.with_name(f"{short}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
+        part = path.with_name(f"{short}.{host_name()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
     try:
         with errors_named(path):
             yield part
@@ -176,7 +176,7 @@ def remove_stale(folder: str | Path) -> None:
 
 def _is_stale(part: Path) -> bool:
     found = re.fullmatch(r".*\.([^.]+)\.(\d{1,10})\.[0-9a-f]{8}", part.name.removesuffix(PART), re.DOTALL)
-    if found and found[1] == _host():
+    if found and found[1] == host_name():
         return not _alive(int(found[2]))
     return time.time() - part.lstat().st_mtime > OLD_S
 
@@ -203,7 +203,8 @@ def _remove_remains(folder: Path) -> None:
 
 
 @functools.cache
-def _host() -> str:
+def host_name() -> str:
+    """This machine as a part of a file name."""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:32] or "host"
 
 

@@ -225,7 +225,8 @@ def read_conditions(path: str | Path) -> Conditions:
             ) from None
         if first["type"] == "extra_forbidden":
             raise InputError(
-                f"{path}: {key}", "is not a key of this file", nearest(str(first["loc"][-1]), _keys(Conditions))
+                f"{path}: {key}", "is not a key of this file",
+                nearest(str(first["loc"][-1]), condition_keys(Conditions))
             ) from None
         raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}",
                          _meaning(first["loc"]) or "correct it") from None
@@ -252,7 +253,8 @@ def _meaning(place: tuple) -> str:
     return ""
 
 
-def _keys(table) -> set[str]:
+def condition_keys(table) -> set[str]:
+    """Every key that a fatigue.toml may have, with those of this table."""
     kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Efthymiou, Joint, MemberEnd, Site, Girth,
              Lognormal, Uncertainty, Target, Inspection)
     return {name for kind in (table, *kinds) for name in kind.model_fields}

@@ -166,7 +166,7 @@ class StressModel:
     def _slow_loads(self) -> np.ndarray:
         """(n_free, n) thrust and waves of all states on this heading."""
         every = np.geomspace(WAVES_FROM_HZ, WAVES_TO_HZ, N_WAVE)
-        inertia, drag = self._point_loads(every)
+        inertia, drag = self.point_loads(every)
         slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
         wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
         # loads of neighbouring frequencies and states are much alike
@@ -236,7 +236,7 @@ class StressModel:
 
     # loads -----------------------------------------------------------------------------------------------------------
 
-    def _point_loads(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def point_loads(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inertia, and drag per m/s of sigma_v, of each point (3 n_point, n_frequency) per metre of amplitude."""
         density, gravity, depth, still = self.site
         water, w = self.conditions.water, self.waves
@@ -285,7 +285,7 @@ class StressModel:
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        inertia, drag = self._point_loads(self.frequency_hz[: self._wet])
+        inertia, drag = self.point_loads(self.frequency_hz[: self._wet])
         spread = np.asarray(self._project(self.waves.spread.toarray()))
         found = []
         for state, sigma in zip(self.conditions.state, self._speeds, strict=True):
@@ -298,7 +298,7 @@ class StressModel:
 
     # stresses --------------------------------------------------------------------------------------------------------
 
-    def _scale(self, theta: np.ndarray) -> np.ndarray:
+    def stress_scale(self, theta: np.ndarray) -> np.ndarray:
         """(3 n_detail,) MPa per N, per N m; theta real or complex."""
         values = dict(self.coefficients.fixed) | dict(zip(self.parameters.names, theta, strict=True))
         known = {}
@@ -317,7 +317,7 @@ class StressModel:
         K, M, RK, RM = at = self._matrices_at(theta)
         value, U = self._eigen(K, M, count)
         labels = self._labels(theta, U, value) if damping else ()
-        scale = self._scale(theta)[:, None]
+        scale = self.stress_scale(theta)[:, None]
         one = ModalStress(
             value=value, U=U, labels=labels, ratio=np.full(len(value), self.conditions.damping.ratio),
             plain=np.zeros(0), hub=U.T @ self._project(self.hub), scale=scale, RK=scale * (RK @ U),
@@ -474,7 +474,7 @@ class StressModel:
         stepped = theta + 1j * STEP * np.eye(theta.size)
         drK, drM = (np.imag(c) / STEP for c in self.coefficients(stepped))
         scale = m.scale[:, 0]
-        dscale = np.array([np.imag(self._scale(row)) / STEP for row in stepped])
+        dscale = np.array([np.imag(self.stress_scale(row)) / STEP for row in stepped])
         g = 2 * ratio * np.sqrt(value)
         gap = value[None, :] - value[:, None]
         # one mode, or a pair that symmetry makes equal: there the damping's change has a limit of its own

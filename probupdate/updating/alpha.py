@@ -68,7 +68,7 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
     progress("path over alpha", len(ALPHAS), len(ALPHAS))
     alpha, theta, misfit, penalty, fall, evidence, settled = (np.array(x) for x in zip(*rows[::-1], strict=True))
     found = {
-        "l-curve": _corner(alpha, misfit, penalty, fall),
+        "l-curve": curve_corner(alpha, misfit, penalty, fall),
         "discrepancy": _discrepancy(alpha, misfit, problem.n_effective),
         "evidence": _highest(alpha, evidence),
     }
@@ -101,7 +101,8 @@ def curvature(alpha, misfit, penalty, penalty_slope) -> np.ndarray:
     return turn / np.maximum(np.hypot(fall / misfit, rise / penalty), 1e-300)
 
 
-def _corner(alpha, misfit, penalty, penalty_slope) -> tuple[float, str]:
+def curve_corner(alpha, misfit, penalty, penalty_slope) -> tuple[float, str]:
+    """Alpha at the corner of the L-curve, NaN without one, and why there is none."""
     if np.any(penalty <= 0) or np.any(misfit <= 0):
         return float("nan"), "a term of Eq. 6 is zero on the path, so that it has no logarithm"
     bend = curvature(alpha, misfit, penalty, penalty_slope)

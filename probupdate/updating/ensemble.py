@@ -220,7 +220,7 @@ def sample(
                                    f"at most {settings.max_steps} are allowed.")
                 states = [segment.state for segment in rounds[-1]]
             else:
-                states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
+                states = [initial_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
                           for k in range(settings.ensembles)]
             n_more = min(SEGMENT, settings.max_steps - n_step)
             # those that a killed run finished of this round are kept
@@ -233,7 +233,7 @@ def sample(
             rounds.append([done[k] for k in range(settings.ensembles)])
 
 
-def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+def initial_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
     """Walkers where the model has modes: from one that has none emcee knows no step."""
     own = [] if ensemble == 0 else [ensemble]
     draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.model.box_probability import log_probability as _log_probability
-from probupdate.model.box_probability import truncated_normal as _truncated_normal
+from probupdate.model.box_probability import truncated_normal
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -92,7 +92,7 @@ class TruncatedGaussian:
         z, theta = np.zeros((n, len(stages.order))), np.empty((n, len(stages.order)))
         for k, j in enumerate(stages.order):
             low, high = stages.cut(k, z)
-            z[:, k] = _truncated_normal(low, high, random.uniform(size=n))
+            z[:, k] = truncated_normal(low, high, random.uniform(size=n))
             theta[:, j] = stages.mean[k] + stages.scale[k] * (z[:, : k + 1] @ stages.factor[k, : k + 1])
         # rounding may leave a draw a hair outside
         return np.clip(theta, self.lower, self.upper)
@@ -311,13 +311,13 @@ def fit_surrogate(
         known = np.isfinite(value)
         x, value = theta[known] - current.origin, value[known]
         tempered = np.maximum(power * weight[known], LEAST_WEIGHT)
-        chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
+        chosen = straightest_powers(x, value, tempered, current.powers, np.isfinite(parameters.lower))
         current = _refit(current.turned_to(chosen), x, value, tempered)
     progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))
     return best, float(best_share)
 
 
-def _straightest(x, value, log_weight, powers, positive) -> tuple[int, ...]:
+def straightest_powers(x, value, log_weight, powers, positive) -> tuple[int, ...]:
     """Powers, changed one parameter after another where a quadratic then misses clearly less."""
 
     def missed(trial) -> float:

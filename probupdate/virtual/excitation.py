@@ -85,7 +85,7 @@ def _pieces(first_s: float, n: int, rate: float):
             yield number, slice(low, high), slice(low - begin, high - begin), window[low - begin : high - begin]
 
 
-def _random_loads(plan: Plan, leg_xy: np.ndarray, seed: int, first_s: float, n: int, rate: float):
+def random_loads(plan: Plan, leg_xy: np.ndarray, seed: int, first_s: float, n: int, rate: float):
     """Wind fluctuations (n, 4) in m/s (along, across, and two of shear) and wave forces (n, 2 n_leg) in N."""
     wind, wave = np.zeros((n, 4)), np.zeros((n, 2 * len(leg_xy)))
     length = round(2 * SLOT_S * rate)
@@ -131,13 +131,13 @@ def make_loads(
     leg_xy (n_leg, 2): where the legs cross the surface.
     """
     time = first_s + np.arange(n) / rate
-    wind, wave = _random_loads(plan, leg_xy, seed, first_s, n, rate)
+    wind, wave = random_loads(plan, leg_xy, seed, first_s, n, rate)
     grid, slot_time = plan.grid_s, SLOT_S * (np.arange(plan.n_slot) + 0.5)
     running = np.interp(time, grid, plan.running)
     mean = np.interp(time, slot_time, plan.wind_mps)
     rna = wind * (running[:, None] * GAIN_OPERATING + ((1 - running) * mean)[:, None] * GAIN_IDLING)
     rna[:, 0] += running * mean_thrust(mean)
-    rna += _harmonics(plan, time, running)
+    rna += harmonic_loads(plan, time, running)
     for event in plan.events:
         end = event.start_s + event.duration_s
         if end + 60 < time[0] or event.start_s - 60 > time[-1]:
@@ -156,7 +156,7 @@ def make_loads(
     return Loads(rna=rna, wave=wave, background=background)
 
 
-def _harmonics(plan: Plan, time: np.ndarray, running: np.ndarray) -> np.ndarray:
+def harmonic_loads(plan: Plan, time: np.ndarray, running: np.ndarray) -> np.ndarray:
     """Forces (n, 4) at 1P, 3P and 6P of the rotor's angle, growing with the square of its speed."""
     step = np.clip((time // GRID_S).astype(int), 0, len(plan.grid_s) - 2)
     rpm = np.interp(time, plan.grid_s, plan.rotor_rpm)

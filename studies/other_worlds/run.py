@@ -23,7 +23,7 @@ from records import FAMILIES, Record, draw_record
 
 import probupdate
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.run import _read_groups
+from probupdate.diagnosis.run import read_groups
 
 SURE = 0.95
 # families of which accelerations are made: the others are of what modal sets lack
@@ -56,7 +56,7 @@ def run_one(record: Record, folder: Path, raw: bool = False, extend: bool = Fals
     line = {"family": record.family, "number": record.number, "kind": record.world.kind, "hidden": record.hidden,
             "size": record.size, "time_profile": record.time_profile}
     try:
-        groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
+        groups = read_groups(path.parent / "groups.toml") if record.world.groups else None
         prepared, data = prepare(path, groups=groups, sensors=record.world.sensors), record.data
         if campaign is not None:
             data = probupdate.identify(campaign, path, lowest=record.world.n_mode).data

@@ -15,7 +15,7 @@ import probupdate
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.checking import check
 from probupdate.campaign.findings import channel_findings, rate_findings
-from probupdate.campaign.gain_steps import _findings, gain_steps, parts_of_block
+from probupdate.campaign.gain_steps import gain_step_findings, gain_steps, parts_of_block
 from probupdate.campaign.heading import Sway, block_sway, heading_findings, heading_offset
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, natural_groups, rigid_candidates, wrong_gains
@@ -119,7 +119,8 @@ def test_two_channels_are_alternatives_of_one_another():
 
 def test_two_gains_that_change_by_the_inverse_of_one_another_may_be_an_exchange():
     def said(*steps):
-        found = _findings([(c, at, size, 0.03, ()) for c, at, size in steps], list("abcde"), ["x2", "x4", "y1"])
+        changes = [(c, at, size, 0.03, ()) for c, at, size in steps]
+        found = gain_step_findings(changes, list("abcde"), ["x2", "x4", "y1"])
         return {f.channel: "as if the two were exchanged" in f.message for f in found}
 
     assert said((0, 1, 1.9), (1, 1, 0.53)) == {"x2": True, "x4": True}

@@ -101,7 +101,7 @@ def test_a_signal_is_one_line_and_130(tmp_path, number):
 def test_only_the_dead_lose_their_temporary_files(tmp_path):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    host = files._host()
+    host = files.host_name()
     names = {f"a.json.{host}.{dead.pid}.0123abcd.part": False, f"a.json.{host}.{os.getpid()}.0123abcd.part": True,
              f"a.json.elsewhere.{dead.pid}.0123abcd.part": True, "old.part": False}
     for name in names:

@@ -357,12 +357,12 @@ def test_an_error_of_a_step_beside_ends_the_others_at_once(tmp_path):
 
 
 def test_what_was_hidden_stands_beside_what_was_found():
-    words = demonstration._hidden_and_found(demonstration._hidden("default", 2.0), Step("diagnose"))
+    words = demonstration.hidden_and_found_words(demonstration.hidden_text("default", 2.0), Step("diagnose"))
     assert words.splitlines() == [
         "hidden in this campaign:", "  leg stiffness, leg B, bay 4: factor 0.75, from hour 24 on",
         "  sensor gain, channel TP-C-y: factor 1.15, all through the record", "found by the diagnosis:",
         "  nothing with a name"]
-    assert "nothing" in demonstration._hidden_and_found(demonstration._hidden("none", 1.0), Step("diagnose"))
+    assert "nothing" in demonstration.hidden_and_found_words(demonstration.hidden_text("none", 1.0), Step("diagnose"))
 
 
 @pytest.mark.long

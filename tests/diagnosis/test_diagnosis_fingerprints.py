@@ -33,7 +33,7 @@ def prepared(frame_file):
 def identified(small, field, theta, effect=None, size=0.0):
     local = small.at(theta)
     modes = local.solve()
-    shape, groups = field._members(local, modes)
+    shape, groups = field.group_members(local, modes)
     for members in groups:
         own, f = shape[:, list(members)].astype(complex), modes.frequency_hz[list(members)]
         if effect is not None:

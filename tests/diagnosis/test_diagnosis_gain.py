@@ -201,7 +201,7 @@ def test_gain_where_one_stretch_alone_tells_an_unknown(validation):
         y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
     fold, prior = gain.folds(N_BLOCK), plain.prior_std
-    shared, own = gain._shared(plain, carried(plain, y, np.arange(N_BLOCK))[1],
+    shared, own = gain.shared_covariance(plain, carried(plain, y, np.arange(N_BLOCK))[1],
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
         # of numbers of one, as the prior's standard deviations are; without the correct -0.04

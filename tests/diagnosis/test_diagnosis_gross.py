@@ -7,7 +7,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis import hypotheses
-from probupdate.diagnosis.adequacy import _spanning, _whitening, adequacy
+from probupdate.diagnosis.adequacy import adequacy, spanning_candidates, whitening_matrix
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.fitting import fit
@@ -342,8 +342,8 @@ def directions_of(outcome, at):
     """(number of the step's time profile, effects, weights) of the directions that the catalogue spans with it."""
     design = outcome.null.design
     c = next(c for c, one in enumerate(design.time_profiles) if one.kind == "step" and one.at == at)
-    rows = np.flatnonzero((design.which[:, 1] == c) & _spanning(outcome.problem, design))
-    return c, design.which[rows, 0], _whitening(design, rows)
+    rows = np.flatnonzero((design.which[:, 1] == c) & spanning_candidates(outcome.problem, design))
+    return c, design.which[rows, 0], whitening_matrix(design, rows)
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.3])

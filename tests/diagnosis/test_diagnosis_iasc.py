@@ -13,8 +13,8 @@ from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.evidence import linear_evidence, log_evidence
 from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import (
-    _model_errors,
     design_without_candidates,
+    effect_model_errors,
     fit,
     fitted_without_candidates,
     noise_of,
@@ -293,7 +293,8 @@ def test_model_errors_along_one_time_profile_are_one(prepared):
     ((_, spread),) = together.model_errors
     signatures = [[e[:, :, number] for e in together.effect] for number, _, _ in together.included[:2]]
     apart = replace(together, model_errors=tuple(
-        error for n, own in zip(included, signatures, strict=True) for error in _model_errors(problem, [n], [own])))
+        error for n, own in zip(included, signatures, strict=True)
+        for error in effect_model_errors(problem, [n], [own])))
     for q, own in enumerate(spread):
         assert own == pytest.approx(np.sqrt(sum(s[q] ** 2 for _, s in apart.model_errors)))
     residuals = residuals_at(problem, theta, included)

@@ -202,12 +202,12 @@ def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
     changed[1][N_BLOCK - 1] += 5.0
     steps = few.which[:, 1] == 1
     none = np.zeros(few.n_unknown)
-    alone = few._raw(changed, none) - few._raw(y, none)
+    alone = few.raw_scores(changed, none) - few.raw_scores(y, none)
     assert np.all(alone[steps] == 0) and np.all(alone[few.which[:, 1] == 0] != 0)
     # with three it does
     weight[N_BLOCK - 3] = 1.0
     found_here = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
-    assert np.all((found_here._raw(changed, none) - found_here._raw(y, none))[steps] != 0)
+    assert np.all((found_here.raw_scores(changed, none) - found_here.raw_scores(y, none))[steps] != 0)
 
 
 def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(design):
@@ -292,10 +292,10 @@ def test_a_note_says_of_which_search_its_threshold_is(candidates, words):
                               time_profiles=[SimpleNamespace(name="constant")])
     explored = SimpleNamespace(one_more=False, last=last, first=SimpleNamespace(threshold=4.6), problem=problem,
                                hypotheses=[SimpleNamespace(candidates=candidates)])
-    (note,) = diagnose._chance_note(explored)
+    (note,) = diagnose.chance_note(explored)
     assert note.startswith("a gain (constant) ") and words in note
     last.threshold = 5.1
-    assert diagnose._chance_note(explored) == []
+    assert diagnose.chance_note(explored) == []
 
 
 def test_a_frequency_error_that_grows_is_said_with_its_reason():

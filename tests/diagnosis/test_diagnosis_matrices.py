@@ -21,12 +21,12 @@ from probupdate.diagnosis.fitting import (
     with_candidates,
 )
 from probupdate.diagnosis.free_form import own_response_content
-from probupdate.diagnosis.hypotheses import _transfer_noise_and_times, moves_from, without
+from probupdate.diagnosis.hypotheses import moves_from, transfer_noise_and_times, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.proposals import _wider, crosstalk_effects
+from probupdate.diagnosis.proposals import crosstalk_effects, problem_with_effects
 from probupdate.diagnosis.ranking import Hypothesis, Ranking, hypothesis_of, log_prior
 from probupdate.diagnosis.run import ModelSource, diagnose_files
 from probupdate.diagnosis.search import drawn_scores, gains, search
@@ -178,7 +178,7 @@ def test_crosstalks_taken_up_after_a_search_take_no_part_in_the_test_of_its_resi
     null = fit(problem, theta)
     found = search(problem, null, seed=1)
     rows = crosstalk_effects(problem.blocks.channels)[:8]
-    wider = _wider(problem, rows, np.zeros((len(rows), 1), int))
+    wider = problem_with_effects(problem, rows, np.zeros((len(rows), 1), int))
     design = design_at(wider, null.theta, (), null.design.noise)
     p, parts = adequacy(problem, null, found, drawn_scores(null.design, 1))
     there, its = adequacy(wider, replace(null, design=design), found, drawn_scores(design, 1))
@@ -298,11 +298,11 @@ def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(pre
     before = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k2", 27, -0.1))
     after = hypothesis(("sensor gain", "y4", 31, 0.1), ("parameter", "k2", 29, -0.1))
     other = hypothesis(("sensor gain", "y4", 30, 0.1), ("parameter", "k3", 27, -0.1))
-    moved = _transfer_noise_and_times(other, before, after)
+    moved = transfer_noise_and_times(other, before, after)
     assert [n.time_profile.at for n in moved.fitted.included] == [31, 29]
     # whatever their order, and no other's time where there is none to take
     other = hypothesis(("parameter", "k3", 30, -0.1), ("sensor gain", "y4", 20, 0.1))
-    moved = _transfer_noise_and_times(other, before, after)
+    moved = transfer_noise_and_times(other, before, after)
     assert [n.time_profile.at for n in moved.fitted.included] == [29, 20]
     assert moved.log_evidence == other.log_evidence + after.log_evidence - before.log_evidence
 

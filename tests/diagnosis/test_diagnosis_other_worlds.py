@@ -14,7 +14,7 @@ from probupdate.diagnosis.fitting import noise_of, turning_freely
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import diagnosis_problem
-from probupdate.diagnosis.run import _read_groups
+from probupdate.diagnosis.run import read_groups
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.runtime.executors import SERIAL
 
@@ -27,7 +27,7 @@ from worlds import draw_world, modes
 def diagnosed(family, number, folder):
     record = draw_record(family, number)
     path = record.world.write(folder)
-    groups = _read_groups(folder / "groups.toml") if record.world.groups else None
+    groups = read_groups(folder / "groups.toml") if record.world.groups else None
     prepared = prepare(path, groups=groups, sensors=record.world.sensors)
     return record, probupdate.diagnose(prepared, record.data, extend=False, seed=number)
 
@@ -45,7 +45,7 @@ def test_accelerations_of_drawn_structures_to_their_verdict(family, number, tmp_
     campaign, path = write_campaign(record, tmp_path / "campaign"), record.world.write(tmp_path / "model")
     found = probupdate.identify(campaign, path, lowest=record.world.n_mode)
     row.equal(len(found.data.sets), record.scene.n, "blocks")
-    groups = _read_groups(path.parent / "groups.toml") if record.world.groups else None
+    groups = read_groups(path.parent / "groups.toml") if record.world.groups else None
     prepared = prepare(path, groups=groups, sensors=record.world.sensors)
     verdict = probupdate.diagnose(prepared, found.data, extend=False, seed=number)
     # of two loggers either may be the late one
@@ -106,7 +106,7 @@ def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, va
     predictor = problem.predictor
     local = predictor.small.at(theta)
     modes_there = local.solve(0.0, predictor.small.n_search)
-    shape, groups = predictor._members(local, modes_there)
+    shape, groups = predictor.group_members(local, modes_there)
     (q,) = [q for q, members in enumerate(groups) if len(members) > len(problem.blocks.groups[q])]
     plain = noise_of(problem, residuals_at(problem, theta, ()))
     turned = turning_freely(problem, plain, theta, ())
@@ -135,7 +135,7 @@ def test_what_led_nowhere_is_left_for_the_next_of_as_many_effects_within_what_wa
     looked_at = [none, flange, pair]
 
     def back(promised, looked=looked_at):
-        return hypotheses._choose_substitute(keys, relative, looked, promised)
+        return hypotheses.choose_substitute(keys, relative, looked, promised)
 
     # the fewest effects first, and no hypothesis in place of the model as it is
     assert back({0: 3800.0, 1: 2771.0, 2: 3440.0}) == nacelle
@@ -163,12 +163,12 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
     known = {one: SimpleNamespace(log_posterior=-212_866.0), other: SimpleNamespace(log_posterior=10_990.0)}
     before = dict(known)
     moves = [SimpleNamespace(candidates=(k,), promise=9.0, theta=0.0) for k in (0, 1)]
-    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=11_008.0), moves, known, noise_anew=True, runs=SERIAL)
+    hypotheses.fit_moves(None, SimpleNamespace(log_posterior=11_008.0), moves, known, noise_anew=True, runs=SERIAL)
     # what came to about what is promised is not made again
     row.equal((made, known[one].log_posterior), ([(0,)], 11_000.0))
     assert known[other] is before[other]
     # and never exchanged for a worse one
-    hypotheses._fit_moves(None, SimpleNamespace(log_posterior=2e4), moves, known, noise_anew=True, runs=SERIAL)
+    hypotheses.fit_moves(None, SimpleNamespace(log_posterior=2e4), moves, known, noise_anew=True, runs=SERIAL)
     assert made == [(0,), (0,), (1,)] and known[other] is before[other]
 
 

@@ -9,7 +9,7 @@ from scipy import linalg
 
 import probupdate
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.elementary import OWN_RESPONSE, _factors_of_modes
+from probupdate.diagnosis.elementary import OWN_RESPONSE, mode_factor_effects
 from probupdate.diagnosis.free_form import own_response_content
 from probupdate.diagnosis.gain import SIGNIFICANT
 from probupdate.diagnosis.run import ModelSource, diagnose_files
@@ -143,7 +143,7 @@ def test_groups_that_are_close_show_one_factor():
     """Between two of the same frequency no line could be drawn."""
     blocks = SimpleNamespace(group_name=lambda q: "ABC"[q], channels=CHANNELS)
     log = tuple(np.log(np.array([hz])) for hz in (2.0, 1.0, 2.0))
-    effects = _factors_of_modes(SimpleNamespace(predictor=SimpleNamespace(log_frequency=log), blocks=blocks), (0,))
+    effects = mode_factor_effects(SimpleNamespace(predictor=SimpleNamespace(log_frequency=log), blocks=blocks), (0,))
     assert [e.location for e in effects] == ["B", "B", "A and C", "A and C"]
     assert all(e.observe.at_hz == pytest.approx((1.0, 2.0)) for e in effects)
 

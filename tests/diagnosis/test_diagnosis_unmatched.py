@@ -14,8 +14,8 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import PART_CAUSES, elementary, parts_of
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, diagnosis_problem
-from probupdate.diagnosis.run import ModelSource, _read_groups, diagnose_files
-from probupdate.diagnosis.unmatched import _group, _noise, anywhere, unmatched_modes, with_unmatched
+from probupdate.diagnosis.run import ModelSource, diagnose_files, read_groups
+from probupdate.diagnosis.unmatched import anywhere, group_of_label, noise_of_sets, unmatched_modes, with_unmatched
 from probupdate.diagnosis.wording import SELDOM
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData, ModalSet, ModeRecord
@@ -142,7 +142,7 @@ def test_the_price_of_a_mode_of_something_else(pictured_frame, validation):
                      "all blocks", why="rounding: its covariance is of condition 1e7")
     data, _ = hung(7, mass=150.0, storey=4, from_block=0)
     problem, _ = diagnosis_problem(pictured_frame, data, ("7",))
-    q, noise = _group(problem, "7"), _noise(problem)
+    q, noise = group_of_label(problem, "7"), noise_of_sets(problem)
     y, used = problem.measured[0][q], problem.measured[1][q]
     y, weight = y[used], noise.weight[q][used]
     y = y[weight > 0]
@@ -173,7 +173,7 @@ def test_accelerations_of_structures_with_a_tuned_mass(number, tmp_path, validat
     path = record.world.write(tmp_path / "model")
     campaign = write_campaign(record, tmp_path / "campaign")
     data = probupdate.identify(campaign, path, lowest=record.world.n_mode).data
-    groups = _read_groups(path.with_name("groups.toml")) if record.world.groups else None
+    groups = read_groups(path.with_name("groups.toml")) if record.world.groups else None
     found = probupdate.diagnose(prepare(path, groups=groups, sensors=record.world.sensors), data, extend=False)
     (part,) = found.details["free_form"]["parts"]
     K, M = record.scene.state(10**6)
@@ -206,9 +206,9 @@ def test_masses_on_springs_with_which_no_fit_can_begin_are_left_out(pictured_fra
     data, _ = hung(9, mass=150.0, storey=4, from_block=0)
     problem, _ = diagnosis_problem(pictured_frame, data)
     parts = elementary(pictured_frame.small, str, heights=2)
-    assert unmatched.initialise_tuned_mass(problem, _noise(problem), parts)
+    assert unmatched.initialise_tuned_mass(problem, noise_of_sets(problem), parts)
     monkeypatch.setattr(unmatched, "first_steps", no_modes)
-    assert not unmatched.initialise_tuned_mass(problem, _noise(problem), parts)
+    assert not unmatched.initialise_tuned_mass(problem, noise_of_sets(problem), parts)
 
 
 def test_first_steps_are_made_at_the_heading_known_best(pictured_frame):

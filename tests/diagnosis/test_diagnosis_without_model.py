@@ -12,7 +12,7 @@ from scipy import stats
 import probupdate
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import main
-from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
+from probupdate.diagnosis.campaign_tests import finding_row, rate_finding, with_true_rate
 from probupdate.diagnosis.engine.evidence import (
     SCALES,
     SLOW_LENGTH,
@@ -325,6 +325,6 @@ def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
 def test_what_sensors_say_of_one_another_is_a_row_with_size_and_time():
     found = SensorFinding(name="gain change", channel="TP-A-x, TP-A-y", size=1.1, std=0.01, since="2026-01-01T06:00Z",
                           message="TP-A changed")
-    row = _measured_row(found, ("TP-A-x", "TP-A-y", "TP-B-x"))
+    row = finding_row(found, ("TP-A-x", "TP-A-y", "TP-B-x"))
     assert (row["cause"], row["channels"], row["since"]) == ("sensor gain", ["TP-A-x", "TP-A-y"], found.since)
     assert row["size"] == pytest.approx(0.1) and row["size_std"] == 0.01 and row["suspected"]

@@ -341,7 +341,7 @@ def test_two_shards_that_begin_in_the_same_moment_take_one_folder(described, tmp
         return there
 
     monkeypatch.setattr(Path, "exists", looked_for)
-    farms_run._claim(out, farm)
+    farms_run.claim_folder(out, farm)
     assert json.loads((out / "farm.json").read_text())["name"] == farm.name
 
 

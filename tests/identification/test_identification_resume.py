@@ -293,7 +293,7 @@ def test_files_that_another_process_is_writing_stay(filled, rough, tmp_path):
     other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    names = [f"x.poles.npz.{files._host()}.{p.pid}.0123abcd.part" for p in (other, dead)]
+    names = [f"x.poles.npz.{files.host_name()}.{p.pid}.0123abcd.part" for p in (other, dead)]
     names.append(f"x.poles.npz.elsewhere.{dead.pid}.0123abcd.part")
     for name in names:
         (store / name).write_bytes(b"half")

@@ -147,7 +147,7 @@ def test_slow_waves_load_the_piles_by_their_sum(whole):
     one = whole.models[0]
     x = np.zeros((len(one.frame.node_m), 6))
     x[:, 0] = 1.0
-    inertia, _ = one._point_loads(np.array([0.05]))
+    inertia, _ = one.point_loads(np.array([0.05]))
     n_tied = {tie.node for tie in one.frame.ties}
     transform = stresses.transformation(one.frame)
     free = sparse_linalg.lsqr(
@@ -174,7 +174,7 @@ def test_modes_and_a_direct_solution_agree(whole, validation):
     ratio[:2] = 0.05
     C = M @ phi * (2 * ratio * np.sqrt(value)) @ phi.T @ M
     rK, rM = one.coefficients(theta)
-    scale = one._scale(theta)[:, None]
+    scale = one.stress_scale(theta)[:, None]
     picked = [5, 40, 90, 130, one._wet - 1]
     for wind in (False, True):
         z = one.transfer(theta, labels, case=1, wind=wind).reshape(scale.size, -1)
@@ -206,7 +206,7 @@ def test_a_brace_carries_one_force_from_leg_to_crossing():
     )
     one = stresses.replace(found.models[0], frequency_hz=np.array([1e-4, 2e-4]))
     theta = one.parameters.initial
-    force = one.transfer(theta, {}, wind=True)[:, 0, 0] / one._scale(theta)[::3]
+    force = one.transfer(theta, {}, wind=True)[:, 0, 0] / one.stress_scale(theta)[::3]
     halves = {}
     for k, d in enumerate(one.details):
         if d.at != "girth":

@@ -433,20 +433,20 @@ def run(folder: Path) -> Made:
 
 
 def started_run(folder: Path) -> Made:
-    from probupdate.demonstration import _State
+    from probupdate.demonstration import RunState
 
     settings = {"seed": 1, "days": 1.0, "version": "0"}
     (folder / "out").mkdir(exist_ok=True)
-    _State(folder / "out", settings).finish("simulate")
-    return [folder / "out" / "run.json"], lambda: _State(folder / "out", settings)
+    RunState(folder / "out", settings).finish("simulate")
+    return [folder / "out" / "run.json"], lambda: RunState(folder / "out", settings)
 
 
 def groups(folder: Path) -> Made:
-    from probupdate.diagnosis.run import _read_groups
+    from probupdate.diagnosis.run import read_groups
 
     path = folder / "groups.toml"
     path.write_text("[legs]\nk_t = 1.0\nk_p = -0.5\n[other]\npy = 1.0\n")
-    return [path], lambda: _read_groups(path)
+    return [path], lambda: read_groups(path)
 
 
 def fatigue(folder: Path) -> Made:
@@ -542,9 +542,9 @@ def farm_records(folder: Path) -> Made:
 
 
 def farm_month(folder: Path) -> Made:
-    from probupdate.farms.month import MonthState, _write, read_state
+    from probupdate.farms.month import MonthState, read_state, write_state
 
-    _write(folder, MonthState(format=1, made_of={"model": "abc"}, finished={"identify": 1.5}, failed_step="select",
+    write_state(folder, MonthState(format=1, made_of={"model": "abc"}, finished={"identify": 1.5}, failed_step="select",
                               failed="modes: none"))
     return [folder / "month.json"], lambda: read_state(folder)
 
@@ -604,7 +604,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "block_deviations": (block_factors, ("identification.block_store.read_block_factors",)),
     "chain": (chain, ("updating.chain_store.ChainStore",)),
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
-    "started_run": (started_run, ("demonstration._State",)),
+    "started_run": (started_run, ("demonstration.RunState",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
     "gauges": (gauges, ("lifetime.gauges.read_gauges",)),
@@ -614,7 +614,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "farm": (farm, ("farms.description.read_farm",)),
     "farm_month": (farm_month, ("farms.month.read_state",)),
     "farm_records": (farm_records, ("farms.records.read_kept",)),
-    "groups": (groups, ("diagnosis.run._read_groups",)),
+    "groups": (groups, ("diagnosis.run.read_groups",)),
 }
 
 

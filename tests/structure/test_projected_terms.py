@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from probupdate.diagnosis.small_basis import _directions
+from probupdate.diagnosis.small_basis import energy_directions
 from probupdate.structure import assembly
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.projected_terms import ProjectedTerms
@@ -114,7 +114,7 @@ def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix(validat
     K = sparse.csc_array(root @ root.T)
     # a few strong directions, others a thousandth of them
     snapshots = RNG.standard_normal((N_DOF, N_DOF)) * np.geomspace(1, 1e-3, N_DOF) @ RNG.standard_normal((N_DOF, 90))
-    energy, directions = _directions(snapshots, K)
+    energy, directions = energy_directions(snapshots, K)
     gram, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
     row.error((energy - gram[-N_DOF:]) / gram[-1], below=1e-13, of="energies, of the largest")
     kept = energy > 1e-3 * energy[-1]
@@ -123,6 +123,6 @@ def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix(validat
     cosines = np.linalg.svd(here.T @ (K @ there), compute_uv=False)
     row.error(1 - cosines.min(), below=1e-7, of="least cosine")
     # fewer snapshots than degrees of freedom: from their own Gram matrix
-    few_energy, few = _directions(snapshots[:, :7], K)
+    few_energy, few = energy_directions(snapshots[:, :7], K)
     assert few.shape == (N_DOF, 7) and len(few_energy) == 7
     np.testing.assert_allclose(few.T @ (K @ few), np.eye(7), atol=1e-6)

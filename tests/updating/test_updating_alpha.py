@@ -86,7 +86,7 @@ def test_a_corner_is_found_where_there_is_one():
         return np.sum((singular * x - b) ** 2, axis=1), np.sum(x**2, axis=1), slope
 
     alpha = np.logspace(-5, 1, 13)
-    found, _ = alpha_module._corner(alpha, *terms(alpha))
+    found, _ = alpha_module.curve_corner(alpha, *terms(alpha))
     fine = np.logspace(-5, 1, 4001)
     misfit, penalty, slope = terms(fine)
     x, y = (np.gradient(np.log(v), np.log(fine)) for v in (misfit, penalty))

@@ -12,7 +12,7 @@ from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.updating.discrepancy import LikelihoodSettings
-from probupdate.updating.ensemble import _first_state, nested_r_hat
+from probupdate.updating.ensemble import initial_state, nested_r_hat
 from probupdate.updating.importance import (
     Mixture,
     PriorDensity,
@@ -245,14 +245,14 @@ class Uniform:
 def test_walkers_begin_where_there_are_modes():
     """From one that has none emcee subtracts an infinity from an infinity at each step."""
     problem, asked = half_of_two_modes()
-    start = _first_state(problem, Uniform(-4.0, 4.0), 40, 3, 1).coords
+    start = initial_state(problem, Uniform(-4.0, 4.0), 40, 3, 1).coords
     assert asked and np.all(start[:, 0] >= 0) and len(np.unique(start[:, 0])) == 40
     # where all have modes nothing is drawn again
-    plain = _first_state(problem, Uniform(0.0, 4.0), 40, 3, 1).coords
+    plain = initial_state(problem, Uniform(0.0, 4.0), 40, 3, 1).coords
     assert np.array_equal(plain, Uniform(0.0, 4.0).draw(40, np.random.default_rng([3, 0, 1])))
 
 
 def test_a_model_that_has_no_modes_anywhere_is_refused():
     problem, _ = half_of_two_modes()
     with pytest.raises(InputError, match="no modes at 10 of 10 starts"):
-        _first_state(problem, Uniform(-4.0, -0.1), 10, 3, 0)
+        initial_state(problem, Uniform(-4.0, -0.1), 10, 3, 0)

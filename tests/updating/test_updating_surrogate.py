@@ -15,6 +15,7 @@ from updating_cases import (
     linear_problem,
 )
 
+from probupdate.model.box_probability import truncated_normal
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
@@ -22,11 +23,10 @@ from probupdate.updating.surrogate import (
     ROUNDS,
     GaussianApproximation,
     TruncatedGaussian,
-    _straightest,
-    _truncated_normal,
     fit_surrogate,
     from_laplace,
     log_jacobian,
+    straightest_powers,
     to_coordinates,
 )
 
@@ -134,10 +134,10 @@ def test_draws_follow_the_density_on_ridges_and_far_out(correlation, n_param, lo
 def test_the_inverse_distribution_function_holds_far_in_both_tails(a, b):
     uniform = np.array([0.0, 0.1, 0.5, 0.9, 1.0])
     ends = np.full(5, a), np.full(5, b)
-    x = _truncated_normal(*ends, uniform)
+    x = truncated_normal(*ends, uniform)
     assert np.all((x >= a) & (x <= b)) and np.all(np.abs(np.diff(np.sign(np.diff(x)))) == 0)
     if max(abs(a), abs(np.nan_to_num(b, posinf=0))) < 35:
-        inside = _truncated_normal(ends[0][:3], ends[1][:3], uniform[1:4])
+        inside = truncated_normal(ends[0][:3], ends[1][:3], uniform[1:4])
         # whichever end it is counted from, the probabilities are the given ones
         found, wanted = stats.truncnorm(a, b).cdf(inside), uniform[1:4]
         assert np.minimum(abs(found - wanted), abs(1 - found - wanted)) == pytest.approx(np.zeros(3), abs=1e-6)
@@ -212,7 +212,7 @@ def test_springs_in_series_are_told_by_their_reciprocals():
     value = -0.5 * ((1 / theta[:, 0] + 1 / theta[:, 1] - 2) / 0.05) ** 2 - 0.5 * ((theta[:, 2] - 1) / 0.2) ** 2
     # what is fitted is the density per unit of each coordinate; without its part these would not be exact
     value = value - 2 * np.log(theta[:, 0] * theta[:, 1])
-    assert _straightest(theta, value, np.zeros(600), (1, 1, 1), np.ones(3, bool)) == (-1, -1, 1)
+    assert straightest_powers(theta, value, np.zeros(600), (1, 1, 1), np.ones(3, bool)) == (-1, -1, 1)
 
 
 # the fit

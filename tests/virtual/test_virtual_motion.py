@@ -88,7 +88,7 @@ def test_pieces_join_to_a_stationary_signal_of_that_spectrum():
     plan = plan_of(36, seed=1)
     calm = 10.0 * np.ones(36)
     object.__setattr__(plan, "wind_mps", calm)
-    wind, _ = excitation._random_loads(plan, LEGS, 7, 0.0, int(6 * 3600 * RATE), RATE)
+    wind, _ = excitation.random_loads(plan, LEGS, 7, 0.0, int(6 * 3600 * RATE), RATE)
     f, density = welch(wind[:, 0], RATE, nperseg=2048)
     inside = (f > 0.05) & (f < 5)
     ratio = density[inside] / excitation.kaimal(f[inside], 10.0)
@@ -115,7 +115,7 @@ def test_harmonics_follow_the_rotor():
     plan = plan_of(36, seed=13, maintenance_hours=[], wind_speed_mean_mps=14.0)
     slot = int(np.flatnonzero((plan.state[1:-1] == operation.RATED) & (plan.state[:-2] == operation.RATED))[0]) + 1
     time = 600.0 * slot + np.arange(int(600 * RATE)) / RATE
-    loads = excitation._harmonics(plan, time, np.ones(len(time)))
+    loads = excitation.harmonic_loads(plan, time, np.ones(len(time)))
     f, density = welch(loads[:, 0], RATE, nperseg=4096)
     rpm = np.interp(time, plan.grid_s, plan.rotor_rpm).mean()
     assert f[np.argmax(density)] == pytest.approx(3 * rpm / 60, abs=2 * f[1])
