@@ -15,6 +15,9 @@ from probupdate.structure.description_checks import CHECKS
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.schema import Mistake, Table, nearest
 
+# of further mistakes the keys that are named
+LISTED = 20
+
 
 def read_description(path: str | Path) -> Description:
     """model.toml -> Description; raises one InputError with the first mistake and the number of the others."""
@@ -30,7 +33,7 @@ def parse_description(raw: dict, where: str) -> Description:
     try:
         description = kind.model_validate(raw)
     except ValidationError as error:
-        raise _first_mistake([_translate(e, kind) for e in error.errors()], where) from None
+        raise _first_mistake([_translate(e, kind) for e in error.errors() if not _follows(e)], where) from None
     mistakes = [m for check in CHECKS for m in check(description)]
     if mistakes:
         raise _first_mistake(mistakes, where)
@@ -56,8 +59,9 @@ def _kind(raw: dict, where: str) -> type[Description]:
 def _first_mistake(mistakes: list[Mistake], where: str) -> InputError:
     # a key that is missing may be there misspelt, which says more
     key, problem, remedy = min(mistakes, key=lambda m: m[1].startswith("is missing"))
-    rest = len(mistakes) - 1
-    more = f" ({rest} more mistake{'s' if rest > 1 else ''} in this file)" if rest else ""
+    others = list(dict.fromkeys(m[0] for m in mistakes if m[0] != key))
+    listed = f"{', '.join(others[:LISTED])}{', ...' if len(others) > LISTED else ''}"
+    more = f" ({len(others)} more mistake{'s' if len(others) > 1 else ''} in this file: {listed})" if others else ""
     return InputError(f"{where}: {key}" if key else where, problem, remedy + more)
 
 
@@ -82,6 +86,11 @@ def nested_tables(annotation) -> list[type[Table]]:
     return [table for argument in get_args(annotation) for table in nested_tables(argument)]
 
 
+def _follows(error: ErrorDetails) -> bool:
+    """Whether a list is only short of the entries that have mistakes of their own."""
+    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
+
+
 def _translate(error: ErrorDetails, of: type[Table]) -> Mistake:
     location = tuple(step for step in error["loc"] if step != "[key]")
     key = ""
@@ -92,6 +101,11 @@ def _translate(error: ErrorDetails, of: type[Table]) -> Mistake:
         return key, "is not a key of this file", nearest(str(location[-1]), _known_keys(location, of))
     if kind == "missing":
         return key, "is missing", "add it"
+    if kind in ("model_type", "model_attributes_type"):
+        inner = ", ".join(f"{name} = ..." for name in sorted(_known_keys((*location, ""), of)))
+        return key, f"{value!r:.60} is not a table", f"write {location[-1]} = {{ {inner} }}"
+    if kind == "too_short":
+        return key, f"has {len(value)} of at least {error['ctx']['min_length']} entries", f"add another [[{key}]]"
     if kind == "finite_number":
         return key, f"{value} is not a finite number", "give a number in SI units"
     message = error["msg"].removeprefix("Value error, ")

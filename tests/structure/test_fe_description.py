@@ -93,9 +93,25 @@ def test_missing_tables_are_named(raw, table):
 def test_other_mistakes_are_counted(raw):
     raw["transition_piece"]["tie"]["thickness_m"] = 0.5
     raw["pile"]["thickness_m"] = 0.9
-    assert message(raw).endswith("(1 more mistake in this file)")
+    assert message(raw).endswith("(1 more mistake in this file: transition_piece.tie.thickness_m)")
     raw["tower"]["station"][0]["thickness_m"] = 9.0
-    assert message(raw).endswith("(2 more mistakes in this file)")
+    assert "(2 more mistakes in this file: " in message(raw)
+
+
+def test_a_list_whose_entries_have_mistakes_is_not_called_short(raw):
+    for station in raw["tower"]["station"]:
+        del station["flange_kg"]
+    assert message(raw).startswith("tower.station[1].flange_kg: is missing; add it")
+    assert "tower.station[2].flange_kg" in message(raw) and "tuple" not in message(raw)
+    raw["tower"]["station"] = [{"z_m": 20.0, "diameter_m": 5.0, "thickness_m": 0.03, "flange_kg": 0.0}]
+    assert message(raw).startswith("tower.station: has 1 of at least 2 entries; add another [[tower.station]]")
+
+
+def test_a_number_where_a_table_belongs_is_shown_the_table(raw):
+    raw["soil"]["undrained_shear_strength_pa"] = 80000.0
+    assert message(raw).startswith(
+        "soil.undrained_shear_strength_pa: 80000.0 is not a table; write undrained_shear_strength_pa = { at_mudline = "
+        "..., gradient_per_m = ... }")
 
 
 def test_cov_of_a_zero_initial_value(raw):
