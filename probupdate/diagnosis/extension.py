@@ -85,7 +85,6 @@ def extend(
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
     out = None if out is None else Path(out)
-    places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
     angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
     alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],),
@@ -93,16 +92,15 @@ def extend(
     (before, _), (after, model) = runs.in_order(
         _updated_if_possible, [(_Added(), alone), (added, averaged)], shared=(prepared, angle))
     progress("updating with the findings", 2, 2)
-    command, place = "", None
+    place = None if out is None else out.with_name(f"{out.stem}.posterior.nc")
+    chain = _chain(model, averaged, sampler, place, runs, progress)
+    # after all that takes long
+    places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
     foreign = prepared.description is not None and "model" in places and parameters_file is not None
-    if out is not None:
-        place = out.with_name(f"{out.stem}.posterior.nc")
-        # a command that would sample another problem is none
-        if not unwritten and not foreign:
-            command = sampling_command(places.get("model", prepared.path), places["mean"], place,
-                                       seed if sampler is None else sampler.seed,
-                                       parameters=None if "model" in places else parameters_file)
-    chain = _chain(model, averaged, sampler, place, command, runs, progress)
+    # a command that would sample another problem is none
+    chain["command"] = "" if place is None or unwritten or foreign else sampling_command(
+        places.get("model", prepared.path), places["mean"], place, seed if sampler is None else sampler.seed,
+        parameters=None if "model" in places else parameters_file)
     files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
     files |= {key: path.name for key, path in places.items()}
     if model is not None and sampler is not None and place is not None and "refused" not in chain:
@@ -150,15 +148,15 @@ def _written(
 
 
 def _chain(
-    model: AffineModel | None, averaged: ModalData, sampler: SamplerSettings | None, place: Path | None, command: str,
+    model: AffineModel | None, averaged: ModalData, sampler: SamplerSettings | None, place: Path | None,
     runs: Executor, progress: Progress,
 ) -> dict:
     """What the sampler says of the mean with the findings in the model, or why it was not run."""
     if sampler is None:
-        return not_sampled(command, reason="this was not asked for")
+        return not_sampled(reason="this was not asked for")
     if model is None:
-        return not_sampled(command, refused="the model with them was not updated")
-    return sampled(model, averaged, sampler, place, command, runs, progress)
+        return not_sampled(refused="the model with them was not updated")
+    return sampled(model, averaged, sampler, place, runs, progress)
 
 
 def _updated_if_possible(

@@ -37,13 +37,13 @@ def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
                            max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)
 
 
-def not_sampled(command: str, **why: str) -> dict:
-    """The content without a chain: `refused` or `reason`, and how to get one."""
-    return {"asked": "refused" in why, **why, "command": command, "parameters": []}
+def not_sampled(**why: str) -> dict:
+    """The content without a chain: `refused` or `reason`."""
+    return {"asked": "refused" in why, **why, "parameters": []}
 
 
 def sampled(
-    model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, command: str, runs: Executor,
+    model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, runs: Executor,
     progress: Progress,
 ) -> dict:
     """The chain's numbers for diagnosis.json, its file written to `out`; where the sampler refuses or fails, why."""
@@ -55,11 +55,11 @@ def sampled(
         if out is not None:
             write_posterior(posterior, out)
     except ProbupdateError as error:
-        return not_sampled(command, refused=str(error))
+        return not_sampled(refused=str(error))
     except (ValueError, ArithmeticError, OSError) as error:
         # the findings stand without it, whatever ails the chain
-        return not_sampled(command, refused=f"{type(error).__name__}: {error}")
-    return _chain_table(posterior, settings) | {"command": command}
+        return not_sampled(refused=f"{type(error).__name__}: {error}")
+    return _chain_table(posterior, settings)
 
 
 def _chain_table(posterior: Posterior, settings: SamplerSettings) -> dict:

@@ -155,16 +155,13 @@ def _whole(
     beyond = unmatched_modes(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
     found = with_unmatched(outcome.diagnosis, beyond)
     few = outcome.problem.blocks.few
-    if extended and few and found.findings:
+    able = extended and bool(found.findings)
+    if able and few:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
                                       "measured, and the model was not extended"))
-    elif extended and found.findings and outcome.fitted.included:
+    able = able and not few and bool(outcome.fitted.included)
+    if able:
         found = _with_gains(found, gains(prepared, outcome, runs=runs, progress=progress))
-        if sampler is True:
-            sampler = bounded(seed, turbine=prepared.description is not None)
-        more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
-                            seed=seed, runs=runs, progress=progress)
-        found = replace(found, extended_model=more.model, extension=more.content)
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few and "free_form" not in details:
         content = _unknown_cause(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
@@ -174,7 +171,15 @@ def _whole(
             found = replace(found, notes=(*found.notes, nearest_part_words(content)))
     if extended and found.verdict == "unexplained" and not few and prepared.discrepancy is None:
         found = replace(found, notes=(*found.notes, *_with_larger_error(prepared, data, seed, runs, progress)))
-    return with_gravity_test(outcome, replace(found, splits=found.splits or splits(outcome), details=details))
+    found = with_gravity_test(outcome, replace(found, splits=found.splits or splits(outcome), details=details))
+    if not able:
+        return found
+    # last, as it writes files: a run that is interrupted leaves those that stand beside an earlier diagnosis
+    if sampler is True:
+        sampler = bounded(seed, turbine=prepared.description is not None)
+    more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
+                        seed=seed, runs=runs, progress=progress)
+    return replace(found, extended_model=more.model, extension=more.content)
 
 
 def _with_larger_error(

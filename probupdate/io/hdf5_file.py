@@ -27,9 +27,6 @@ SECONDS = 3
 BYTES_A_SECOND = 2e7
 PATIENCE = 4
 MEMORY = 2 * 2**30
-# what the library keeps of a file's description of its objects, bytes at least, at first and at most: by itself 32 MB,
-# which unpacked are more than twice as many
-DESCRIBED = (2**17, 2**18, 2**19)
 # files found good, as they were then
 _KNOWN_SIZE = 20_000
 
@@ -105,9 +102,7 @@ def open_hdf5(path: str | Path, problem: str, remedy: str, *, whole: bool = Fals
 
     path = refuse_unsafe(path, problem, remedy, whole=whole)
     with parsing(str(path), problem, remedy), h5py.File(path, "r") as file:
-        kept = file.id.get_mdc_config()
-        kept.min_size, kept.initial_size, kept.max_size = DESCRIBED
-        file.id.set_mdc_config(kept)
+        hdf5_probe.keep_little(file)
         yield file
 
 

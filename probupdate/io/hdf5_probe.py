@@ -18,6 +18,16 @@ LARGEST_WHOLE = 2**30
 LARGEST_UNWRITTEN = 2**28
 MOST_OBJECTS = 500_000
 STEP = 200
+# what the library keeps of a file's description of its objects, bytes at least, at first and at most: by itself 32 MB,
+# which unpacked are more than twice as many
+DESCRIBED = (2**17, 2**18, 2**19)
+
+
+def keep_little(file):
+    """Bounds what the library keeps of an open file's description."""
+    kept = file.id.get_mdc_config()
+    kept.min_size, kept.initial_size, kept.max_size = DESCRIBED
+    file.id.set_mdc_config(kept)
 
 
 def problem_of(path, whole, stepped=lambda: None):
@@ -26,6 +36,7 @@ def problem_of(path, whole, stepped=lambda: None):
     from h5py import h5l  # pyright: ignore[reportAttributeAccessIssue]  (compiled, without stubs)
 
     with h5py.File(path, "r") as file:
+        keep_little(file)
         names, links = [], []
 
         def link(name, info):

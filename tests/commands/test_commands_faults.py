@@ -112,21 +112,26 @@ def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):
     assert begun.returncode == 0 and not begun.communicate()[1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path, number):
-    """Stopped between its last stage and its file."""
-    paths = write_building(tmp_path)
-    Path(paths["modes"]).write_text(json.dumps(modes_table(9)))
-    before = sorted(tmp_path.rglob("*"))
-    code = ("import os, sys\nfrom probupdate.diagnosis import run\nstage = run.with_gravity_test\n"
-            "def stopped(*given):\n    made = stage(*given)\n"
-            f"    os.kill(os.getpid(), {int(number)})\n    return made\n"
-            "run.with_gravity_test = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
+def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path):
+    """Stopped when its model with the findings is sampled: files of an earlier diagnosis stay as they are."""
+    paths, out = write_building(tmp_path), tmp_path / "out"
+    table = modes_table(12)
+    for k, one in enumerate(table["sets"]):
+        one["id"] = f"2026-06-01T{k:02d}:00Z"
+        if k > 5:
+            one["shape_re"] = [[1.6 * x if c == 1 else x for c, x in enumerate(row)] for row in one["shape_re"]]
+    Path(paths["modes"]).write_text(json.dumps(table))
+    out.mkdir()
+    for name in ("diagnosis.json", "diagnosis.mean.json", "diagnosis.modes.json"):
+        (out / name).write_text("{}")
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    code = ("import os, signal, sys\nfrom probupdate.diagnosis import extension\nstage = extension.sampled\n"
+            "def stopped(*given):\n"
+            "    os.kill(os.getpid(), signal.SIGTERM)\n    return stage(*given)\n"
+            "extension.sampled = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
     ended = subprocess.run(
         [sys.executable, "-c", code, "diagnose", "--model", paths["model"], "--parameters", paths["parameters"],
-         "--modes", paths["modes"], "--no-extend", "--out", str(tmp_path / "out" / "diagnosis.json")],
-        capture_output=True, text=True)
-    assert ended.returncode == {signal.SIGTERM: 130, signal.SIGKILL: -signal.SIGKILL}[number], ended.stderr
-    if number == signal.SIGTERM:
-        assert ended.stderr.splitlines()[-1] == "probupdate diagnose: interrupted; nothing of this run is kept"
-    assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == [p for p in before if p.is_file()]
+         "--modes", paths["modes"], "--out", str(out / "diagnosis.json")], capture_output=True, text=True)
+    assert ended.returncode == 130, ended.stderr
+    assert ended.stderr.splitlines()[-1] == "probupdate diagnose: interrupted; nothing of this run is kept"
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
