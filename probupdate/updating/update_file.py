@@ -330,7 +330,9 @@ def fit_sentence(record: UpdateRecord) -> str:
         remedy += _one_factor(record)
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
-    if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
+    apart = standing_out(record)
+    # many components of shapes that fit hide no frequency that does not
+    if not apart and record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
         closer = (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
                   "deviations expect")
         if stated:
@@ -341,7 +343,6 @@ def fit_sentence(record: UpdateRecord) -> str:
     if record.suspected:
         # a mistaken channel that parameters took in leaves no misfit
         return f"{text}: within the stated standard deviations, which is no proof while the shapes are suspect"
-    apart = standing_out(record)
     if apart:
         return (f"{text}: no more than chance with what is stated and learnt of the model's own error"
                 f"{f' ({stated})' if stated else ''}, without which {apart}; posterior widths hold that error")

@@ -134,12 +134,14 @@ def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
     (1.009, 0.003, "3.0 of its measurement's"), (1.136, 0.07, "14 % off"), (1.002, 0.003, ""), (0.986, 0.003, "4.7 of"),
 ])
 def test_the_model_is_not_said_to_fit_beside_a_frequency_far_off(update, off, std, words):
-    """A discrepancy learnt from the misfit makes any chi-square what is expected."""
+    """A discrepancy learnt from the misfit makes any chi-square what is expected, or less where shapes fit closely."""
     hz = np.array(update.measured_hz) * [1.0, off + 1e-6 * (off > 1), 1.0, 1.0, 1.0]
     record = replace(update, map_misfit=40.0, n_effective=40, map_hz=hz, measured_std_hz=0.01 * LINEAR_HZ,
                      identified_std_hz=std * LINEAR_HZ)
     sentence = fit_sentence(record)
     assert ("fits the data" in sentence) == (not words) and words in sentence
+    closely = fit_sentence(replace(record, map_misfit=5.0))
+    assert ("times closer" in closely) == (not words) and words in closely
 
 
 def test_what_fits_with_suspect_shapes_is_not_said_to_fit(update):
