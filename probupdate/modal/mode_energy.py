@@ -41,9 +41,10 @@ class DofPlaces:
         return (self.direction >= 0) & (self.direction < 3)
 
 
-def axis_line(places: DofPlaces, mass: np.ndarray) -> np.ndarray:
-    """(2,): x and y of the line of nodes along z that reaches farthest, as a tower does, or of the centre of mass where
-    several reach as far. mass (n_dof,): the diagonal of M."""
+def axis_line(places: DofPlaces, mass: np.ndarray, *, bent: bool = False) -> np.ndarray:
+    """(2,) or (n_dof, 2): x and y of the line of nodes along z that reaches farthest, as a tower does, or of the centre
+    of mass where several reach as far; bent: where no three nodes are on one, as of an arch, of the parabola that is
+    nearest to them. mass (n_dof,): the diagonal of M."""
     moves = places.moves
     position = places.position_m[moves]
     same = SAME_LEVEL * float(np.ptp(position, axis=0).max(initial=0.0)) or 1.0
@@ -52,6 +53,12 @@ def axis_line(places: DofPlaces, mass: np.ndarray) -> np.ndarray:
     np.minimum.at(low, number, position[:, 2])
     np.maximum.at(high, number, position[:, 2])
     rise = high - low
+    if bent:
+        nodes = np.bincount(np.unique(np.column_stack([number, places.node[moves]]), axis=0)[:, 0])
+        rise = np.where(nodes > 2, rise, 0.0)
+        if not rise.any():
+            fit = np.polyfit(position[:, 2], position[:, :2], 2, w=np.sqrt(mass[moves]))
+            return np.vander(places.position_m[:, 2], 3) @ fit
     highest = np.flatnonzero(rise >= 0.99 * rise.max())
     if len(highest) == 1:
         return position[number == highest[0], :2].mean(axis=0)
@@ -73,7 +80,9 @@ def energy_character(
         phi, momentum, mass, places = _in_axes(phi, momentum, mass, places, axes)
         families = SPANNING
     known = np.flatnonzero(places.direction >= 0)
-    position = places.position_m[known] - np.append(axis_line(places, mass), 0.0)
+    position = np.array(places.position_m)
+    position[:, :2] -= axis_line(places, mass, bent=axes is not None)
+    position = position[known]
     sections = _sections(phi[known], mass[known], position, places.direction[known])
     parts = np.zeros((len(families), *phi.shape))
     parts[:, known] = _parts(phi[known], sections, position, places.direction[known])[:len(families)]

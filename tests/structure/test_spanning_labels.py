@@ -124,6 +124,21 @@ def test_a_skew_deck_whose_nodes_form_no_sections_is_named_too(tmp_path):
     assert sorted(skew.labels[:6]) == sorted(square.labels[:6]) == ["H1", "T1", "T2", "V1", "V2", "V3"]
 
 
+@pytest.mark.parametrize(("rise", "sag"), [(4.0, 0.0), (0.0, 6.0), (3.0, 5.0)])
+def test_an_arch_and_a_bridge_curved_in_plan_bend_and_do_not_twist(tmp_path, rise, sag):
+    """One line of nodes, of which no three are on one straight line: what moves up and down is vertical bending though
+    it is beside the chord."""
+    x = np.linspace(-20.0, 20.0, 17)
+    bow = 1 - (x / 20) ** 2
+    place = {f"{k}": np.array([x[k], sag * bow[k], rise * bow[k]]) for k in range(len(x))}
+    members = tuple(Member(a=f"{k}", b=f"{k + 1}", diameter=0.8, wall=0.04, steel=Steel(), tags={}) for k in range(16))
+    a = Assembly(Skeleton(place=place, members=members, held=("0", "16")), (0, 1, 2, 3, 4, 5), 1)
+    _, phi = a.modes(5)
+    size = np.array([[np.linalg.norm([phi[a.index[f"{k}", d], j] for k in range(1, 16)]) for d in range(3)]
+                     for j in range(5)])
+    assert [label[0] for label in of_assembly(tmp_path, a, 5).labels] == ["AHV"[k] for k in size.argmax(axis=1)]
+
+
 @pytest.mark.parametrize(("extent", "seed"), [(30.0, 3), (30.0, 8)])
 def test_a_long_building_keeps_the_names_of_what_rises(tmp_path, extent, seed):
     """Two storeys high and several times as long: its columns stand."""
