@@ -49,12 +49,9 @@ FLAP_HZ = 0.7
 HEIGHT_SCALE_M, HEIGHT_REACH_M, LEAST_REACH_M = 1.5, 10.0, 1.0
 
 
-def turbine_effects(
-    d: Description, *, single_members: bool = False, sensors: Sequence[Sensor] | None = None
-) -> tuple[Effect, ...]:
+def turbine_effects(d: Description, *, sensors: Sequence[Sensor] | None = None) -> tuple[Effect, ...]:
     """Every row for this turbine, with those of its sensors that the model answers for (`sensors`: others than the
-    file's); with single_members also those of single braces and of a brace's joints at one leg, which a record
-    distinguishes from their face's only where it is long."""
+    file's)."""
     placed = described_sensors(d) if sensors is None else sensors
     level = [(s.channel, bool(s.gravity)) for s in placed if across_gravity(s.direction).any()]
     rows = [*_theory(d)]
@@ -68,7 +65,7 @@ def turbine_effects(
         rows += [*_soil(d), *_water(d)]
     rows += [*_masses(d), *_environment(d), *_heights(d, placed),
              *gravity_effects(level, [p.name for p in d.parameter])]
-    return (*rows, *(_single_members(d) if single_members and isinstance(d, OnJacket) else ()))
+    return tuple(rows)
 
 
 def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settings=None, group="structural", unit="",
@@ -121,20 +118,6 @@ def _jacket(d: OnJacket) -> Iterator[Effect]:
             yield _row(f"leg_{leg}_{bay}", "stiffness", "leg stiffness lost", f"leg {leg}, bay {bay}",
                        on={"group": "leg", "leg": leg, "bay": bay}, low=-0.9, high=0.0, tolerance=0.01, prior_scale=0.3,
                        signature="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
-
-
-def _single_members(d: OnJacket) -> Iterator[Effect]:
-    for bay in _bays(d):
-        for face, legs in d.jacket.faces.items():
-            for first, second in (legs, legs[::-1]):
-                name = d.jacket.between(first, second)
-                part = f"brace {name}-{bay}"
-                yield _brace(f"brace_{name}_{bay}_alone", f"{part}, face {face}, bay {bay}", {"part": part})
-                if joint_law(d.jacket.joints.law) is None:
-                    continue
-                for leg in legs:
-                    where = f"{part} at leg {leg}, face {face}, bay {bay}"
-                    yield _joint(f"joint_{name}_{bay}_at_{leg}", where, {"part": part, "leg": leg})
 
 
 def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:

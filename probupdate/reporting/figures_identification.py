@@ -23,7 +23,7 @@ ACROSS = 5
 @styled
 def stabilisation(
     line_hz, spectrum, order, frequency_hz, steadiness: Sequence[str], *, chosen_hz: Mapping[str, float] | None = None,
-    harmonics_hz: Mapping[str, tuple[float, float]] | None = None, upper_hz: float | None = None, unit: str = "m/s²",
+    harmonics_hz: Mapping[str, tuple[float, float]] | None = None, unit: str = "m/s²",
 ) -> Figure:
     """Poles of every model order over the power spectral density summed over channels.
 
@@ -37,7 +37,7 @@ def stabilisation(
     axes.set_zorder(density.get_zorder() + 1)
     axes.patch.set_visible(False)
     line_hz, spectrum = np.asarray(line_hz, float), np.asarray(spectrum, float)
-    upper = float(line_hz[-1]) if upper_hz is None else upper_hz
+    upper = float(line_hz[-1])
     inside = (line_hz > 0) & (line_hz <= upper) & (spectrum > 0)
     density.semilogy(line_hz[inside], spectrum[inside], color=PALE, lw=1.3)
     # matplotlib writes powers of ten as math text, which this style does not parse

@@ -219,8 +219,7 @@ def contraction(
 
 @styled
 def predictive_frequencies(
-    labels: Sequence[str], measured_hz: np.ndarray, measured_std_hz: np.ndarray, predicted_hz: np.ndarray,
-    initial_hz: np.ndarray | None = None,
+    labels: Sequence[str], measured_hz: np.ndarray, measured_std_hz: np.ndarray, predicted_hz: np.ndarray
 ) -> Figure:
     """Posterior draws of computed frequencies (n_draw, n_mode) against the measured ones, in per cent of these."""
     figure = new_figure(FULL_IN, 0.9 + 0.42 * len(labels))
@@ -235,9 +234,6 @@ def predictive_frequencies(
     axes.hlines(rows + 0.18, low25, high75, color=BLUE, lw=5.0, alpha=0.55)
     axes.plot(middle, rows + 0.18, ls="none", marker=POSTERIOR["marker"], color=BLUE, mec="white", ms=5.5,
               label="posterior predictive: median, 50 %, 90 %")
-    if initial_hz is not None:
-        axes.plot(100 * (initial_hz / measured_hz - 1), rows, ls="none", marker=PRIOR["marker"], mfc="white",
-                  color=PRIOR["color"], ms=5, label="initial model")
     axes.axvline(0, color=INK, lw=0.8, zorder=1)
     axes.set_yticks(rows, labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)

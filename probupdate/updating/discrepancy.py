@@ -148,11 +148,9 @@ def stated_weights(
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
-def default_likelihood(
-    model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
-) -> Weights:
+def default_likelihood(model: Model, data: ModalData) -> Weights:
     """What `update` and `sample` take where no option is given."""
-    return LikelihoodSettings().stated_for(model, data, set_id=set_id, progress=progress)
+    return LikelihoodSettings().stated_for(model, data)
 
 
 def _place(model: Model, theta: np.ndarray) -> tuple[float, ...]:

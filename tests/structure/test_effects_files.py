@@ -212,7 +212,7 @@ def test_kinds_have_a_meaning_and_do_not_clash_with_keys():
 @pytest.fixture(scope="module")
 def catalogue():
     d = parse_description(with_effects([sample("scour")]), "m")
-    return tuple(row.adds for row in turbine_effects(d, single_members=True))
+    return tuple(row.adds for row in turbine_effects(d))
 
 
 def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
