@@ -283,9 +283,6 @@ def explore(
     # what a design is asked for is as large as all else together, and goes with the search that asked for it
     null = replace(null, design=replace(null.design))
     searches: dict[frozenset, Search] = {}
-    one_more: dict[frozenset, bool] = {}
-    # by number of effects, what one effect more promised the most probable hypothesis that leaves something large
-    promised: dict[int, float] = {}
     compared, renewed, at_last = Ranking(runs), set(), False
     first = search(problem, null, seed=seed)
 
@@ -295,7 +292,7 @@ def explore(
     known = _explore_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
-        key = _choose_next(keys, relative, searches, promised if one_more.get(keys[0]) else {})
+        key = _choose_next(keys, relative, searches)
         if key is None and (at_last or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
         if key is None:
@@ -311,7 +308,6 @@ def explore(
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
         found = searches[key] = beside(here) if key else first
-        one_more[key] = _one_more_promises(problem, here, found)
         add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.beyond_sense)
         if not key and not add:
             break
@@ -324,17 +320,13 @@ def explore(
         moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()),
                  *moves_from(problem, here, add=add, competing=_competing(known, key), best=best)]
         fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
-        promised.setdefault(len(key), _promised_by_one_more(moves, len(key)) if large else 0.0)
-        if add:
-            # a score that nothing known makes probable is chance; what was promised and, fitted, is not so is none more
-            one_more[key] = any(_may_be_more(known.get(key_of(problem, m.candidates))) for m in moves
-                                if len(m.candidates) > len(key) and m.promise > 0)
     keys, relative = _ordered_at_last(problem, compared, known, renewed)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
     found = searches.get(keys[0]) or beside(last)
+    # what was promised and, fitted, is less probable is none more
+    tried = keys[0] in searches and len(keys[0]) < most
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=found,
-                    one_more=one_more[keys[0]] if keys[0] in one_more else _one_more_promises(problem, last, found))
+                    first=first, last=found, one_more=not tried and _one_more_promises(problem, last, found))
 
 
 def _explore_first(
@@ -368,44 +360,14 @@ def _leaves_much(problem: DiagnosisProblem, one: Hypothesis, found: Search, seed
             or not explains(problem, one.with_design(problem).fitted, found, seed))
 
 
-def _may_be_more(fitted: Hypothesis | None) -> bool:
-    """Whether a hypothesis that promised more than one with an effect less, and is not the most probable, may yet be
-    more: it could not be fitted, or stands where its fit stopped."""
-    return fitted is None or not fitted.fitted.settled
-
-
-def _promised_by_one_more(moves: Sequence[Move], number: int) -> float:
-    return max([m.promise for m in moves if len(m.candidates) > number], default=0.0)
-
-
 def _choose_next(
-    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
-    promised: Mapping[int, float],
+    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset]
 ) -> frozenset | None:
     """The most probable hypothesis, else another of the WIDTH of its number of effects that come near it, from which no
-    moves were made, else one `choose_substitute`; None where there is none. `keys` the most probable first,
-    with the ln posterior relative to it."""
+    moves were made; None where there is none. `keys` the most probable first, with the ln posterior relative to it."""
     levels = [len(k) for k in looked_at]
-    near = (k for k, r in zip(keys, relative, strict=True)
-            if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH)))
-    return next(near, choose_substitute(keys, relative, looked_at, promised))
-
-
-def choose_substitute(
-    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset],
-    promised: Mapping[int, float],
-) -> frozenset | None:
-    """Where what the most probable hypotheses led to leaves something, another of as many effects, the fewest first, of
-    the WIDTH from which moves are made: one that is behind by less than one more effect `promised` the first. Beside
-    something large that none of them has, fits differ by what they take up of it."""
-    levels = [len(k) for k in looked_at]
-    for number, promise in sorted(promised.items()):
-        own = [(k, r) for k, r in zip(keys, relative, strict=True) if len(k) == number]
-        if number and levels.count(number) < WIDTH:
-            found = next((k for k, r in own if k not in looked_at and r > own[0][1] - promise), None)
-            if found is not None:
-                return found
-    return None
+    return next((k for k, r in zip(keys, relative, strict=True)
+                 if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))), None)
 
 
 def _renewed_with_its_like(

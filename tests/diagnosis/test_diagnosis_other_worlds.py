@@ -126,25 +126,6 @@ def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, va
     assert change @ plain.precision[q] @ change > 100
 
 
-def test_what_led_nowhere_is_left_for_the_next_of_as_many_effects_within_what_was_promised():
-    """A nacelle 57 t heavier beside a gain: alone a flange came 296 before it in ln posterior, of 2771 that one more
-    effect promised the flange, and was never looked at again."""
-    none, flange, nacelle, far = frozenset(), frozenset("f"), frozenset("n"), frozenset("x")
-    pair, other = frozenset("fm"), frozenset("nm")
-    keys, relative = [pair, other, flange, nacelle, far, none], [0.0, -500.0, -8340.0, -8636.0, -12_000.0, -36_000.0]
-    looked_at = [none, flange, pair]
-
-    def back(promised, looked=looked_at):
-        return hypotheses.choose_substitute(keys, relative, looked, promised)
-
-    # the fewest effects first, and no hypothesis in place of the model as it is
-    assert back({0: 3800.0, 1: 2771.0, 2: 3440.0}) == nacelle
-    # behind by more than was promised, or nothing large left: another of two effects, or none
-    assert back({0: 3800.0, 1: 200.0, 2: 3440.0}) == other and back({0: 3800.0, 1: 200.0, 2: 0.0}) is None
-    # no more of one number of effects than moves are made from
-    assert back({0: 3800.0, 1: 2771.0, 2: 0.0}, [*looked_at, nacelle]) is None
-
-
 def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, validation):
     """Two exchanged channels, tried at a wrong block first (ln posterior -212 866): beside a gain that stood in for
     them the search came back to them, took that fit for theirs, and kept the gain of 0.5 +- 0.3 %."""
