@@ -215,7 +215,7 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
     taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
     free = ~taken & (np.arange(len(problem.which)) < n_searched)
     try:
-        tried = tried_whole(problem, included, free, MOST_MOVES)
+        tried = tried_whole(problem, included, free)
     except ConvergenceError:
         # where the prior expects the parameters the model has no modes that pair with the measured ones
         return []

@@ -89,11 +89,10 @@ class _AtOwnSizes:
     def before(self) -> float:
         return float(self.surprise([self.included])[0])
 
-    def at_best_size(self, t: Tried, sizes: Sequence[float] | None = None) -> Tried:
-        """At that of these sizes, or of all that are tried, that explains most."""
+    def at_best_size(self, t: Tried) -> Tried:
+        """At that of all sizes tried that explains most."""
         effect = self.problem.effects[self.problem.which[t.candidate, 0]]
-        if sizes is None:
-            sizes = _about(effect, t.size) if effect.observe is None else sizes_of(effect)
+        sizes = _about(effect, t.size) if effect.observe is None else sizes_of(effect)
         if not sizes:
             return t
         gain = self.before - self.surprise(
@@ -101,22 +100,12 @@ class _AtOwnSizes:
         best = int(np.argmax(gain))
         return replace(t, size=sizes[best], gain=float(gain[best]), whole=True)
 
-    def at_best_time(self, t: Tried) -> Tried:
-        """A step between its neighbours in the grid: one block on the wrong side of a gain of ten makes another gain of
-        it, and nothing of its evidence."""
-        if not t.whole or t.time_profile.kind != "step":
-            return t
-        best = max((self.at_best_size(replace(t, time_profile=own), [t.size])
-                    for own in _steps_between_neighbours(self.problem, t.time_profile)), key=lambda one: one.gain)
-        return max(best, self.at_best_size(best), key=lambda one: one.gain)
-
 
 def tried_whole(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray, most: int
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray
 ) -> list[Tried]:
     """The `candidates` (bool) beside what is included already, each effect's best time profile of every kind, the most
-    telling first, of which the `most` first step where they explain most. All where the prior expects the parameters,
-    as those of a fit were bent to follow what is wrong."""
+    telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
     answers = ModelAnswers()
     here = residuals_at(problem, theta, included, answers)
@@ -137,7 +126,6 @@ def tried_whole(
         return Tried(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
                      gain=float(linear[k]), whole=False)
 
-    shown = _step_shown(problem, candidates, lower)
     for rows in _group_by_effect_and_kind(problem, candidates):
         t = at_first(int(rows[np.argmax(lower[rows])]))
         if t.time_profile.kind not in ("constant", "step"):
@@ -145,22 +133,12 @@ def tried_whole(
         elif problem.effects[problem.which[t.candidate, 0]].observe is None:
             structural.append(t)
         else:
-            also = [at_first(k) for k in rows if problem.which[k, 1] == shown and k != t.candidate]
-            result.append(max(map(own.at_best_size, [t, *also]), key=lambda one: one.gain))
+            result.append(own.at_best_size(t))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
     n_solved = MOST_SOLVED if problem.blocks.channels else MOST_SOLVED_ALONE
-    result = sorted([*map(own.at_best_size, structural[:n_solved]), *structural[n_solved:], *result],
-                    key=lambda t: -t.gain)
-    return sorted([*map(own.at_best_time, result[:most]), *result[most:]], key=lambda t: -t.gain)
-
-
-def _step_shown(problem: DiagnosisProblem, candidates: np.ndarray, lower: np.ndarray) -> int:
-    """The number of the step that any of the candidates explains most by, to first order, -1 without one: exchanged
-    channels are no first order, which finds another time for them than for what is like them."""
-    steps = np.array([profile.kind == "step" for profile in problem.time_profiles])
-    rows = np.flatnonzero(candidates & steps[problem.which[:, 1]])
-    return int(problem.which[rows[np.argmax(lower[rows])], 1]) if len(rows) else -1
+    return sorted([*map(own.at_best_size, structural[:n_solved]), *structural[n_solved:], *result],
+                  key=lambda t: -t.gain)
 
 
 def _pairs_exchanged(

@@ -285,7 +285,7 @@ def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
         return shape
 
     problem, _ = diagnosis_problem(prepared, of_sensors(data, change))
-    best = tried_whole(problem, (), np.ones(len(problem.which), bool), 1)[0]
+    best = tried_whole(problem, (), np.ones(len(problem.which), bool))[0]
     effect = problem.effects[problem.which[best.candidate, 0]]
     assert (effect.cause, effect.location) == ("sensor gain", "y4") and best.whole
     # of 0.1 times powers of two, the size itself is 2
