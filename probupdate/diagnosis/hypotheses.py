@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -95,14 +94,10 @@ def _about_itself(fitted: Fit) -> float:
     )
 
 
-def moves_from(
-    problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: float,
-    competing: Mapping[tuple[int, str], Set[tuple[int, str]]] = MappingProxyType({}),
-) -> list[Move]:
+def moves_from(problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: float) -> list[Move]:
     """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
-    exchanged for what looks like it and for any of its `competing` too (each an effect with the name of its time
-    profile), whatever first order promises."""
+    exchanged for what looks like it too, whatever first order promises."""
     priors = np.log(prior_shares(problem))
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
     least, result = best - MARGIN - here.log_posterior, []
@@ -131,8 +126,7 @@ def moves_from(
             if abs(here.z[out]) <= LARGE:
                 promises.append((gain - promised) / scale + priors - priors[own])
             if max(abs(here.z[out]), explained) > LARGE:
-                its = competing.get((int(effect_of[own]), names[own]), frozenset())
-                promises.append(_score_correlation(problem, base, own, its, usable))
+                promises.append(_score_correlation(base, own, usable))
             # the hypothesis itself, but for the time of a step
             itself = (effect_of == effect_of[own]) & np.array([name == names[own] for name in names])
             promises = [np.where(itself, -np.inf, p) for p in promises]
@@ -166,17 +160,13 @@ def _one_more_promises(problem: DiagnosisProblem, here: Hypothesis, found: Searc
     return bool(promise.max() > 0)
 
 
-def _score_correlation(
-    problem: DiagnosisProblem, base: Fit, own: int, its: Set[tuple[int, str]], usable: np.ndarray
-) -> np.ndarray:
+def _score_correlation(base: Fit, own: int, usable: np.ndarray) -> np.ndarray:
     """(n_candidate,) what is promised by an exchange of the large effect of candidate `own`, by its score correlation
-    alone: what a large effect leaves is beyond first order. -inf but for what looks like it, and for `its` competing
-    hypotheses, which were as probable when it was added."""
+    alone: what a large effect leaves is beyond first order. -inf but for what looks like it."""
     information = base.design.information
-    among = np.array([(int(j), problem.time_profiles[c].name) in its for j, c in problem.which])
     size_of = np.sqrt(np.maximum(information, 1e-300))
     alike = np.abs(base.design.overlap([own], range(len(information)))[0]) / (size_of * size_of[own])
-    return np.where(usable & (among | (alike > ALIKE)), alike, -np.inf)
+    return np.where(usable & (alike > ALIKE), alike, -np.inf)
 
 
 def _most_promising(problem: DiagnosisProblem, promise: np.ndarray, enough: float) -> list[int]:
@@ -318,7 +308,7 @@ def explore(
         large = _is_large(problem, found, key)
         best = max(h.log_posterior for h in known.values())
         moves = [*(large_moves(problem, here, found, n_searched) if add and large else ()),
-                 *moves_from(problem, here, add=add, competing=_competing(known, key), best=best)]
+                 *moves_from(problem, here, add=add, best=best)]
         fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
     keys, relative = _ordered_at_last(problem, compared, known, renewed)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
@@ -413,18 +403,6 @@ def fit_moves(
         before = known.get(there[number])
         if before is None or fitted.log_posterior > before.log_posterior:
             known[there[number]] = _restore_fit_state(fitted, moves[number], base)
-
-
-def _competing(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
-    """For each effect (with the name of its time profile) of a hypothesis those that were about as probable in its
-    place, there or with fewer others beside it."""
-    result: dict[tuple[int, str], set[tuple[int, str]]] = {one: set() for one in key}
-    for held, h in known.items():
-        for one in held & key if held <= key else ():
-            rest = held - {one}
-            result[one] |= {next(iter(other - rest)) for other, g in known.items()
-                            if len(other) == len(held) and rest < other and g.log_posterior > h.log_posterior - CLOSE}
-    return {one: others - key for one, others in result.items()}
 
 
 def _fitted(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move: Move) -> Hypothesis | None:
