@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
+from scipy import optimize
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor, mac
@@ -27,6 +28,9 @@ LEAST_GAIN, BETTER = 1.1, 0.5
 # a channel's phase is asked in the modes that move it most, if that is this share of what moves most; and the share of
 # its motion that is out of phase
 OF_ITS_MOST, SEEN, OUT_OF_PHASE = 0.3, 0.03, 0.8
+# modes whose signs, and references whose reversals, are tried in all combinations; turns in which an order settles;
+# 1 - MAC that rounding leaves
+MOST_SIGNED, ROUNDS, ROUNDING = 7, 6, 1e-4
 # ln f by which all modes of a setup differ from those of another, from which it is said
 SHIFT = 0.008
 
@@ -105,36 +109,79 @@ def _unlike(one: np.ndarray, two: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class _Change:
-    """References exchanged (in this order) and then reversed that may make one setup's shapes those of another."""
+    """What may make one setup's shapes at the references those of another: which of its rows stands for each
+    reference, and which of these are then reversed."""
 
-    exchanged: tuple[tuple[int, int], ...] = ()
+    order: tuple[int, ...]
     reversed_: tuple[int, ...] = ()
 
     def of(self, shape: np.ndarray) -> np.ndarray:
-        order = np.arange(len(shape))
-        for a, b in self.exchanged:
-            order[[a, b]] = order[[b, a]]
-        mended = shape[order]
+        mended = shape[list(self.order)]
         mended[list(self.reversed_)] *= -1
         return mended
 
-    def words(self, names: Sequence[str]) -> str:
+    @property
+    def cycles(self) -> list[tuple[int, ...]]:
+        """References in one another's places: each has what is called the next one."""
+        found: list[tuple[int, ...]] = []
+        for start in range(len(self.order)):
+            cycle = [start]
+            while (then := self.order[cycle[-1]]) != start:
+                cycle.append(then)
+            if len(cycle) > 1 and start == min(cycle):
+                found.append(tuple(cycle))
+        return found
+
+    @property
+    def size(self) -> int:
+        """Number of exchanges of two and of reversals that make it."""
+        return sum(len(c) - 1 for c in self.cycles) + len(self.reversed_)
+
+    def words(self, names: Sequence[str], first: str, second: str) -> str:
         turned = [names[c] for c in self.reversed_]
-        said = [f"{names[a]} and {names[b]} are exchanged" for a, b in self.exchanged]
+        said = [f"{names[c[0]]} and {names[c[1]]} are exchanged" if len(c) == 2 else
+                f"{', '.join(names[k] for k in c)} are in one another's places ("
+                + ", ".join(f"{names[self.order[k]]} of {second} is {names[k]} of {first}" for k in c) + ")" for c in self.cycles]
         said += [f"{' and '.join(turned)} {'is' if len(turned) == 1 else 'are'} reversed"] if turned else []
         return " and ".join(said) + " between the setups"
 
 
-def _changes(n: int, n_mode: int) -> list[_Change]:
-    """Single reversals and exchanges of n references, and where three modes or more show them two at a time: a box
-    mounted the other way round, or turned by a quarter, or two boxes in one another's place."""
-    pairs = list(combinations(range(n), 2))
-    single = [_Change(reversed_=(c,)) for c in range(n)] + [_Change(exchanged=(p,)) for p in pairs]
+def _changes(one: np.ndarray, two: np.ndarray) -> list[_Change]:
+    """Single reversals and exchanges of references, and where three modes or more show them the order and signs that
+    make `two` (n, n_mode) most like `one` as a whole, with each part of them: an assignment for the scale of every
+    mode, which follows from it in turn, begun with all signs of the modes."""
+    n, n_mode = one.shape
+    same = tuple(range(n))
+    found = [_Change(order=same, reversed_=(c,)) for c in range(n)]
+    for a, b in combinations(range(n), 2):
+        order = list(same)
+        order[a], order[b] = b, a
+        found.append(_Change(order=tuple(order)))
     if n_mode < 3:
-        return single
-    return [*single, *(_Change(reversed_=p) for p in pairs),
-            *(_Change(exchanged=(p,), reversed_=(c,)) for p in pairs for c in range(n)),
-            *(_Change(exchanged=(p, q)) for p in pairs for q in pairs if p < q)]
+        return found
+    first, second = (s / np.linalg.norm(s, axis=0) for s in (one, two))
+    best, most = None, -1.0
+    for sign in product((1.0, -1.0), repeat=min(n_mode, MOST_SIGNED) - 1):
+        scale = np.array([1.0, *sign, *[0.0] * (n_mode - MOST_SIGNED)])
+        for _ in range(ROUNDS):
+            alike = (first * scale) @ second.T
+            _, order = optimize.linear_sum_assignment(-np.abs(alike))
+            signs = np.where(alike[range(n), order] < 0, -1.0, 1.0)
+            scale = np.sum(first * signs[:, None] * second[order], axis=0)
+        if scale @ scale > most * (1 + 1e-9):
+            best, most = (tuple(int(k) for k in order), signs), float(scale @ scale)
+    whole = _Change(order=best[0])
+    for kept in product((False, True), repeat=len(whole.cycles)):
+        order = list(same)
+        for cycle, takes_part in zip(whole.cycles, kept, strict=True):
+            for k in cycle if takes_part else ():
+                order[k] = whole.order[k]
+        for turned in (best[1] < 0, best[1] > 0):
+            rows = np.flatnonzero(turned)[:MOST_SIGNED]
+            found += [_Change(order=tuple(order), reversed_=tuple(int(c) for c in some))
+                      for size in range(len(rows) + 1) for some in combinations(rows, size)]
+    # a shape has no sign of its own: all references reversed are none
+    return [c for c in dict.fromkeys(found) if c.size and len(c.reversed_) < n]
 
 
 def _refuse_explained(
@@ -143,12 +190,9 @@ def _refuse_explained(
     """What is said where no change explains it."""
     before = _unlike(one, two).mean()
     n = len(references)
-    found = [(_unlike(one, change.of(two)).mean(), change) for change in _changes(n, one.shape[1])]
-    single = [f for f in found if len(f[1].exchanged) + len(f[1].reversed_) == 1]
-    left, change = min(single, key=lambda x: x[0])
-    twofold = min(found, key=lambda x: x[0])
-    if left > REMAINING * before or twofold[0] < BETTER**2 * left:
-        left, change = twofold
+    found = [(_unlike(one, change.of(two)).mean(), change) for change in _changes(one, two)]
+    # one exchange or reversal more is believed where it leaves so much less
+    left, change = min(found, key=lambda x: max(x[0], ROUNDING) / BETTER ** (2 * x[1].size))
     scaled, gain, row = min(((_unlike(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),
                             key=lambda x: x[0])
     amplified = scaled < BETTER * left and abs(np.log(gain)) > np.log(LEAST_GAIN)
@@ -163,18 +207,18 @@ def _refuse_explained(
                          f"much in {second.name} as in {first.name}: {said}",
                          "correct its unit in the campaign.toml of the one that is wrong")
     # of references some explain it as well as others
-    alike = [c for rest, c in found if rest <= 1.01 * left + 1e-12 and c.exchanged == change.exchanged
+    alike = [c for rest, c in found if rest <= 1.01 * left + 1e-12 and c.order == change.order
              and len(c.reversed_) == len(change.reversed_)]
     chosen, others = _who(first, second, references, alike)
-    named = [references[c] for c in dict.fromkeys((*sum(chosen.exchanged, ()), *chosen.reversed_))]
+    named = [references[c] for c in dict.fromkeys((*sum(chosen.cycles, ()), *chosen.reversed_))]
     instead = f" (or {', or '.join(' and '.join(references[c] for c in o.reversed_) for o in others)} reversed instead)"
     remedy = ["put their [[sensor]] tables in one another's place in the campaign.toml of one of them, or, if its "
-              "files were converted, their columns in its convert.toml, and convert again"] if chosen.exchanged else []
+              "files were converted, their columns in its convert.toml, and convert again"] if chosen.cycles else []
     if chosen.reversed_:
         turned = ", ".join(f"{_opposite(second, references[c])} for {references[c]}" for c in chosen.reversed_)
         remedy.append(f"turn the direction in the campaign.toml of one of them (direction = {turned} in {second.name})")
     raise InputError(f"{both}, reference{'s' if len(named) > 1 else ''} {' and '.join(named)}",
-                     f"{chosen.words(references)}{instead if others else ''}: {said}",
+                     f"{chosen.words(references, first.name, second.name)}{instead if others else ''}: {said}",
                      f"{'; then '.join(remedy)}, and they are merged with that")
 
 
@@ -188,7 +232,7 @@ def _who(first: SetupModes, second: SetupModes, references: Sequence[str], alike
          ) -> tuple[_Change, list[_Change]]:
     """Of reversals that explain it alike the one of references that go against the sensors of their direction in one
     setup and with them in the other, in the lowest mode in which they move; no others then."""
-    against = [change for change in alike if change.reversed_ and not change.exchanged and all(
+    against = [change for change in alike if change.reversed_ and not change.cycles and all(
         _sense(first, references[c]) * _sense(second, references[c]) < 0 for c in change.reversed_)]
     return (against[0], []) if len(against) == 1 else (alike[0], alike[1:])
 

@@ -64,11 +64,16 @@ TURNED = [
     ([0, 1], [[1.0], [-1.0]], [1, 0], r"R1-x and R1-y are exchanged and (R1-x|R1-y) is reversed between the setups"),
     ([0, 1, 2, 3], 1.0, [2, 3, 0, 1], "R1-x and R2-x are exchanged and R1-y and R2-y are exchanged"),
     ([0, 2], -1.0, [0, 2], "R1-x and R2-x are reversed"),
+    ([0, 2, 3], [[1.0], [1.0], [-1.0]], [2, 0, 3], "R1-x and R2-x are exchanged and R2-y is reversed"),
+    ([0, 1, 2, 3], [[-1.0], [-1.0], [1.0], [1.0]], [2, 3, 0, 1], "exchanged and R1-y and R2-y are exchanged and R.-x and "
+     "R.-y are reversed"),
+    ([0, 1, 2], 1.0, [1, 2, 0], r"R1-x, R2-x, R1-y are in one another's places \(R2-x of two is R1-x of one, "),
 ]
 
 
 @pytest.mark.parametrize(("rows", "factor", "order", "said"), TURNED,
-                         ids=["half a turn", "a quarter", "places exchanged", "two places"])
+                         ids=["half a turn", "a quarter", "places exchanged", "two places", "a third too",
+                              "places and half a turn", "three in turn"])
 def test_boxes_that_were_turned_or_exchanged_are_named(rows, factor, order, said):
     one, two = setup("one", (1, 2), 1, True), changed(setup("two", (3, 4), 2, True), rows, np.array(factor), order)
     with pytest.raises(InputError, match=said):
