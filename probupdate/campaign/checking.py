@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import LEAST_MEASURED, PART, Block, block_files, block_starts, read_block
-from probupdate.campaign.clocks import delays
+from probupdate.campaign.clocks import Delays, delays, drifts, put_in_time
 from probupdate.campaign.findings import (
+    LEAST_DELAY_S,
     Compared,
     channel_findings,
     clock_findings,
@@ -32,12 +33,14 @@ from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, renaming, turning_range, with_rated_power
 from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
-from probupdate.campaign.sensor_findings import SensorFinding
-from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.spectra import CrossSpectra, cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
 from probupdate.io.files import sha256, write_json, write_table
 from probupdate.io.result_table import plural, with_units
 from probupdate.modal.conditions import COLUMNS, SIMILAR, misnamed
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 
 # what a column of SCADA is needed for
@@ -170,23 +173,65 @@ def compare_block(
     if usable.sum() < 2:
         return None
     rate = block.sampling_rate_hz
-    spectra = cross_spectra(block.data[:, usable], rate, 0.4 * rate)
-    if spectra is None:
-        return None
     sensors = levelled([s for s, ok in zip(campaign.sensors, usable, strict=True) if ok])
-    spectra = in_acceleration(spectra, sensors)
-    late = delays(spectra, sensors, _rotor_bands(conditions))
-    delay, std = np.full(n, np.nan), np.full(n, np.nan)
-    delay[usable], std[usable] = late.delay_s, late.std_s
-    lowest = lowest_motion_hz(spectra, sensors, list(range(len(sensors))))
+    in_time = _in_time(block.data[:, usable], rate, sensors, _rotor_bands(conditions))
+    if in_time is None:
+        return None
+    data, spectra, clocks = np.full(block.data.shape, np.nan), in_time.spectra, np.full((3, n), np.nan)
+    data[:, usable], clocks[:, usable] = in_time.data, (in_time.delay_s, in_time.std_s, in_time.drift)
+    moves = np.flatnonzero(np.einsum("fii->i", np.real(spectra.density)) > 0)
+    lowest = lowest_motion_hz(spectra, sensors, [int(k) for k in moves])
     kept = ()
     if pieces == 1:
         kept = (whole_piece(block.id, spectra, usable, lines_kept(n, n_compared)),)
     elif pieces:
-        kept = tuple(parts_of_block(block.id, block.data, rate, campaign.sensors, usable, pieces,
+        kept = tuple(parts_of_block(block.id, data, rate, campaign.sensors, usable, pieces,
                                     lines_kept(n, n_compared * pieces)))
     return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
-                    delay_s=delay, delay_std_s=std, lowest_hz=np.nan if lowest is None else lowest, pieces=kept)
+                    delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], lowest_hz=np.nan if lowest is None else lowest, pieces=kept)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _InTime:
+    """A block's channels as right clocks would have recorded them, data (n_sample, n_channel) with their cross-spectra
+    as accelerations, and what was wrong: delay_s in the middle of the block with std_s, drift in s per s, (n_channel,).
+    """
+
+    data: np.ndarray
+    spectra: CrossSpectra
+    delay_s: np.ndarray
+    std_s: np.ndarray
+    drift: np.ndarray
+
+
+def _in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], avoid_hz: np.ndarray) -> _InTime | None:
+    """Signs, gains and places are judged beside right clocks; None where the samples do not allow it."""
+
+    def compared(moved: np.ndarray) -> tuple[CrossSpectra, Delays] | None:
+        spectra = cross_spectra(moved, rate, 0.4 * rate)
+        if spectra is None:
+            return None
+        spectra = in_acceleration(spectra, sensors)
+        return spectra, delays(spectra, sensors, avoid_hz)
+
+    if (found := compared(data)) is None:
+        return None
+    drift, moved = np.zeros(len(sensors)), data
+    if (alone := np.isnan(found[1].delay_s)).any() and not alone.all():
+        drift = np.nan_to_num(drifts(data, rate, 0.4 * rate, sensors, alone))
+        if drift.any():
+            moved = put_in_time(data, rate, np.zeros(len(sensors)), drift)
+            found = compared(moved) or found
+    spectra, late = found
+    away = np.abs(late.delay_s) > np.maximum(LEAST_DELAY_S, SIGMA * late.std_s)
+    if away.any():
+        moved = put_in_time(data, rate, np.where(away, late.delay_s, 0.0), drift)
+        spectra, _ = compared(moved) or found
+    if (lost := (drift != 0) & np.isnan(late.delay_s)).any():
+        # as a channel that does not move: nothing is known of its sign beside the others
+        sound = np.where(lost, 0.0, 1.0)
+        spectra = replace(spectra, density=frozen_array(spectra.density * np.outer(sound, sound), complex))
+    return _InTime(data=moved, spectra=spectra, delay_s=late.delay_s, std_s=late.std_s, drift=drift)
 
 
 def _rotor_bands(conditions: Mapping) -> np.ndarray:

@@ -2,18 +2,23 @@
 
 Channels of one direction move, at frequencies where they are coherent, in phase or in antiphase. A clock that is late
 by tau turns that phase by -2 pi f tau. Twice the phase knows nothing of the sign; its slope gives the delay of each
-pair, and the pairs together that of each channel.
+pair, and the pairs together that of each channel. A clock that drifts by a good part of a period within a block leaves no
+coherence: its drift is the slope of what the phase gains from segment to segment, which neither signs nor a delay
+change.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, sparse
+from scipy import fft, ndimage, sparse
 from scipy.sparse import csgraph
 
-from probupdate.campaign.spectra import CrossSpectra
+from probupdate.campaign.mounting import ALONG
+from probupdate.campaign.sensor_findings import SIGMA
+from probupdate.campaign.spectra import CrossSpectra, segment_lines, segment_samples
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
@@ -21,8 +26,10 @@ from probupdate.runtime.arrays import frozen_array
 LARGEST_DELAY_S = 2.0
 # frequencies that are less coherent say little about phase; at more than the other, damping and crosstalk limit
 LEAST_COHERENCE, MOST_COHERENCE = 0.3, 0.99
-# a pair's phases gather around a line at least so well (1: on it)
-GATHERED = 0.7
+# phase at zero frequency, and scatter about a delay's line (rad), from which they are no clock's, if beyond chance
+BENT = 0.15
+# periods by which a drift turns a pair within a block that it leaves without coherence
+TURNED = 0.25
 # what the phases of real structures (damping that is not proportional, rotating loads) may feign, in s: channels of one
 # level, of two
 MOTION_STD_S = {True: 0.0005, False: 0.003}
@@ -71,8 +78,66 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
     return Delays(delay_s=frozen_array(delay), std_s=frozen_array(std), group=frozen_array(group, int))
 
 
+def drifts(
+    data: np.ndarray, rate_hz: float, highest_hz: float, sensors: Sequence[Sensor], wanted: np.ndarray
+) -> np.ndarray:
+    """(n_channel,) how much later the `wanted` channels of a block (n_sample, n_channel) become against the others, in
+    s per s, by segments as of `cross_spectra`; NaN where no pair shows it, or segments are lost."""
+    found = np.full(len(sensors), np.nan)
+    length = segment_samples(len(data), rate_hz, highest_hz)
+    frequency = fft.rfftfreq(length, 1 / rate_hz)
+    kept = np.flatnonzero((frequency > 0) & (frequency <= highest_hz))
+    lines = np.array(segment_lines(data, length, kept))
+    if len(lines) < len(range(0, len(data) - length + 1, length // 2)):
+        return found
+    unit = np.exp(1j * np.angle(lines))
+    for i in np.flatnonzero(wanted):
+        partners = [j for j in np.flatnonzero(~wanted) if _comparable(sensors[i], sensors[j])]
+        each = [_pair_drift(unit[:, :, i] * unit[:, :, j].conj(), frequency[kept], length / 2 / rate_hz)
+                for j in partners]
+        each = [r for r in each if r is not None]
+        if 2 * len(each) > len(partners):
+            found[i] = float(np.median(each))
+    return found
+
+
+def _pair_drift(cross: np.ndarray, frequency: np.ndarray, step_s: float) -> float | None:
+    """Drift of a pair from the phases of its cross-spectra (n_segment, n_line), a step apart: over one step, then over
+    twice as many as long as it gathers them (Lank, Reed and Pollon 1973). None where it does not."""
+    drift, lag = None, 1
+    while lag < len(cross):
+        gain = np.sum(cross[lag:] * cross[:-lag].conj(), axis=0)
+        last = drift or 0.0
+        for _ in range(4):
+            left = gain * np.exp(2j * np.pi * frequency * last * lag * step_s)
+            # lines of one motion go together; those of noise are as many to either side
+            weight = frequency * np.abs(gain) ** 2
+            last -= float(weight @ np.angle(left) / (2 * np.pi * lag * step_s * (weight @ frequency)))
+        left = gain * np.exp(2j * np.pi * frequency * last * lag * step_s)
+        # twice what counts: no pair has a drift by chance
+        if np.sum(left.real) < 2 * SIGMA * np.sqrt(0.5 * len(frequency) * (len(cross) - lag)):
+            break
+        drift, lag, centre = last, 2 * lag, float(weight @ frequency / weight.sum())
+    # less leaves coherence: something else takes it away
+    return drift if drift is not None and abs(drift) * len(cross) * step_s * centre > TURNED else None
+
+
+def put_in_time(data: np.ndarray, rate_hz: float, delay_s: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    """Data (n_sample, n_channel) with the channels of which a delay in the middle of the block, or a drift, is not zero
+    as a right clock would have recorded them; lost where they recorded nothing."""
+    moved, sample = data.copy(), np.arange(len(data))
+    for c in np.flatnonzero((delay_s != 0) | (drift != 0)):
+        at = [sample + rate_hz * delay_s[c] + drift[c] * (sample - len(data) / 2)]
+        known = np.isfinite(data[:, c])
+        value = np.where(known, data[:, c] - data[known, c].mean(), 0.0)
+        lost = ndimage.map_coordinates(1.0 - known, at, order=1, cval=1.0) > 0
+        # splines of degree five are flat to four fifths of the highest frequency
+        moved[:, c] = np.where(lost, np.nan, ndimage.map_coordinates(value, at, order=5))
+    return moved
+
+
 def _comparable(a: Sensor, b: Sensor) -> bool:
-    return abs(float(a.direction @ b.direction)) > 0.9
+    return abs(float(a.direction @ b.direction)) > ALONG
 
 
 def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tuple[float, float] | None:
@@ -92,20 +157,28 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     weight = np.minimum(weight, 10 * np.median(weight[used]))
     double = np.zeros(len(frequency), complex)
     double[used] = weight[used] * np.exp(2j * np.angle(cross[used]))
-    delay, gathered = _steepest(double, frequency)
-    if gathered < GATHERED * weight.sum():
-        return None
+    delay = _steepest(double, frequency)
     phase = np.zeros(int(used.sum()))
     for _ in range(3):
         phase = np.angle(double[used] * np.exp(4j * np.pi * frequency[used] * delay)) / 2
         delay -= float(weight[used] @ (frequency[used] * phase) / (2 * np.pi * (weight[used] @ frequency[used] ** 2)))
-    spread = float(weight[used] @ phase**2 / weight.sum())
-    lever = float(weight[used] @ frequency[used] ** 2 / weight.sum())
-    return delay, np.sqrt(spread / (max(used.sum() / 2, 1) * lever)) / (2 * np.pi)
+    mine, f = weight[used], frequency[used]
+    # a line through the phases; a clock's has no phase at zero frequency, a filter's or a loose mount's lead has one
+    lines = np.column_stack([np.ones(len(f)), -2 * np.pi * f])
+    inverse = np.linalg.pinv((lines.T * mine) @ lines)
+    at_zero, slope = inverse @ (lines.T @ (mine * phase))
+    left = float(mine @ (phase - lines @ (at_zero, slope)) ** 2) / max(len(f) / 2, 1)
+    # of phases by chance this much is to be expected, by the coherence
+    chance = len(f) / (2 * spectra.n_segment * mine.sum())
+    if abs(at_zero) > max(BENT, SIGMA * np.sqrt(left * inverse[0, 0])) or (
+            mine @ phase**2 / mine.sum() > BENT**2 + SIGMA * chance):
+        return None
+    lever = float(mine @ f**2)
+    return delay, np.sqrt(float(mine @ phase**2) / (max(len(f) / 2, 1) * lever)) / (2 * np.pi)
 
 
-def _steepest(double: np.ndarray, frequency: np.ndarray) -> tuple[float, float]:
-    """Delay that gathers the doubled phases best, and the gathered weight; frequencies are multiples of their step.
+def _steepest(double: np.ndarray, frequency: np.ndarray) -> float:
+    """Delay that gathers the doubled phases best; frequencies are multiples of their step.
 
     The smallest delay within a tenth of the best is taken: a narrow band repeats itself every half period.
     """
@@ -124,7 +197,7 @@ def _steepest(double: np.ndarray, frequency: np.ndarray) -> tuple[float, float]:
     # climb to the top of that hill
     while 0 < k < len(score) - 1 and max(score[k - 1], score[k + 1]) > score[k]:
         k += 1 if score[k + 1] > score[k - 1] else -1
-    return float(time[k]), float(score[k])
+    return float(time[k])
 
 
 def _connected(rows: np.ndarray) -> list[np.ndarray]:

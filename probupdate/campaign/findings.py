@@ -18,7 +18,7 @@ from probupdate.campaign.mounting import Suspicion
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, levelled
 from probupdate.campaign.rotor_lines import RateRatio
-from probupdate.campaign.sensor_findings import SensorFinding
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.stated import UNITS
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import Sensor
@@ -38,7 +38,7 @@ MISSING = 0.005
 # like
 WANDER, WANDER_ALONE = 5.0, 2.0
 # clocks that differ by less are not mentioned, whatever the statistics: no mode shape below 3 Hz is hurt by 2 degrees
-LEAST_DELAY_S, SIGMA = 0.002, 4.0
+LEAST_DELAY_S = 0.002
 # the true sampling rate by rotor lines is questioned beyond this
 RATE_LIMIT = 0.01
 # median deviation of the top's horizontal acceleration (m/s2) that a turbine on a slender support may have, idling and
@@ -56,7 +56,8 @@ GRAVITY_SPREAD = 0.3
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compared:
     """One block whose channels were compared: its suspicions, delays (n_channel,) with their standard deviations, in s,
-    the frequency of its lowest motion and its cross-spectra in one or several pieces."""
+    drifts (s per s; zero where a delay was followed without), the frequency of its lowest motion and its cross-spectra
+    in one or several pieces."""
 
     id: str
     start: pd.Timestamp
@@ -64,6 +65,7 @@ class Compared:
     suspicions: tuple[Suspicion, ...]
     delay_s: np.ndarray
     delay_std_s: np.ndarray
+    drift: np.ndarray
     lowest_hz: float = float("nan")
     pieces: tuple[Piece, ...] = ()
 
@@ -257,10 +259,14 @@ def sensor_findings(
 
 def runaway_clocks(compared: Sequence[Compared], channels: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Channel -> (s a day that its clock loses, the last block in which that was followed), of clocks whose drift over
-    the campaign is beyond the range in which delays are sought: by the steps between neighbouring blocks, which delays
-    that are lost or found at a wrong period do not spoil."""
+    the campaign is beyond the range in which delays are sought: by the drifts within blocks, or the steps between
+    neighbouring ones, which delays that are lost or found at a wrong period do not spoil."""
     found = {}
     days = np.array([(b.start - compared[0].start) / pd.Timedelta(days=1) for b in compared])
+    for c, name in enumerate(channels):
+        within = [k for k, b in enumerate(compared) if b.drift[c]]
+        if within and len(within) >= SHARE * sum(np.isfinite(b.drift[c]) for b in compared):
+            found[name] = 86400 * float(np.median([compared[k].drift[c] for k in within])), compared[within[-1]].id
     if len(days) < FEWEST_STEPS + 1:
         return found
     usual = float(np.median(np.diff(days)))
@@ -301,8 +307,8 @@ def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tup
     away = runaway_clocks(compared, channels)
     late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])
             and channels[c] not in away]
-    found = [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.3g} ppm) against "
-             f"the median channel; after {last} it is beyond the {LARGEST_DELAY_S:g} s in which channels are compared: "
+    found = [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.4g} ppm) against "
+             f"the median channel, as followed until {last}; beyond {LARGEST_DELAY_S:g} s channels are not compared: "
              "resample it to the others' clock, or leave it out" for name, (drift, last) in away.items()]
     while late:
         first = max(late, key=lambda c: abs(centre[c]))
@@ -319,7 +325,8 @@ def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tup
         found.append(text)
     if not np.isfinite(error).any():
         return [], None
-    resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * float(np.nanmax(error)))
+    followed = [e for e, name in zip(error, channels, strict=True) if np.isfinite(e) and name not in away]
+    resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * max(followed, default=0.0))
     n = int(np.isfinite(centre).sum())
     return found, f"clocks of {n} of {len(channels)} channels compared; differences from {resolved:.1f} ms show"
 

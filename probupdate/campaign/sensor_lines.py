@@ -1,14 +1,17 @@
 """Reversed sensors of a line: along something that bends, the lowest mode changes its sign at no single sensor.
 
 A cantilever with a free top, and a beam between two supports, move to one side in their lowest mode; a sensor that
-alone goes the other way, by as much as its neighbours suggest, is suspected of a reversed sign. Higher modes do change
-their sign, but then a sensor goes where its neighbours' shape continues: that is asked of the lowest mode and of the
-next, so that a record in which the lowest mode does not show raises no suspicion. Sensors that stand much farther apart
-than the others are not judged."""
+alone goes the other way, by as much as its neighbours suggest, is suspected of a reversed sign. Higher modes, and the
+lowest of several spans, do change their sign, but then a sensor goes where its neighbours' shape continues: that is
+asked of the lowest mode and of the next, so that a record in which the lowest mode does not show raises no suspicion.
+Sensors that stand much farther apart than the others are not judged. Those of a grid (a floor, two girders) are judged
+along each of its lines."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -25,9 +28,9 @@ FEWEST_UPRIGHT, FEWEST = 3, 4
 PEAK, BESIDE_LINES = 3.0, 20
 # ... and is one motion in which a channel takes part by this share of its own
 PART, ONE_MOTION, REAL = 0.5, 0.8, 0.95
-# |moved + said| over |moved - said| of a reversed sensor in the lowest mode, and in the next: half to twice, a third to
-# three times what its neighbours say
-ALIKE, ALIKE_NEXT = 1 / 3, 1 / 2
+# |moved + said| over |moved - said| of a reversed sensor, in the mean (of logarithms) over the modes asked: it moves by
+# two fifths to two and a half times what its neighbours say
+ALIKE = 0.4
 # distance to the neighbours over the largest among the others
 LARGEST_GAP = 1.6
 # a shape that grows with height may fall by so much of its largest
@@ -35,16 +38,20 @@ FALL = 0.1
 
 
 def reversed_in_line(spectra: CrossSpectra, sensors: Sequence[Sensor], alive: Sequence[int]) -> list[int]:
-    """Sensors (indices) of which each alone has a sign that no neighbour shares, in the lowest mode of a line of
-    sensors along one direction. Nothing where the lines are too short or show no mode."""
-    found = []
+    """Sensors (indices) of which each alone has a sign that no neighbour shares, in the lowest modes of most of the
+    lines of sensors along one direction that it is in. Nothing where the lines are too short or show no mode."""
+    judged: Counter[int] = Counter()
+    found: Counter[int] = Counter()
     for members, place, sign in _lines(sensors, alive):
         density = spectra.density[:, members][:, :, members] * np.outer(sign, sign)
         upright = _upright(sensors, members)
         shapes = _lowest_shapes(density, FEWEST_UPRIGHT if upright else FEWEST)
-        if shapes and (one := _against_its_neighbours(place, shapes, upright)) is not None:
-            found.append(members[one])
-    return found
+        if not shapes:
+            continue
+        judged.update(members)
+        if (one := _against_its_neighbours(place, shapes, upright)) is not None:
+            found[members[one]] += 1
+    return [k for k, n in found.items() if 2 * n > judged[k]]
 
 
 def whole_line(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
@@ -57,28 +64,59 @@ def whole_line(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
 
 def _lines(sensors: Sequence[Sensor], alive: Sequence[int]) -> list[tuple[list[int], np.ndarray, np.ndarray]]:
     """Members along one direction at different places of a straight line, in their order, with their coordinate and
-    sign."""
+    sign. Of sensors that are no line the lines among them, where these lie wider than high."""
     left, found = list(alive), []
     while left:
         first = sensors[left[0]].direction
         group = [i for i in left if abs(float(sensors[i].direction @ first)) > 0.9]
         left = [i for i in left if i not in group]
-        position = np.array([sensors[i].position_m for i in group])
-        centred = position - position.mean(axis=0)
-        _, extent, axes = np.linalg.svd(centred, full_matrices=False)
-        along = centred @ axes[0]
-        length = float(np.ptp(along))
-        aside = centred - np.outer(along, axes[0])
-        if len(group) < FEWEST_UPRIGHT or extent[0] <= 0 or np.abs(aside).max() > BESIDE * length:
-            continue
-        along = along * np.sign(axes[0][2] if abs(axes[0][2]) > 1e-6 else 1.0)
-        order = np.argsort(along, kind="stable")
-        if np.diff(along[order]).min() < 0.01 * length:
-            continue
-        members = [group[k] for k in order]
-        sign = np.sign([float(sensors[i].direction @ first) for i in members])
-        found.append((members, along[order], sign))
+        for members, along in _straight(sensors, group):
+            sign = np.sign([float(sensors[i].direction @ first) for i in members])
+            found.append((members, along, sign))
     return found
+
+
+def _straight(sensors: Sequence[Sensor], group: list[int]) -> list[tuple[list[int], np.ndarray]]:
+    """Straight lines of sensors (indices, in their order) at different places, with their coordinate."""
+    position = np.array([sensors[i].position_m for i in group])
+    extent = np.ptp(position, axis=0)
+    if (whole := _along(position)) is not None:
+        lines = [whole]
+    elif extent[2] > np.hypot(*extent[:2]):
+        return []
+    else:
+        lines = []
+        for i, j in combinations(range(len(group)), 2):
+            axis = position[j] - position[i]
+            if not np.any(axis):
+                continue
+            axis = axis / np.linalg.norm(axis)
+            away = position - position[i]
+            near = np.linalg.norm(away - np.outer(away @ axis, axis), axis=1) < BESIDE * np.linalg.norm(extent)
+            members = np.flatnonzero(near)
+            if (one := _along(position[members])) is not None:
+                lines.append((members[one[0]], one[1]))
+    unique = {tuple(int(k) for k in order): along for order, along in lines}
+    return [([group[k] for k in order], along) for order, along in unique.items()
+            if not any(set(order) < set(other) for other in unique)]
+
+
+def _along(position: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Order (n,) and coordinate (n,) of positions (n, 3) on a straight line; None where they are none."""
+    if len(position) < FEWEST_UPRIGHT:
+        return None
+    centred = position - position.mean(axis=0)
+    _, extent, axes = np.linalg.svd(centred, full_matrices=False)
+    along = centred @ axes[0]
+    length = float(np.ptp(along))
+    aside = centred - np.outer(along, axes[0])
+    if extent[0] <= 0 or np.abs(aside).max() > BESIDE * length:
+        return None
+    along = along * np.sign(axes[0][2] if abs(axes[0][2]) > 1e-6 else 1.0)
+    order = np.argsort(along, kind="stable")
+    if np.diff(along[order]).min() < 0.01 * length:
+        return None
+    return order, along[order]
 
 
 def _upright(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
@@ -125,25 +163,24 @@ def _against_its_neighbours(
     """The one sensor of the line that is reversed; None."""
     first, members = shapes[0]
     known = np.flatnonzero(members)
-    sign = np.sign(first[known])
-    for lone in (1.0, -1.0):
-        if np.sum(sign == lone) == 1 and len(known) >= FEWEST_UPRIGHT:
-            k = int(known[np.flatnonzero(sign == lone)[0]])
-            if _judged(place[known], int(np.flatnonzero(known == k)[0])):
-                break
-    else:
-        return None
-    size = np.abs(first[known])
+    sign, size = np.sign(first[known]), np.abs(first[known])
+    alone = [int(known[np.flatnonzero(sign == s)[0]]) for s in (1.0, -1.0) if np.sum(sign == s) == 1]
     if upright and np.any(np.maximum.accumulate(size) - size > FALL):
         return None
-    votes = [(*_vote(place, shape, k), alike)
-             for (shape, members), alike in zip(shapes, (ALIKE, ALIKE_NEXT), strict=False) if members[k]]
-    # what goes on where its neighbours point in one of the two modes is no reversed sensor
-    if any(with_them < against / 2 for against, with_them, _ in votes):
-        return None
-    # of a line that does not stand upright it is not known whether something supports it in between: both agree
-    enough = any if upright else all
-    return k if enough(against < alike * with_them for against, with_them, alike in votes) else None
+    found = []
+    # where nothing is known of supports a sensor need not be the only one of its sign, if two modes say so
+    for k in alone if alone or upright else known:
+        if len(known) < FEWEST_UPRIGHT or not _judged(place[known], int(np.flatnonzero(known == k)[0])):
+            continue
+        votes = [_vote(place, shape, k) for shape, members in shapes if members[k]]
+        # what goes on where its neighbours point in one of the two modes is no reversed sensor
+        if any(with_them < against / 2 for against, with_them in votes):
+            continue
+        ratio = [against / max(with_them, 1e-300) for against, with_them in votes]
+        if min(ratio, default=1.0) < ALIKE if upright else (k in alone or len(ratio) > 1) and np.prod(
+                ratio) < ALIKE ** len(ratio):
+            found.append(int(k))
+    return found[0] if found and (upright or len(found) == 1) else None
 
 
 def _judged(place: np.ndarray, k: int) -> bool:

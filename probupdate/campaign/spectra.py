@@ -52,11 +52,9 @@ def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossS
     n_sample = len(data)
     if data.shape[1] > most_channels(rate_hz, highest_hz):
         return None
-    segment_s = min(SEGMENT_S, MOST_FREQUENCIES / highest_hz)
-    length = min(round(segment_s * rate_hz), 2 * n_sample // (FEWEST_SEGMENTS + 1))
+    length = segment_samples(n_sample, rate_hz, highest_hz)
     if length < 16:
         return None
-    length -= length % 2
     frequency = fft.rfftfreq(length, 1 / rate_hz)
     wanted = (frequency > 0) & (frequency <= highest_hz)
     lines = segment_lines(data, length, wanted)
@@ -65,6 +63,12 @@ def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossS
     density = mean_products(lines) * per_hz(length, rate_hz)
     return CrossSpectra(frequency_hz=frozen_array(frequency[wanted]), density=frozen_array(density, complex),
                         n_segment=len(lines))
+
+
+def segment_samples(n_sample: int, rate_hz: float, highest_hz: float) -> int:
+    """Even length of the segments of a block."""
+    length = min(round(min(SEGMENT_S, MOST_FREQUENCIES / highest_hz) * rate_hz), 2 * n_sample // (FEWEST_SEGMENTS + 1))
+    return length - length % 2
 
 
 def segment_lines(

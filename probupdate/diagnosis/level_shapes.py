@@ -51,15 +51,21 @@ RESPONSE_SCALE, MOST_STEPS, LARGEST_STEP = 0.1, 12, 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LevelMotions:
-    """Per level the numbers of its channels and what they see of rigid motions (n_channel, 6), `places` of sensors with
-    theirs; pairs of motions that a square structure makes alike to x and to y (n_channel, 2): rigid ones, and bends of
-    levels that have an extent."""
+    """Names of channels; per level the numbers of its channels and what they see of rigid motions (n_channel, 6),
+    `places` of sensors with theirs; pairs of motions that a square structure makes alike to x and to y (n_channel, 2):
+    rigid ones, and bends of levels that have an extent."""
 
+    channels: tuple[str, ...]
     rows: tuple[list[int], ...]
     places: tuple[tuple[str, tuple[int, ...]], ...]
     rigid: tuple[np.ndarray, ...]
     alike: tuple[np.ndarray, ...]
     bends: tuple[np.ndarray, ...]
+
+    @property
+    def of_their_own(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Places and single channels that one filter or mount may be of."""
+        return [*self.places, *((self.channels[k], (k,)) for _, rows in self.places if len(rows) > 1 for k in rows)]
 
 
 def _level_motions(sensors: Sequence[Sensor | None]) -> LevelMotions:
@@ -83,7 +89,8 @@ def _level_motions(sensors: Sequence[Sensor | None]) -> LevelMotions:
             bends.append(bend)
     placed = {s.channel: k for k, s in enumerate(sensors) if s is not None}
     places = tuple((name, rows) for name, rows, _ in positions([s for s in sensors if s is not None], placed))
-    return LevelMotions(rows=tuple([k for k, _ in level] for level in levels.values()), places=places,
+    return LevelMotions(channels=tuple("" if s is None else s.channel for s in sensors),
+                        rows=tuple([k for k, _ in level] for level in levels.values()), places=places,
                         rigid=tuple(rigid), alike=tuple(x for x in alike if np.any(x)),
                         bends=tuple(x for x in bends if np.any(x)))
 
@@ -167,12 +174,13 @@ class LevelReference:
             scatter.append(np.sqrt(np.abs(back) ** 2 @ own**2) / scale)
         return replace(self, shape=tuple(shapes), scatter=tuple(scatter))
 
-    def turned(self, rows: Sequence[int]) -> np.ndarray:
-        """(m, n_group) change of the numbers per radian that these channels lead in each group."""
+    def responding(self, rows: Sequence[int]) -> np.ndarray:
+        """(m, 2 n_group) change of the numbers per radian that these channels lead, and per unit of the logarithm of
+        their gain, in each group."""
         there = np.zeros((len(self.sensors), 1))
         there[list(rows)] = 1.0
-        return np.column_stack([_numbers([1j * there * s * (r == q) for r, s in enumerate(self.shape)])
-                                for q in range(len(self.shape))])
+        return np.column_stack([_numbers([unit * there * s * (r == q) for r, s in enumerate(self.shape)])
+                                for unit in (1j, 1.0) for q in range(len(self.shape))])
 
     @cached_property
     def log_odd(self) -> float:
@@ -302,7 +310,7 @@ def _one_more(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashabl
     order = sorted(promised, key=lambda e: -promised[e] - prior[e.key])[:MOST_TRIED]
     found = [_correct_effect(begun, e, prior[e.key]) for e in order]
     if all(e.cause != OWN_RESPONSE for e in begun.effects):
-        found += [_own_response(begun, name, rows, min(prior.values())) for name, rows in levels.motions.places]
+        found += [_own_response(begun, name, rows, min(prior.values())) for name, rows in levels.motions.of_their_own]
     return [one for one in found if one is not None]
 
 
@@ -334,44 +342,48 @@ def _add_effect(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredResponse:
-    """Channels `rows` that show the modes of each of the frequencies `at_hz` with these leads `phase` (n,) in radian:
-    a filter, a loose mount, a geophone below its corner, where a clock's would grow with frequency. How far a level
-    moves is not known, and so not by how much they show it too large or small."""
+    """Channels `rows` that show the modes of each of the frequencies `at_hz` with these leads `phase` (n,) in radian
+    and logarithms of their gain `gain` (n,): a filter, a loose mount, a geophone below its corner, where a clock's lead
+    would grow with frequency. How far a whole level moves is not known: its gain stays at none."""
 
     rows: tuple[int, ...]
     at_hz: tuple[float, ...]
     phase: tuple[float, ...]
+    gain: tuple[float, ...]
 
     def __call__(self, shape, frequency_hz, size):
         result = np.array(shape, complex)
         nearest = int(np.argmin(np.abs(np.log(frequency_hz) - np.log(self.at_hz))))
-        result[list(self.rows)] *= np.exp(1j * self.phase[nearest] * size)
+        result[list(self.rows)] *= np.exp((self.gain[nearest] + 1j * self.phase[nearest]) * size)
         return result, 0.0
 
     def words(self) -> str:
-        """The lead of each mode for people."""
-        return ", ".join(f"{'a lead' if a >= 0 else 'a lag'} of {abs(np.degrees(a)):.0f} deg at {hz:.3g} Hz"
-                         for hz, a in sorted(zip(self.at_hz, self.phase, strict=True)))
+        """The lead and gain of each mode for people."""
+        return ", ".join(f"{'a lead' if a >= 0 else 'a lag'} of {abs(np.degrees(a)):.0f} deg"
+                         + (f" and {np.exp(g):.2f} times" if abs(g) > 0.02 else "") + f" at {hz:.3g} Hz"
+                         for hz, a, g in sorted(zip(self.at_hz, self.phase, self.gain, strict=True)))
 
 
 def _own_response(begun: PutRight, place: str, rows: tuple[int, ...], log_prior: float) -> PutRight | None:
-    """As probable before as one row; each mode's phase pays for what it may be. None where no phases below a half turn
-    settle."""
-    phase = np.zeros(len(begun.levels.shape))
+    """As probable before as one row; each mode's phase and gain pay for what they may be. None where no phases below a
+    half turn settle."""
+    n = len(begun.levels.shape)
+    value = np.zeros(2 * n)
     for _ in range(MOST_STEPS):
-        done = _response(place, MeasuredResponse(rows=rows, at_hz=begun.levels.frequency_hz, phase=tuple(phase)))
+        done = _response(place, MeasuredResponse(rows=rows, at_hz=begun.levels.frequency_hz, phase=tuple(value[:n]),
+                                                 gain=tuple(value[n:])))
         there = begun.levels.without(done, 1.0)
-        u, information = there.once.scores(there.turned(rows))
-        precision = information + np.diag(2 / (RESPONSE_SCALE**2 + phase**2))
+        u, information = there.once.scores(there.responding(rows))
+        precision = information + np.diag(2 / (RESPONSE_SCALE**2 + value**2))
         std = np.sqrt(np.diag(np.linalg.inv(precision)))
-        step = np.linalg.solve(precision, u - 2 * phase / (RESPONSE_SCALE**2 + phase**2))
+        step = np.linalg.solve(precision, u - 2 * value / (RESPONSE_SCALE**2 + value**2))
         if np.all(np.abs(step) < 0.1 * std):
-            largest = int(np.argmax(np.abs(phase) / std))
+            largest = int(np.argmax(np.abs(value[:n]) / std[:n]))
             free = replace(done, discrete=())
-            weight = sum(log_weight_of_size(free, float(a), float(s)) for a, s in zip(phase, std, strict=True))
-            return _add_effect(begun, done, done, float(phase[largest]), float(std[largest]), log_prior + weight)
-        phase = phase + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-        if np.any(np.abs(phase) > np.pi):
+            weight = sum(log_weight_of_size(free, float(a), float(s)) for a, s in zip(value, std, strict=True))
+            return _add_effect(begun, done, done, float(value[largest]), float(std[largest]), log_prior + weight)
+        value = value + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        if np.any(np.abs(value[:n]) > np.pi):
             return None
     return None
 
@@ -379,7 +391,7 @@ def _own_response(begun: PutRight, place: str, rows: tuple[int, ...], log_prior:
 def _response(place: str, observe: MeasuredResponse) -> Effect:
     return Effect(kind="measurement", cause=OWN_RESPONSE, location=place, unit="rad", tolerance=0.0,
                   prior_scale=RESPONSE_SCALE, lower=-np.pi, upper=np.pi, observe=observe, discrete=(1.0,),
-                  signature="the channels of one place with another phase in every mode",
+                  signature="channels of one place with another phase and gain in every mode",
                   check="look at its mount, its cable and its filter")
 
 

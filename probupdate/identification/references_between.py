@@ -141,7 +141,8 @@ class _Change:
         turned = [names[c] for c in self.reversed_]
         said = [f"{names[c[0]]} and {names[c[1]]} are exchanged" if len(c) == 2 else
                 f"{', '.join(names[k] for k in c)} are in one another's places ("
-                + ", ".join(f"{names[self.order[k]]} of {second} is {names[k]} of {first}" for k in c) + ")" for c in self.cycles]
+                + ", ".join(f"{names[self.order[k]]} of {second} is {names[k]} of {first}" for k in c) + ")"
+                for c in self.cycles]
         said += [f"{' and '.join(turned)} {'is' if len(turned) == 1 else 'are'} reversed"] if turned else []
         return " and ".join(said) + " between the setups"
 

@@ -1,10 +1,13 @@
-"""Clocks that drift beyond the range in which delays are sought: by the steps between blocks, never as a constant."""
+"""Clocks that drift beyond the range in which delays are sought: by their size, never as a constant, sign or gain."""
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import signal
 
+from probupdate.campaign.checking import check
 from probupdate.campaign.findings import Compared, clock_findings, runaway_clocks
+from probupdate.campaign.reading import read_campaign
 
 CHANNELS = ("a", "b", "c")
 
@@ -18,7 +21,7 @@ def blocks(ppm, n=48, seed=0):
         start = pd.Timestamp("2024-05-01T00:00Z") + k * pd.Timedelta(minutes=30)
         found.append(Compared(id=start.strftime("%H:%M"), start=start, state="unknown", suspicions=(), pieces=(),
                               delay_s=np.array([0.0, seen, 0.001]) + 0.001 * rng.standard_normal(3),
-                              delay_std_s=np.full(3, 0.002), lowest_hz=0.3))
+                              delay_std_s=np.full(3, 0.002), drift=np.zeros(3), lowest_hz=0.3))
     return found
 
 
@@ -30,9 +33,49 @@ def test_a_drift_beyond_the_range_is_named_by_its_size(ppm):
     drift, _ = runaway_clocks(compared, CHANNELS)["b"]
     assert drift / 0.0864 == pytest.approx(ppm, rel=0.02)
     (text,) = clock_findings(compared, CHANNELS)[0]
-    assert text.startswith("suspect: the clock of b drifts by") and "beyond the 2 s" in text
+    assert text.startswith("suspect: the clock of b drifts by") and "beyond 2 s" in text
 
 
 @pytest.mark.parametrize("ppm", [0, 10])
 def test_what_stays_within_the_range_is_no_runaway(ppm):
     assert runaway_clocks(blocks(ppm), CHANNELS) == {}
+
+
+@pytest.fixture(scope="module")
+def storeys():
+    """An hour of five storeys at 10 Hz, three modes under white forces, exact by sums of sinusoids; and the fourth by
+    any clock."""
+    rng, rate, n = np.random.default_rng(4), 10.0, 36000
+    line = np.fft.rfftfreq(n, 1 / rate)
+    shape = np.sin(np.outer(np.arange(1, 6) / 5, np.pi / 2 * np.array([1, 3, 5])))
+    force = rng.standard_normal((3, len(line))) + 1j * rng.standard_normal((3, len(line)))
+    modes = np.array([1 / (1 - (line / f) ** 2 + 0.02j * line / f) for f in (0.6, 1.7, 2.7)])
+    motion = np.fft.irfft(shape @ (modes * force * (line < 4)), n)
+
+    def record(delay_s):
+        """delay_s (n,) of the fourth channel at each sample."""
+        y = motion / motion.std() * 0.05
+        fine = signal.resample(y[3], 8 * n)
+        y[3] = np.interp(np.arange(n) / rate - delay_s, np.arange(8 * n) / (8 * rate), fine)
+        return (y + 0.001 * rng.standard_normal(y.shape)).T
+
+    return record, np.arange(n) / rate
+
+
+HEAD = 'name = "Storeys"\nsampling_rate_hz = 10.0\nblock_minutes = 10\n' + "".join(
+    f'[[sensor]]\nchannel = "F{k}"\nlevel = "F{k}"\nposition_m = [0.0, 0.0, {3.0 * k}]\n'
+    'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n' for k in range(1, 6))
+
+
+@pytest.mark.parametrize(("ppm", "constant"), [(600, 0.0), (-1500, 0.0), (0, 0.8), (60, 0.7)])
+def test_check_reports_clocks_and_no_sign_or_gain(campaign_folder, storeys, ppm, constant):
+    """A delay of half a period turns a sign; a drift of a period within a block leaves no coherence."""
+    record, time = storeys
+    folder = campaign_folder([(0, record(constant + ppm * 1e-6 * time))], head=HEAD)
+    (text,) = [t for t in check(read_campaign(folder)).findings if t.startswith("suspect")]
+    assert text.startswith("suspect: the clock of F4 ")
+    if abs(ppm) > 100:
+        assert float(text.split("(")[1].split(" ppm")[0]) == pytest.approx(ppm, rel=0.03)
+    else:
+        expected = 1e3 * (constant + ppm * 1e-6 * time[-1] / 2)
+        assert float(text.split("is ")[1].split(" +-")[0]) == pytest.approx(expected, abs=20 if ppm else 2)

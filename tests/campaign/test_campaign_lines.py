@@ -94,6 +94,51 @@ def test_a_first_mode_of_two_spans_is_no_reversed_sensor():
     assert flipped(structure, False, moved(structure, EVEN, 13)) == []
 
 
+def two_spans():
+    """Two equal spans, sensors in both: the lowest mode goes up in one and down in the other."""
+    x = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9])
+    b, s = 3.926602, np.abs(2 * x - 1)
+    ratio = (np.cosh(b) - np.cos(b)) / (np.sinh(b) - np.sin(b))
+    second = np.cosh(b * s) - np.cos(b * s) - ratio * (np.sinh(b * s) - np.sin(b * s))
+    shape = np.column_stack([np.sin(2 * np.pi * x), second, np.sin(4 * np.pi * x)])
+    return np.array([1.0, (b / np.pi) ** 2, 4.0]), shape, [[40 * a, 0, 0] for a in x]
+
+
+def floor():
+    """A simply supported plate, four by three sensors."""
+    at = np.array([(x, y) for y in (1.5, 3.5, 5.5) for x in (1.5, 3.5, 5.5, 7.5)])
+    m, n = np.array([(1, 1), (2, 1), (1, 2), (2, 2)]).T
+    value = (m / 9) ** 2 + (n / 7) ** 2
+    return value / value[0], np.sin(np.pi * np.outer(at[:, 0], m) / 9) * np.sin(np.pi * np.outer(at[:, 1], n) / 7), [
+        [x, y, 0] for x, y in at]
+
+
+def girders():
+    """A deck's bending and torsion, five sensors on each of two girders."""
+    at = np.array([(x, y) for y in (-3.0, 3.0) for x in (6, 13, 20, 27, 34)])
+    first, second = np.sin(np.pi * np.outer(at[:, 0], (1, 2)) / 40).T
+    return np.array([1.0, 1.7, 4.0, 5.1]), np.column_stack(
+        [first, first * at[:, 1] / 3, second, second * at[:, 1] / 3]), [[x, y, 0] for x, y in at]
+
+
+@pytest.mark.parametrize("structure", [two_spans, floor, girders])
+def test_reversed_sensors_of_spans_floors_and_girders(structure):
+    """Nothing of a sound one; of each sensor reversed in turn it or nothing, and of most it."""
+    ratio, shape, position = structure()
+    data = moved((ratio, shape, None), EVEN, 15, first_hz=1.0)
+    sensors = tuple(Sensor(channel=f"A{k}", level="", position_m=p, direction=[0, 0, 1])
+                    for k, p in enumerate(position))
+
+    def named(record):
+        found = suspicions(cross_spectra(record, RATE, 0.4 * RATE), sensors)
+        return [s.channels for s in found if s.kind == "flipped"]
+
+    assert named(data) == []
+    every = [named(data * np.where(np.arange(len(sensors)) == k, -1, 1)) for k in range(len(sensors))]
+    assert all(found in ([], [(f"A{k}",)]) for k, found in enumerate(every))
+    assert sum(map(len, every)) > 0.6 * len(every)
+
+
 def test_check_says_which_of_five_is_reversed_and_what_to_do(campaign_folder):
     head = 'name = "Storeys"\nsampling_rate_hz = 20.0\nblock_minutes = 10\n' + "".join(
         f'[[sensor]]\nchannel = "F{k}"\nlevel = "F{k}"\nposition_m = [0.0, 0.0, {3.0 * k}]\n'
