@@ -188,7 +188,8 @@ def compare_block(
         kept = tuple(parts_of_block(block.id, data, rate, campaign.sensors, usable, pieces,
                                     lines_kept(n, n_compared * pieces)))
     return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
-                    delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], lowest_hz=np.nan if lowest is None else lowest, pieces=kept)
+                    delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], pieces=kept,
+                    lowest_hz=np.nan if lowest is None else lowest)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

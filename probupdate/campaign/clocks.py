@@ -2,8 +2,8 @@
 
 Channels of one direction move, at frequencies where they are coherent, in phase or in antiphase. A clock that is late
 by tau turns that phase by -2 pi f tau. Twice the phase knows nothing of the sign; its slope gives the delay of each
-pair, and the pairs together that of each channel. A clock that drifts by a good part of a period within a block leaves no
-coherence: its drift is the slope of what the phase gains from segment to segment, which neither signs nor a delay
+pair, and the pairs together that of each channel. A clock that drifts by a good part of a period within a block leaves
+no coherence: its drift is the slope of what the phase gains from segment to segment, which neither signs nor a delay
 change.
 """
 

@@ -72,9 +72,11 @@ def prepare(
     sensors: Sequence[Sensor] | None = None,
     groups: Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
+    felt: dict[str, bool] | None = None,
     progress: Progress = silent,
 ) -> Prepared:
-    """Read the model and put the whole catalogue into it.
+    """Read the model and put the whole catalogue into it. felt: what is stated of gravity in channels' readings, in
+    place of what the sensors do.
 
     `effects` are a user's own; what is `observe`d has a row for each channel of the record, in its order. Raises
     InputError for an effect that adds a parameter where the model is not a description of a turbine.
@@ -87,8 +89,9 @@ def prepare(
     if not len(model.parameters):
         raise InputError(model.name, "has no parameters, so that nothing says what of it is uncertain",
                          "list at least one [[parameter]] in its TOML")
-    if of_matrices and sensors is not None:
-        model = model.with_gravity({s.channel: bool(s.gravity) for s in sensors})
+    felt = felt or {}
+    if of_matrices and (felt or sensors is not None):
+        model = model.with_gravity({s.channel: bool(s.gravity) for s in sensors or ()} | felt)
     added = [e for e in effects if e.adds is not None]
     own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
     if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
@@ -97,7 +100,7 @@ def prepare(
                              "name parameters that the model has (`parts`), or export it as model.toml")
         return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)
-    placed = tuple(sensors) if sensors is not None else described_sensors(description)
+    placed = tuple(s.stated(felt) for s in (described_sensors(description) if sensors is None else sensors))
     catalogue = (*turbine_effects(description, sensors=placed), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
 

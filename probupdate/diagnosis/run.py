@@ -66,18 +66,19 @@ class ModelSource:
             raise InputError("discrepancy", f"{self.discrepancy:g} is no share of a frequency above zero",
                              "give what the model may miss of every frequency, such as 0.005")
 
-    def prepared(self, sensors: tuple[Sensor, ...] | None, progress: Progress) -> Prepared:
-        """Raises InputError where the model has no matrices."""
+    def prepared(self, sensors: tuple[Sensor, ...] | None, data: ModalData, progress: Progress) -> Prepared:
+        """With what the modal sets state of gravity. Raises InputError where the model has no matrices."""
         if isinstance(self.model, Prepared):
-            return self.model if self.discrepancy is None else replace(self.model, discrepancy=self.discrepancy)
+            made = self.model if self.discrepancy is None else replace(self.model, discrepancy=self.discrepancy)
+            return made.reading(data)
         if not isinstance(self.model, Path):
             raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                              "export its matrices as model.npz")
         own = read_parameters(self.parameters) if self.parameters else None
         groups = read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
         made = prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
-                       progress=progress)
-        return replace(made, discrepancy=self.discrepancy)
+                       felt=data.felt, progress=progress)
+        return replace(made, discrepancy=self.discrepancy).reading(data)
 
     def refuse_without_model(self) -> None:
         own = [e for e in self.effects if e.adds is not None]
@@ -117,7 +118,7 @@ def diagnose_files(
             found = diagnose_without_model(data, sensors, campaign_check=tests, effects=source.effects,
                                            progress=progress)
         else:
-            prepared = source.prepared(sensors, progress).reading(data)
+            prepared = source.prepared(sensors, data, progress)
             found = _whole(prepared, data=data, seed=seed, extended=extend, sampler=sampler, out=out, runs=runs,
                            parameters_file=source.parameters, progress=progress)
             found = replace(found, notes=(*found.notes, *_without_tilt(prepared, data)))

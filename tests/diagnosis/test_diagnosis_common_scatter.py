@@ -87,7 +87,8 @@ def filtered(seed, level, response):
     (7, "L1-x", lambda f: 1j * f / (0.15 + 1j * f)),
 ])
 def test_a_high_pass_at_one_level_or_channel_is_a_response_of_its_own(seed, level, response, validation):
-    row = validation(what="without a model, a high-pass at one level or channel: a frequency response of its own, there",
+    row = validation(what="without a model, a high-pass at one level or channel: a frequency response of its own, "
+                          "there",
                      reference="what was hidden")
     found = diagnose_without_model(*filtered(seed, level, response))
     row.equal([(f.cause, f.location) for f in found.findings], [("frequency response of its own", level)])

@@ -65,8 +65,8 @@ TURNED = [
     ([0, 1, 2, 3], 1.0, [2, 3, 0, 1], "R1-x and R2-x are exchanged and R1-y and R2-y are exchanged"),
     ([0, 2], -1.0, [0, 2], "R1-x and R2-x are reversed"),
     ([0, 2, 3], [[1.0], [1.0], [-1.0]], [2, 0, 3], "R1-x and R2-x are exchanged and R2-y is reversed"),
-    ([0, 1, 2, 3], [[-1.0], [-1.0], [1.0], [1.0]], [2, 3, 0, 1], "exchanged and R1-y and R2-y are exchanged and R.-x and "
-     "R.-y are reversed"),
+    ([0, 1, 2, 3], [[-1.0], [-1.0], [1.0], [1.0]], [2, 3, 0, 1],
+     "exchanged and R1-y and R2-y are exchanged and R.-x and R.-y are reversed"),
     ([0, 1, 2], 1.0, [1, 2, 0], r"R1-x, R2-x, R1-y are in one another's places \(R2-x of two is R1-x of one, "),
 ]
 
