@@ -258,6 +258,7 @@ def fitted_proposal(
     best, best_share, since, served, solved = rounds[0].proposal, 0.0, 0, 0, N_ROUND
     probes, broad, power = np.empty((0, n)), None, 1.0
     wide: list[Transport] = []
+    pooled: Mixture | None = None
     for number in range(ROUNDS):
         kept = rounds[-KEPT:]
         theta, value = (np.concatenate([getattr(r, k) for r in kept]) for k in ("theta", "value"))
@@ -279,6 +280,7 @@ def fitted_proposal(
                 break
         else:
             share = _shares(value, known, value - proposed)
+            pooled = _together(parameters, [r.proposal for r in kept], share)
             since += 1
             # of the same draws, so that shares can be compared
             j = int(np.argmax(share))
@@ -296,7 +298,8 @@ def fitted_proposal(
         more = N_ROUND if broad is not None or best_share < ENOUGH else N_ROUND // 4
         rounds.append(_round(problem, current, more, rng, progress))
         solved += more
-    return replace(best, probes=probes), solved
+    # a way that was long ends with fits that each miss something: what one misses another has
+    return replace(best if broad is None or pooled is None else pooled, probes=probes), solved
 
 
 def _about(probes: np.ndarray, prior: PriorDensity, rng: np.random.Generator) -> Density:
@@ -380,6 +383,17 @@ def _weighed(
             share /= share.sum()
     return Mixture(parameters=parameters, components=(*components, prior),
                    weight=frozen_array([*((1 - PRIOR_SHARE) * share), PRIOR_SHARE]))
+
+
+def _together(parameters: Parameters, proposals: Sequence[Density], share: np.ndarray) -> Mixture:
+    """One mixture of several, by their shares (n,); a component of many of them is one."""
+    parts: dict[int, Density] = {}
+    weight: dict[int, float] = {}
+    for proposal, own in zip(proposals, share / share.sum(), strict=True):
+        mixed = isinstance(proposal, Mixture)
+        for part, w in zip(proposal.components, proposal.weight, strict=True) if mixed else [(proposal, 1.0)]:
+            parts[id(part)], weight[id(part)] = part, weight.get(id(part), 0.0) + float(own * w)
+    return Mixture(parameters=parameters, components=tuple(parts.values()), weight=frozen_array(list(weight.values())))
 
 
 def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from probupdate.updating.importance import fitted_proposal, importance_sample
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.surrogate import Proposal, fit_surrogate, from_laplace
-from probupdate.updating.transport import fit_transport
+from probupdate.updating.transport import Transport, fit_transport
 
 SHAPE = np.linalg.qr(np.random.default_rng(5).standard_normal((6, 6)))[0]
 # of (a, b): two springs in series, in parallel with a mass on them, a product
@@ -69,6 +69,10 @@ def test_a_thin_curved_ridge_is_drawn_as_it_is(kind, sigma, prior, validation):
     proposal, solved = fitted_proposal(problem, [Proposal(approximation=approximation)], rng)
     found = importance_sample(problem, proposal, rng)
     log_evidence, mean, std = by_quadrature(problem, kind, sigma)
+    # several fits together, each part once
+    assert sum(isinstance(part, Transport) for part in proposal.components) > 2
+    assert len({*map(id, proposal.components)}) == len(proposal.components)
+    assert proposal.weight.sum() == pytest.approx(1)
     assert found.effective > 1500 and found.unreached < 2 and solved < 35_000
     # four standard errors, and what the grid along the ridge leaves
     row.error((found.log_evidence - log_evidence) / (found.log_evidence_std + 1e-3), below=4, of="ln Z")
