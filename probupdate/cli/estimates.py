@@ -8,11 +8,11 @@ from typing import Any
 
 from probupdate.cli.options import (
     AddCommand,
+    add_every_mode_option,
+    add_modes_options,
+    add_worker_option,
     alpha_option,
     fixed,
-    on_every_mode,
-    on_modes,
-    on_workers,
     positive,
     seeded,
     weights_option,
@@ -112,8 +112,8 @@ def baseline_option(p: argparse.ArgumentParser) -> None:
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
     p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
-    on_modes(p)
-    on_every_mode(p)
+    add_modes_options(p)
+    add_every_mode_option(p)
     baseline_option(p)
     p.add_argument("--alpha", type=alpha_option, default=1.0,
                    help="regularisation coefficient of Eq. 6 (1), or the rule that chooses it: l-curve, discrepancy, "
@@ -121,16 +121,16 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--method", choices=("gauss-newton", "levenberg-marquardt"), default="gauss-newton",
                    help="how the anchored reading is solved (gauss-newton)")
     p.add_argument("--iterations", type=positive(int, "iterations"), default=50, help="at most so many steps (50)")
-    on_workers(p, "processes for the updates of the sets (1); the numbers do not depend on it", 1)
+    add_worker_option(p, "processes for the updates of the sets (1); the numbers do not depend on it", 1)
     p.add_argument("--out", required=True, help="update.json")
 
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
-    on_modes(p)
-    on_every_mode(p)
+    add_modes_options(p)
+    add_every_mode_option(p)
     baseline_option(p)
     p.add_argument("--ess", type=positive(int, "draws"), default=1000,
                    help="effective draws of the worst parameter (1000)")
-    on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
+    add_worker_option(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
     p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4,
                    help="independent ensembles, judged together (4)")
     p.add_argument("--max-steps", type=positive(int, "steps"), default=20000,
@@ -147,7 +147,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--out", required=True, help="compare.json; of two runs .json or .csv")
 
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
-    on_modes(p, one=False)
+    add_modes_options(p, one=False)
     p.add_argument("--common", nargs="+", metavar="NAME", default=(),
                    help="parameters that are one number in all sets, such as a mass; the others vary between sets")
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
@@ -158,7 +158,7 @@ def add_commands(verb: AddCommand) -> None:
     seeded(p)
 
     p = verb("inform", run_inform, "which parameters the data inform, which compensate one another, which to update")
-    on_modes(p)
+    add_modes_options(p)
     p.add_argument("--every", action="store_true", help="all rows of a model.toml, those with update = false too")
     p.add_argument("--at", choices=("initial", "map"), default="initial", help="where slopes are taken: the initial "
                    "parameters (default) or the maximum of the posterior; over a wide prior they differ")

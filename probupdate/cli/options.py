@@ -79,7 +79,7 @@ def seeded(p: argparse.ArgumentParser) -> None:
     p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
 
 
-def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+def add_worker_option(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
     """Where independent tasks run; `text` says of what, `default` how many processes."""
     where = p.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=positive(int, "jobs"), default=default, help=text)
@@ -87,17 +87,17 @@ def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None
                        "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
 
 
-def on_model(p: argparse.ArgumentParser, required: bool = True, without: str = "") -> None:
+def add_model_option(p: argparse.ArgumentParser, required: bool = True, without: str = "") -> None:
     """A model of any form; `without`: what to say of it where it may be left out."""
     p.add_argument("--model", required=required, help=MODEL_HELP + without)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
 
 
-def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
+def add_modes_options(p: argparse.ArgumentParser, one: bool = True) -> None:
     """Model, modes and what is compared of them; `one`: of one set."""
-    on_model(p)
+    add_model_option(p)
     modes_option(p, "modes.json; nine.json from `select`")
-    p.add_argument("--fix", type=held_option, nargs="+", metavar="NAME=VALUE", action="extend",
+    p.add_argument("--fix", type=fixed_parameter, nargs="+", metavar="NAME=VALUE", action="extend",
                    help="hold parameters at these values, such as k_p=1.0, and update the others")
     if one:
         p.add_argument("--set", help="id of one set to use alone (default: all comparable sets together)")
@@ -141,7 +141,7 @@ def modes_option(p: argparse.ArgumentParser, text: str) -> None:
     p.set_defaults(only=None)
 
 
-def held_option(text: str) -> tuple[str, float]:
+def fixed_parameter(text: str) -> tuple[str, float]:
     name, equals, value = text.partition("=")
     try:
         number = float(value)
@@ -160,7 +160,7 @@ def fixed(pairs: list[tuple[str, float]] | None) -> dict[str, float] | None:
     return dict(pairs) if pairs else None
 
 
-def on_every_mode(p: argparse.ArgumentParser) -> None:
+def add_every_mode_option(p: argparse.ArgumentParser) -> None:
     """The option that takes modes beyond those of interest."""
     p.add_argument("--every-mode", action="store_true", help="take modes beyond those of interest too, where "
                    "identification found them alike to the model's")

@@ -61,7 +61,7 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
                          "name another place, or change its permissions") from None
 
 
-def given_paths(a: argparse.Namespace) -> list[str]:
+def argument_paths(a: argparse.Namespace) -> list[str]:
     """Every text among the arguments but --out that is none of an option's choices, as a folder may be named so
     (`convert raw campaign` with --to campaign); others that are not paths do no harm."""
     (verbs,) = (action.choices for action in build_parser()._actions if isinstance(action.choices, dict))
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                                     category=FutureWarning)
             if a.out:
                 refuse_unwritable(a.out, folder=writes_folder(a))
-                refuse_overwriting(a.verb, a.out, given_paths(a))
+                refuse_overwriting(a.verb, a.out, argument_paths(a))
             with terminal_progress() as progress, _short_warnings(program):
                 for note in _list_unused(a):
                     complain(f"{program}: {note}")

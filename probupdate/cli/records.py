@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from probupdate.cli.options import AddCommand, on_model, on_workers, positive
+from probupdate.cli.options import AddCommand, add_model_option, add_worker_option, positive
 from probupdate.cli.terminal import answer, say
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
@@ -144,7 +144,7 @@ def _add_records(verb: AddCommand) -> None:
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
                    "several: setups of one structure, whose references are compared too")
-    on_model(p, required=False, without="; then signs, axes and order of the channels are held against it")
+    add_model_option(p, required=False, without="; then signs, axes and order of the channels are held against it")
     p.add_argument("--out", help="write the findings as JSON too")
 
 
@@ -152,13 +152,13 @@ def _add_poles(verb: AddCommand) -> None:
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
-    on_model(p, required=False, without="; without, poles that come back are numbered")
+    add_model_option(p, required=False, without="; without, poles that come back are numbered")
     p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever "
                    "they are (default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
-               "the modes do not depend on it")
+    add_worker_option(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as "
+                      "those); the modes do not depend on it")
     p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array "
                    "does: all jobs write into one OUT.blocks; given again when all blocks are there, their standard "
                    "deviations; then without --shard, which writes OUT")
@@ -181,7 +181,7 @@ def _add_poles(verb: AddCommand) -> None:
                    "the directory of a run or its modes.json, whose stored poles are shown")
     p.add_argument("--out", required=True, help="page, HTML; it needs no network and no other file")
     p.add_argument("--campaign", help="of a run, where it does not lie there: places of the sensors, records")
-    on_model(p, required=False, without="; then its lines are drawn with the shapes")
+    add_model_option(p, required=False, without="; then its lines are drawn with the shapes")
     p.add_argument("--block", help="id of the block that the page opens with (default: the reference set's, or the "
                    "first that can be used)")
     p.add_argument("--order", type=positive(int, "order"), help="of a campaign: model order (default: proposed)")

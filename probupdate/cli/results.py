@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from probupdate.cli.options import MODEL_HELP, AddCommand, modes_option, on_workers, positive, seeded
+from probupdate.cli.options import MODEL_HELP, AddCommand, add_worker_option, modes_option, positive, seeded
 from probupdate.cli.terminal import answer
 from probupdate.errors import ProbupdateError
 from probupdate.runtime.progress import Progress
@@ -91,8 +91,8 @@ def add_commands(verb: AddCommand) -> None:
                    "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
                    "(40 s for a turbine); the command that samples it is said instead")
-    on_workers(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do not "
-               "depend on it", 1)
+    add_worker_option(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do "
+                      "not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 
@@ -114,7 +114,7 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
     p.add_argument("description", metavar="FARM",
                    help="farm.toml: turbines, their models and folders of campaigns, steps")
-    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    add_worker_option(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
     p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an "
                    "array does: all jobs write into one OUT")
     p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")

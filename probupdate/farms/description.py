@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from probupdate.errors import InputError
-from probupdate.io.files import named_path, read_toml
+from probupdate.io.files import read_toml, resolve_path
 from probupdate.io.schema import Length, Range, refuse_unknown, table_as
 from probupdate.structure.load import REFERENCE_STATES
 from probupdate.updating.joint_inference import DEFAULT as JOINT
@@ -209,9 +209,9 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
         raise InputError(where, "has no model, and the farm has none", "add model = ...")
     root = path.parent.resolve()
     if chosen not in REFERENCE_STATES:
-        chosen = str(named_path(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
+        chosen = str(resolve_path(chosen, root, f"{where}, model", remedy="put it below farm.toml's folder"))
     folders = list(_folders(root, turbine.campaigns, where))
-    found = sorted((f for f in folders if (f / CAMPAIGN).is_file()), key=lambda folder: in_order(folder.name))
+    found = sorted((f for f in folders if (f / CAMPAIGN).is_file()), key=lambda folder: natural_order(folder.name))
     if not found:
         others = "; ".join(f"{f.name}: {_why_none(f)}" for f in folders[:3])
         raise InputError(f"{where}, campaigns", f"'{turbine.campaigns}' finds no folder with a campaign.toml"
@@ -223,14 +223,15 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
         yield Month(turbine=turbine.name, month=folder.name, campaign=folder, model=chosen)
 
 
-def in_order(name: str) -> list[str | int]:
+def natural_order(name: str) -> list[str | int]:
     """By which names are sorted as they are read: 2019-9 before 2019-10."""
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"(\d+)", name))]
 
 
 def _excluded_folders(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, str, str]]:
     root = path.parent.resolve()
-    for folder in sorted(_folders(root, turbine.campaigns, turbine.name), key=lambda folder: in_order(folder.name)):
+    folders = _folders(root, turbine.campaigns, turbine.name)
+    for folder in sorted(folders, key=lambda folder: natural_order(folder.name)):
         if not (folder / CAMPAIGN).is_file():
             yield turbine.name, folder.name, _why_none(folder)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from probupdate.farms.description import in_order
+from probupdate.farms.description import natural_order
 from probupdate.farms.joint import JointRun
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Picture, Section, Table, number
 from probupdate.updating.joint_file import FarmJoint, MonthValue, TurbineRow
@@ -126,7 +126,7 @@ def month_picture(months: Sequence[MonthValue]) -> Picture:
     @style.styled
     def draw():
         names = list(dict.fromkeys(m.parameter for m in months))
-        times = sorted({m.month for m in months}, key=in_order)
+        times = sorted({m.month for m in months}, key=natural_order)
         figure = style.new_figure(style.FULL_IN, 0.9 + 1.3 * len(names))
         panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):

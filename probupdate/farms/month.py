@@ -174,7 +174,7 @@ def _make_way(
         forget_changed(store, read_campaign(month.campaign).files, changed)
 
 
-def lost_month(month: Month, farm: Farm, out: Path) -> MonthState:
+def ended_month(month: Month, farm: Farm, out: Path) -> MonthState:
     """The state of a month whose process was ended from outside, alone with it."""
     known = read_state(out / month.folder)
     finished = {} if known is None else dict(known.finished)

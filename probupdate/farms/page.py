@@ -10,7 +10,7 @@ from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
 from probupdate.farms.joint import JointRun
 from probupdate.farms.joint_page import joint_section
-from probupdate.farms.summary import DONE, FAILED, LEFT_OUT, WAITING, MonthRow, by_turbine, labels_of, months_of
+from probupdate.farms.summary import DONE, FAILED, LEFT_OUT, WAITING, MonthRow, labels_of, months_of, rows_by_turbine
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Section, Table, number, percent
@@ -44,8 +44,8 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path, joint: JointRun
     items.append(_table(rows))
     if labels_of(rows):
         items.append(_picture(rows))
-    lead = (f"{plural(len(by_turbine(rows)), 'turbine')}, {plural(len(rows), 'turbine-month')}: {count[DONE]} done, "
-            f"{count[FAILED]} failed, {count[WAITING]} waiting.")
+    lead = (f"{plural(len(rows_by_turbine(rows)), 'turbine')}, {plural(len(rows), 'turbine-month')}: "
+            f"{count[DONE]} done, {count[FAILED]} failed, {count[WAITING]} waiting.")
     section = Section(anchor="farm", title="All turbines", items=tuple(items), lead=lead, shown=len(items))
     footer = "Written by probupdate. This page needs no network and no other file."
     sections = [section] if joint is None else [section, joint_section(joint)]
@@ -100,7 +100,7 @@ def frequency_figure(rows: Sequence[MonthRow]):
         panels = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
         seen: dict[str, Artist] = {}
         for axes, label in zip(panels, labels, strict=True):
-            for turbine, mine in by_turbine(rows).items():
+            for turbine, mine in rows_by_turbine(rows).items():
                 found = [row for row in mine if label in row.frequency]
                 if not found:
                     continue
@@ -113,7 +113,7 @@ def frequency_figure(rows: Sequence[MonthRow]):
                     color, marker = MARKS.get(row.verdict, MARKS[""])
                     seen[row.verdict] = axes.scatter([place], [value], color=getattr(style, color), marker=marker, s=16,
                                                      zorder=2)
-                if len(by_turbine(rows)) <= MOST_NAMED:
+                if len(rows_by_turbine(rows)) <= MOST_NAMED:
                     axes.annotate(turbine, (x[-1], y[-1]), xytext=(5, 0), textcoords="offset points", fontsize=7,
                                   va="center")
             style.label_axes(axes, "", f"{label} [%]")

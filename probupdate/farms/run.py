@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.farms.description import Farm, Month, read_farm
 from probupdate.farms.joint import JointRun, refuse_other_parameters, run_joint
-from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
+from probupdate.farms.month import MonthState, ended_month, is_done, made_of, read_state, run_month
 from probupdate.farms.page import write_page
 from probupdate.farms.records import read_kept, record_table
 from probupdate.farms.summary import FAILED, LEFT_OUT, WAITING, MonthRow, farm_rows, rows_table, write_rows
@@ -107,7 +107,7 @@ def run_one(month: Month, farm: Farm, out: Path) -> tuple[Month, MonthState]:
 
 
 def _ended_from_outside(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, MonthState]:
-    return task[0], lost_month(task[0], farm, out)
+    return task[0], ended_month(task[0], farm, out)
 
 
 def _input_hashes(month: Month, farm: Farm, folder: Path) -> dict[str, str]:

@@ -13,7 +13,7 @@ import numpy as np
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.diagnosis.wording import finding_words, name_of
 from probupdate.errors import InputError
-from probupdate.farms.description import Farm, Month, in_order
+from probupdate.farms.description import Farm, Month, natural_order
 from probupdate.farms.month import MonthState
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
@@ -175,10 +175,10 @@ def write_rows(rows: Sequence[MonthRow], path: Path) -> Path:
 
 
 def months_of(rows: Sequence[MonthRow]) -> tuple[str, ...]:
-    return tuple(sorted({row.month for row in rows}, key=in_order))
+    return tuple(sorted({row.month for row in rows}, key=natural_order))
 
 
-def by_turbine(rows: Sequence[MonthRow]) -> dict[str, list[MonthRow]]:
+def rows_by_turbine(rows: Sequence[MonthRow]) -> dict[str, list[MonthRow]]:
     found: dict[str, list[MonthRow]] = {}
     for row in rows:
         found.setdefault(row.turbine, []).append(row)

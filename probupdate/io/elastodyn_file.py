@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.errors import InputError, parsing
 from probupdate.io.elastodyn_keys import unused
-from probupdate.io.files import named_path
+from probupdate.io.files import resolve_path
 from probupdate.io.fortran_text import logical, number, read_lines, unquoted, words
 from probupdate.runtime.arrays import frozen_array
 
@@ -83,16 +83,16 @@ class _Keys:
             raise InputError(f"{self.path}, line {at}", f"{name} is '{word}', no number", "write a number")
         return value
 
-    def beside(self, name: str) -> Path:
+    def referenced_file(self, name: str) -> Path:
         at, word = self.word(name)
-        file = named_path(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
+        file = resolve_path(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
                             root=self.root, remedy="put it into that folder, or the model's TOML above both")
         if not file.is_file():
             raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
         return file
 
     def opened(self, name: str) -> _Keys:
-        file = _Keys(self.beside(name), self.root)
+        file = _Keys(self.referenced_file(name), self.root)
         self.files.append(file)
         return file
 
@@ -164,11 +164,11 @@ def _platform(keys: _Keys) -> RigidBody | None:
     return RigidBody(mass_kg=mass, centre_m=frozen_array([x, y, z]), inertia_kgm2=frozen_array(inertia))
 
 
-def named_files(path: str | Path, root: Path | None = None) -> tuple[Path, ...]:
+def referenced_files(path: str | Path, root: Path | None = None) -> tuple[Path, ...]:
     """The files that `read_elastodyn` reads, resolved, the given one first."""
     keys = _Keys(Path(path), root)
-    blades = (keys.beside(_blade_key(keys, k)) for k in range(1, int(keys.number("NumBl")) + 1))
-    return tuple(dict.fromkeys((Path(path).resolve(), keys.beside("TwrFile"), *blades)))
+    blades = (keys.referenced_file(_blade_key(keys, k)) for k in range(1, int(keys.number("NumBl")) + 1))
+    return tuple(dict.fromkeys((Path(path).resolve(), keys.referenced_file("TwrFile"), *blades)))
 
 
 def _blade_key(keys: _Keys, blade: int) -> str:

@@ -316,7 +316,7 @@ def path_inside(path: Path, folder: Path) -> Path:
     return path
 
 
-def named_path(name: str, folder: Path, where: str, *, root: Path | None = None,
+def resolve_path(name: str, folder: Path, where: str, *, root: Path | None = None,
                  remedy: str = "put it beside") -> Path:
     """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
     Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""

@@ -30,7 +30,7 @@ def keep_little(file):
     file.id.set_mdc_config(kept)
 
 
-def problem_of(path, whole, stepped=lambda: None):
+def file_problem(path, whole, stepped=lambda: None):
     """Words on what makes the file unsafe, or None; stepped: called after every STEP objects."""
     import h5py
     from h5py import h5l  # pyright: ignore[reportAttributeAccessIssue]  (compiled, without stubs)
@@ -168,7 +168,7 @@ def answer_all():
             sys.stdout.flush()
 
         try:
-            found = problem_of(asked["path"], asked["whole"], stepped)
+            found = file_problem(asked["path"], asked["whole"], stepped)
         except Exception as error:
             reason = str(error).strip() or "no reason given"
             found = f"{type(error).__name__}: {reason.splitlines()[0][:300]}"

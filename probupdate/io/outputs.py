@@ -28,7 +28,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
         raise InputError(out, "is not a name of a posterior, which is NetCDF", "give one that ends in .nc")
     read = {path for text in given for path in belonging(Path(text))}
     folders = [Path(text).resolve() for text in given if _is(Path(text), "is_dir")]
-    for target in written_beside(verb, Path(out)):
+    for target in partial_output(verb, Path(out)):
         place = _resolve(target)
         if place in read or (verb == "report" and _is(target, "is_file")
                              and target.suffix.lower() not in (".html", ".htm")
@@ -40,7 +40,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
                 raise InputError(out, f"lies among the records of {folder.name}", "name a file elsewhere")
 
 
-def written_beside(verb: str, out: Path) -> Iterator[Path]:
+def partial_output(verb: str, out: Path) -> Iterator[Path]:
     yield out
     for ending in WRITTEN_BESIDE.get(verb, ()):
         yield out.with_name(f"{out.stem}{ending}")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from probupdate.errors import InputError
-from probupdate.io.files import named_path
+from probupdate.io.files import resolve_path
 from probupdate.io.fortran_text import integer, logical, number, read_lines, unquoted, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
@@ -133,7 +133,7 @@ def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
 
 
 def _read_soil(path: Path, name: str, line: int, root: Path | None) -> SsiFile:
-    file = named_path(name, path.resolve().parent, f"{path}, line {line}", root=root,
+    file = resolve_path(name, path.resolve().parent, f"{path}, line {line}", root=root,
                         remedy="put the SSI file beside the input file or below, or the model's TOML above both")
     if not file.is_file():
         raise InputError(f"{path}, line {line}", f"there is no SSI file '{name}'", "put it beside the input file")

@@ -31,14 +31,14 @@ class StateDamping:
     @classmethod
     def mean(cls, several: Sequence[StateDamping]) -> StateDamping:
         """Geometric means over draws."""
-        def of(all_of: Sequence[Mapping[str, float]]) -> dict[str, float]:
+        def geometric_means(all_of: Sequence[Mapping[str, float]]) -> dict[str, float]:
             names = dict.fromkeys(n for d in all_of for n in d)
             return {n: float(np.exp(np.mean([np.log(d[n]) for d in all_of if n in d]))) for n in names}
 
-        return cls(idling=of([d.idling for d in several]), operating=of([d.operating for d in several]),
-                   rotor=several[0].rotor)
+        return cls(idling=geometric_means([d.idling for d in several]),
+                   operating=geometric_means([d.operating for d in several]), rotor=several[0].rotor)
 
-    def of(self, operating: bool) -> Mapping[str, float]:
+    def for_state(self, operating: bool) -> Mapping[str, float]:
         return self.operating if operating else self.idling
 
 
@@ -54,18 +54,18 @@ class MeasuredDamping:
     idling: dict[str, np.ndarray] | None = None
     operating: dict[str, np.ndarray] | None = None
 
-    def of_draws(self, n: int) -> list[StateDamping]:
+    def for_draws(self, n: int) -> list[StateDamping]:
         """For each of n draws."""
-        def at(values: dict[str, np.ndarray] | None, k: int) -> dict[str, float]:
+        def of_draw(values: dict[str, np.ndarray] | None, k: int) -> dict[str, float]:
             return {label: float(own[k]) for label, own in (values or {}).items()}
 
         if self.idling is None and self.operating is None:
-            return [StateDamping.alike(at(self.ratio, k)) for k in range(n)]
+            return [StateDamping.alike(of_draw(self.ratio, k)) for k in range(n)]
         result = []
         for k in range(n):
-            idling = at(self.idling, k)
-            result.append(StateDamping(idling=idling, operating=at(self.operating, k) if self.operating else idling,
-                                       rotor=not self.operating))
+            idling = of_draw(self.idling, k)
+            operating = of_draw(self.operating, k) if self.operating else idling
+            result.append(StateDamping(idling=idling, operating=operating, rotor=not self.operating))
         return result
 
     def notes(self, assumed: float) -> list[str]:
@@ -92,7 +92,7 @@ def measured_ratios(data: ModalData, label: str, states: Sequence[str] | None = 
     return found[np.isfinite(found) & (found > 0)]
 
 
-def drawn_ratios(ratios: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+def draw_ratios(ratios: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     """(n,) lognormal about the geometric mean of the ratios, with its standard error."""
     log = np.log(ratios)
     return np.exp(log.mean() + log.std(ddof=1) / np.sqrt(len(log)) * rng.standard_normal(n))

@@ -318,7 +318,7 @@ def _geometry_factors(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], 
     """(chord, brace), none below the stated least. Raises InputError outside the equations' ranges, and of a K without
     a second brace."""
     own = _geometry(entry, detail)
-    if beyond := efthymiou.beyond_validity(own, entry.gap_m):
+    if beyond := efthymiou.validity_violations(own, entry.gap_m):
         raise InputError(
             f"{where}.efthymiou",
             f"{detail.name}: {'; '.join(beyond)}, for which the equations hold",
@@ -366,15 +366,15 @@ def _partner(detail: Detail, ends: Sequence[Detail]) -> Detail | None:
     """The other brace of a K: at the same place of the same chord, in its plane and on its side, leaning the other way;
     the nearest in diameter where there are several."""
 
-    def across(one: Detail) -> np.ndarray:
+    def normal_to_chord(one: Detail) -> np.ndarray:
         return one.away - detail.chord_along * (detail.chord_along @ one.away)
 
-    mine = across(detail)
+    mine = normal_to_chord(detail)
     found = []
     for other in ends:
         if other.part == detail.part or other.at != detail.at or np.linalg.norm(other.place_m - detail.place_m) > 1e-3:
             continue
-        theirs = across(other)
+        theirs = normal_to_chord(other)
         cosine = mine @ theirs / (np.linalg.norm(mine) * np.linalg.norm(theirs))
         leaning = (detail.away @ detail.chord_along) * (other.away @ detail.chord_along)
         if cosine > ONE_PLANE and leaning < 0:

@@ -72,7 +72,7 @@ class SideFactors:
     out_of_plane: float
 
 
-def beyond_validity(g: Geometry, gap_m: float | None = None) -> list[str]:
+def validity_violations(g: Geometry, gap_m: float | None = None) -> list[str]:
     """What of a joint lies outside the equations' ranges, in words; empty where nothing does."""
     values = {"beta": g.beta, "tau": g.tau, "gamma": g.gamma, "alpha": g.alpha, "theta": g.angle_deg}
     if gap_m is not None:

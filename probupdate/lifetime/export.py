@@ -21,12 +21,12 @@ import numpy as np
 
 from probupdate import __version__
 from probupdate.errors import InputError
-from probupdate.io.elastodyn_file import named_files
+from probupdate.io.elastodyn_file import referenced_files
 from probupdate.io.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
-from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, drawn_ratios, measured_ratios
+from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, draw_ratios, measured_ratios
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of, refuse_draws
 from probupdate.lifetime.substructure_file import NAME, differences, write_substructure
 from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
@@ -418,7 +418,7 @@ def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> d
         written |= dict.fromkeys((own.as_posix(), *(_joined(own.parent, name) for name in file.soil)), False)
         if "elastodyn" in raw.get("tower", {}):
             root = path.resolve().parent
-            for source in named_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
+            for source in referenced_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
                 name = source.relative_to(root)
                 written[name.as_posix()] = False
                 _copy_openfast(source, folder / name, remark)
@@ -508,7 +508,7 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None
-    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed,
+    found = assess(given, path, model.parameters, sensors, draws, damping.for_draws(len(draws)), seed=seed,
                    progress=progress)
     n = solved[0].frequency_hz.size
     first = model.solve(model.parameters.initial, n)
@@ -552,10 +552,10 @@ def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) 
             # the scatter of sets is mostly identification's; their median is known to the standard error of its mean
             scatter[label] = float(np.log(found).std(ddof=1))
             error[label] = float(scatter[label] / np.sqrt(len(found)))
-            damping[label] = drawn_ratios(found, len(solved), rng)
+            damping[label] = draw_ratios(found, len(solved), rng)
         for kind, states in STATES_OF.items():
             own = {label: measured_ratios(data, label, states) for label in measured}
-            drawn = {label: drawn_ratios(found, len(solved), rng) for label, found in own.items() if len(found) > 1}
+            drawn = {label: draw_ratios(found, len(solved), rng) for label, found in own.items() if len(found) > 1}
             by_state[kind] = drawn or None
     rows = [
         [k + 1, j + 1, label, float(solved[k].frequency_hz[j]), float(damping[label][k]) if label in damping else None]
@@ -622,11 +622,11 @@ def _reducer(
             left_out.append(f"superelements: {own.name} has no interface joints, where they end; list them (NInterf)")
             return None
 
-        def of_file(folder: Path, n_mode: int):
+        def reduce_file(folder: Path, n_mode: int):
             file = read_subdyn(folder / _path_in_draw(path), folder)
             return superelement(file, n_mode=n_mode), f"interface joints {[i.joint for i in file.interfaces]}"
 
-        return of_file
+        return reduce_file
     if path.suffix != ".toml" or "matrices" in read_toml(path):
         left_out.append("superelements: a model of matrices does not say at which node it would be cut")
         return None
@@ -638,11 +638,11 @@ def _reducer(
         left_out.append(f"superelements: {error}")
         return None
 
-    def of_turbine(folder: Path, n_mode: int):
+    def reduce_turbine(folder: Path, n_mode: int):
         written = {p["name"]: float(p["initial"]) for p in read_toml(folder / "model.toml")["parameter"]}
         return reduced(below({name: written[name] for name in names}), n_mode=n_mode), "the tower's foot"
 
-    return of_turbine
+    return reduce_turbine
 
 
 def _verify(out: Path) -> None:

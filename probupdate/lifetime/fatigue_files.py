@@ -49,7 +49,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Named:
+class NamedCause:
     """A cause that the diagnosis named: the extended model's file, its draws, and which parameter is the cause."""
 
     path: Path
@@ -67,7 +67,7 @@ class FatigueInput:
     problem: Problem | None = None
     laplace: Laplace | None = None
     set_updates: np.ndarray | None = None
-    named: Named | None = None
+    named: NamedCause | None = None
 
     @property
     def updated(self) -> tuple[Problem, Laplace] | None:
@@ -257,7 +257,7 @@ def tolerance_slopes(
     wide = fatigue_model(
         description, str(path), one, parameters=parameters, sensors=few.models[0].sensors, spectra=few.models[0].spectra
     )
-    wide = wide.picked(same_spots(wide, few))
+    wide = wide.picked(matching_spots(wide, few))
     neutral = np.array([*laplace.theta, *(row.effect.neutral for row in rows)])
     std = np.array([row.source.std for row in rows])
     rng = np.random.default_rng(0)
@@ -280,14 +280,14 @@ def tolerance_slopes(
     return found
 
 
-def same_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
+def matching_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
     """Numbers of `own`'s hot spots in another model of the turbine, whose mesh may be finer."""
     number = {(other.details[s.detail].name, s.side, s.place): k for k, s in enumerate(other.spots)}
     return [number[own.details[s.detail].name, s.side, s.place] for s in own.spots]
 
 
 def _with_causes(
-    named: Named, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[StateDamping],
+    named: NamedCause, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[StateDamping],
     progress: Progress, left_out: list[str],
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """ln X_dyn of `few` hot spots with one named cause as it was found and the others away: mean, standard
@@ -297,7 +297,7 @@ def _with_causes(
     if tuple(model.parameters.names) != tuple(named.names):
         left_out.append(f"causes in reliability.csv: {named.path.name} has other parameters than its posterior")
         return {}
-    few = model.picked(same_spots(model, few))
+    few = model.picked(matching_spots(model, few))
     draws = named.draws[np.linspace(0, len(named.draws) - 1, CAUSE_DRAWS).astype(int)]
     few = few.reduced([*draws[:: max(1, CAUSE_DRAWS // BASIS_OF)]])
     found = {}

@@ -33,8 +33,8 @@ class GaugeFiles:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GaugeCheck:
-    """rows: what `beside_gauges` says of every block and gauge. Of the first block that gauges recorded, its id, time_s
-    (n,) and estimated and measured stress (n, n_gauge) at the hot spots (n_gauge,)."""
+    """rows: what `gauge_comparison` says of every block and gauge. Of the first block that gauges recorded, its id,
+    time_s (n,) and estimated and measured stress (n, n_gauge) at the hot spots (n_gauge,)."""
 
     rows: tuple[dict, ...]
     block: str
@@ -53,7 +53,7 @@ class Gauges:
     spots: np.ndarray
     stress_mpa: np.ndarray
 
-    def over(self, start: pd.Timestamp, time_s: np.ndarray) -> np.ndarray:
+    def at_times(self, start: pd.Timestamp, time_s: np.ndarray) -> np.ndarray:
         """(n_sample, n_gauge) at times since a block's start, about each gauge's mean; NaN of those that lack more than
         2 % of it."""
         at = start.timestamp() + time_s
@@ -97,7 +97,7 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     return Gauges(time_s=frozen_array(time_s), spots=frozen_array(spots, int), stress_mpa=frozen_array(stress))
 
 
-def beside_gauges(
+def gauge_comparison(
     block: str, time_s: np.ndarray, estimated: np.ndarray, measured: np.ndarray, spots: np.ndarray
 ) -> list[dict]:
     """A row a gauge: standard deviations and damage-equivalent ranges (m = 3, 5) of the estimated (n, n_gauge) over the

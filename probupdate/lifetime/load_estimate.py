@@ -151,11 +151,11 @@ def both_ways(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple
     thrust, elevation = replace(model, frequency_hz=frequency_hz, conditions=one).densities(one.state[0])
     model = replace(model, frequency_hz=nodes, conditions=one)
 
-    def between(case: Case) -> Case:
+    def interpolated(case: Case) -> Case:
         load, own = (CubicSpline(nodes, x, axis=1)(wet) for x in (case.load, case.own))
         return replace(case, load=load, own=own, thrust=thrust, elevation=elevation)
 
-    return between(model.cases[0]), between(model.turned().cases[0])
+    return interpolated(model.cases[0]), interpolated(model.turned().cases[0])
 
 
 def driven(
@@ -167,7 +167,7 @@ def driven(
     model = replace(model, frequency_hz=frequency_hz)
     case, other = cases
     known = damping if isinstance(damping, StateDamping) else StateDamping.alike(damping)
-    m = model.modes_at(theta, known.of(case.state.operating))
+    m = model.modes_at(theta, known.for_state(case.state.operating))
     basis = np.eye(model.model.n_dof) if model.basis is None else model.basis
     hub = basis.T @ np.column_stack([model.hub, model.across])
     some = np.hstack([part(c.load[:, ::EVERY]) for c in cases for part in (np.real, np.imag)])

@@ -25,7 +25,7 @@ from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_s
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
-from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, beside_gauges, read_gauges
+from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, gauge_comparison, read_gauges
 from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
@@ -191,7 +191,7 @@ def measured_stresses(
         for one in own:
             progress("stresses", done, len(planned))
             found.append(group.block(one))
-            beside.append(None if known is None else group.beside(one, known))
+            beside.append(None if known is None else group.check_gauges(one, known))
             done += 1
         if (heading, state) in largest:
             ratios.append(group.draw_ratio(own))
@@ -207,7 +207,7 @@ def measured_stresses(
     damage = np.array([b.damage_per_hour for b in blocks])
     worst = _one_a_side(work.spots, damage.mean(axis=0), settings.n_worst)
     top = blocks[int(np.argmax(np.max(damage[:, worst] / damage.mean(axis=0)[worst], axis=1)))].id
-    histories = work.histories([p for p in planned if work.id_of(p) == top], worst)
+    histories = work.histories([p for p in planned if work.block_id_of(p) == top], worst)
     counted = [r for r in ratios if r is not None]
     return MeasuredStress(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
@@ -283,7 +283,7 @@ class _Work:
         # gauges that take part, and whether any recorded a block
         self.joined: Gauges | None = None
         self.with_strain = False
-        first = self.at(0.0)
+        first = self.model_at(0.0)
         if names and tuple(names) != tuple(first.parameters.names):
             raise InputError(str(model), f"has the parameters {', '.join(first.parameters.names)}, the posterior "
                              f"{', '.join(names)}", "sample again with this model")
@@ -307,7 +307,7 @@ class _Work:
         self.order = np.zeros(len(first.model.channels), int)
         self.order[self.rows] = [INTEGRATED[known[c].quantity] for c in self.channels]
 
-    def at(self, heading_deg: float) -> StressModel:
+    def model_at(self, heading_deg: float) -> StressModel:
         """Reduced to what wind and waves from both ways make of it, about the draws."""
         if heading_deg not in self._headings:
             one = self.conditions.direction[0].model_copy(update={"heading_deg": heading_deg, "share": 1.0})
@@ -323,7 +323,7 @@ class _Work:
     def group(self, heading_deg: float, state: int, planned: Sequence[_Planned]) -> _Group:
         return _Group(self, heading_deg, state, planned)
 
-    def id_of(self, planned: _Planned) -> str:
+    def block_id_of(self, planned: _Planned) -> str:
         return block_id(planned.start, self.campaign.block_minutes)
 
     def read(self, planned: _Planned) -> tuple[Block, np.ndarray, np.ndarray]:
@@ -335,7 +335,7 @@ class _Work:
         data = block.data[:, self.columns[whole]]
         data = np.where(np.isnan(data), 0.0, data - np.nanmean(data, axis=0))
         if self.joined is not None:
-            strain = self.joined.over(planned.start, np.arange(len(data)) / block.sampling_rate_hz)
+            strain = self.joined.at_times(planned.start, np.arange(len(data)) / block.sampling_rate_hz)
             there = np.flatnonzero(np.isfinite(strain).all(axis=0))
             self.with_strain |= there.size > 0
             data, whole = np.hstack([data, strain[:, there]]), np.append(whole, len(self.channels) + there)
@@ -343,10 +343,10 @@ class _Work:
         return block, whole, lines * self.to_density
 
     def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
-        return both_ways(self.at(heading_deg), state, self.frequency_hz)
+        return both_ways(self.model_at(heading_deg), state, self.frequency_hz)
 
     def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
-        found = driven(self.at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
+        found = driven(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
         if self.joined is None:
             return found
         at, w = weights(self.spots)
@@ -449,7 +449,7 @@ class _Group:
 
     def stated_per_hour(self) -> np.ndarray:
         """(n_spot,) damage by the loads that fatigue.toml states."""
-        stress = self.work.at(self.heading_deg)
+        stress = self.work.model_at(self.heading_deg)
         moments = stress.solve(self.work.mean, self.work.damping).moments[self.state]
         return 3600 * self._damage(self._moments_at_spots(moments))
 
@@ -475,13 +475,13 @@ class _Group:
         return np.array([damage(self.work.driven(self.heading_deg, theta, self.loads)) / middle
                          for theta in self.work.draws])
 
-    def beside(self, planned: _Planned, gauges: Gauges) -> GaugeCheck | None:
+    def check_gauges(self, planned: _Planned, gauges: Gauges) -> GaugeCheck | None:
         """Of one block; None where it is not whole, or no gauge recorded it."""
         own = self.history(planned, gauges.spots)
         if own is None:
             return None
-        measured = gauges.over(planned.start, own.time_s)
-        rows = beside_gauges(own.id, own.time_s, own.stress_mpa, measured, gauges.spots)
+        measured = gauges.at_times(planned.start, own.time_s)
+        rows = gauge_comparison(own.id, own.time_s, own.stress_mpa, measured, gauges.spots)
         return GaugeCheck(rows=tuple(rows), block=own.id, spots=gauges.spots, time_s=own.time_s,
                           estimated=own.stress_mpa, measured=measured) if rows else None
 

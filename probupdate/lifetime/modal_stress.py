@@ -85,7 +85,7 @@ class Slopes:
     RM: list[np.ndarray]
     scale: np.ndarray
 
-    def of(self, q: np.ndarray, m: ModalStress, rate: np.ndarray) -> list[np.ndarray]:
+    def stress_changes(self, q: np.ndarray, m: ModalStress, rate: np.ndarray) -> list[np.ndarray]:
         """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
         omega = m.omega[: q.shape[1]]
         z, changes = m.stress(q), []

@@ -357,7 +357,7 @@ class StressModel:
         rest = None if derivatives else self._static_rest(first)
         moments, changes = [None] * len(self.cases), [None] * len(self.cases)
         for operating in {case.state.operating: None for case in self.cases}:
-            m = first.damped(known.of(operating))
+            m = first.damped(known.for_state(operating))
             here = [k for k, case in enumerate(self.cases) if case.state.operating == operating]
             rates = [1j * m.omega * (self.cases[k].damping_nspm if known.rotor else 0.0) for k in here]
             if rest is None:
@@ -444,7 +444,7 @@ class StressModel:
         q = m.solved(m.U.T @ case.load, rate)
         z, w = m.stress(q) - m.scale * case.own, m.stress(p)
         moments = self._moments(z, case.elevation[None])[0] + self._moments(w, case.thrust[None])[0]
-        dz, dw = (slopes.of(x, m, rate) for x in (q, p))
+        dz, dw = (slopes.stress_changes(x, m, rate) for x in (q, p))
         dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
         return moments, [self._change(z, case.elevation, a) + self._change(w, case.thrust, b)
                          for a, b in zip(dz, dw, strict=True)]

@@ -70,7 +70,7 @@ class StressResult:
         return {h.id: pd.DataFrame({"time_s": h.time_s, **dict(zip(names, h.stress_mpa.T, strict=True))})
                 for h in self.found.histories}
 
-    def beside_gauges(self) -> pd.DataFrame | None:
+    def gauge_comparison(self) -> pd.DataFrame | None:
         """A row a block and strain gauge: standard deviation and ranges of the estimate over the gauge's, correlation;
         None without gauges."""
         import pandas as pd
@@ -114,7 +114,7 @@ class StressResult:
             share = sum(s.share for s in f.conditions.state if s.name in missing)
             lines.append(f"not measured: {', '.join(missing)}, {100 * share:.3g} % of the year; their damage is not in "
                          "these numbers")
-        gauges = self.beside_gauges()
+        gauges = self.gauge_comparison()
         if gauges is not None:
             lines += [f"gauge at hot spot {spot}: estimated over measured range "
                       f"{own['del_m5_over_measured'].median():.3f} in the median of {len(own)} blocks (m = 5), "
@@ -137,7 +137,7 @@ class StressResult:
             "slope": np.array(SLOPES), "equivalent_mpa": np.array([b.equivalent_mpa for b in f.blocks]),
             "damage_per_hour": np.array([b.damage_per_hour for b in f.blocks]),
             "resolved": np.array([b.resolved for b in f.blocks])}))
-        for name, gauges in (("gauges.csv", self.beside_gauges()), ("gauge_history.csv", self.gauge_history())):
+        for name, gauges in (("gauges.csv", self.gauge_comparison()), ("gauge_history.csv", self.gauge_history())):
             if gauges is not None:
                 written.append(write_table(out / name, gauges))
         written += [write_table(out / history_name(block), table) for block, table in self.histories().items()]

@@ -43,7 +43,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     items: list[Element] = [Items(title="Predictive gain on held-out blocks", statements=tuple(
         typeset_with_stop(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
-                for k, _, g in gained for key in _before_and_after(g)]
+                for k, _, g in gained for key in _paired_measures(g)]
     if measured:
         items.append(Table(caption="Prediction of held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
@@ -57,7 +57,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     return items + _fatigue(gained)
 
 
-def _before_and_after(gain: Mapping) -> list[str]:
+def _paired_measures(gain: Mapping) -> list[str]:
     """Measures that a gain holds before and after."""
     return [key.removesuffix("_before") for key in gain if key.endswith("_before")
             and isinstance(gain.get(f"{key.removesuffix('_before')}_after"), int | float)]
@@ -125,7 +125,7 @@ def _added(added: object) -> list[Element]:
     """Each finding with its size, and what it is in the extended model."""
     if not isinstance(added, Sequence) or not added:
         return []
-    rows = tuple((wording.name_of(f), f["time_profile"], _with_std(f["size"], f.get("size_std")),
+    rows = tuple((wording.name_of(f), f["time_profile"], _value_and_std(f["size"], f.get("size_std")),
                   f.get("unit", MISSING), f"{f['as']} {f['parameter']}" if f.get("parameter") else f["as"])
                  for f in added)
     return [Table(caption="Findings included in the model", rows=rows, columns=(
@@ -146,8 +146,9 @@ def _parameter_elements(table: Mapping) -> list[Element]:
     rows = []
     for name, p in after.items():
         old = before.get(name, {})
-        rows.append((name, _with_std(p.get("prior"), p.get("prior_std")), _with_std(old.get("map"), old.get("std")),
-                     _with_std(p["map"], p["std"]), number(p.get("deterministic")), fixed(old.get("prior_shift"), 2),
+        rows.append((name, _value_and_std(p.get("prior"), p.get("prior_std")),
+                     _value_and_std(old.get("map"), old.get("std")), _value_and_std(p["map"], p["std"]),
+                     number(p.get("deterministic")), fixed(old.get("prior_shift"), 2),
                      fixed(p.get("prior_shift"), 2), "yes" if p.get("at_bound") else "no"))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="MAP, model as it is"),
                Column(name="MAP, with the findings"), Column(name="deterministic, with the findings"),
@@ -179,8 +180,8 @@ def _estimators_table(updated: object, sampler: object) -> list[Element]:
     rows = []
     for p in updated.get("parameters", ()):
         d = drawn.get(p["name"], {})
-        rows.append((p["name"], _with_std(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
-                     _with_std(p["map"], p["std"]), _with_std(d.get("mean"), d.get("std")),
+        rows.append((p["name"], _value_and_std(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
+                     _value_and_std(p["map"], p["std"]), _value_and_std(d.get("mean"), d.get("std")),
                      *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
                      fixed(d.get("effective_draws"), 0)))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
@@ -197,7 +198,7 @@ def _estimators_table(updated: object, sampler: object) -> list[Element]:
     return items
 
 
-def _with_std(value: float | None, std: float | None) -> str:
+def _value_and_std(value: float | None, std: float | None) -> str:
     return MISSING if value is None else f"{number(value)} ± {number(std)}"
 
 

@@ -26,7 +26,7 @@ def compared_modes(data: ModalData | None, update: UpdateRecord | None) -> Modal
     return data.of_modes([data.labels.index(label) for label in update.labels])
 
 
-def drawn_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet | None:
+def update_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet | None:
     """The set that was updated on, or, where it is not among these, the one an update would take: all that are
     comparable, together."""
     if data is None:
@@ -47,7 +47,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
     if update is not None:
         theta["updated"] = update.map_theta
     wire = model.wireframe(theta["initial"])
-    chosen = drawn_set(data, update)
+    chosen = update_set(data, update)
     if data is None or chosen is None or not chosen.measured.any():
         labels = tuple(f"mode {k + 1}" for k in range(n_plain))
         states = {name: _first_modes(model, values, n_plain) for name, values in theta.items()}

@@ -10,7 +10,7 @@ from probupdate.modal.modes import rotate_to_real
 from probupdate.model.interface import Wireframe
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Notice, Picture, Section, Viewer
-from probupdate.reporting.model_values import compared_modes, drawn_set
+from probupdate.reporting.model_values import compared_modes, update_set
 from probupdate.reporting.values import ModelValues, Run
 from probupdate.reporting.viewer import align, viewer_data
 
@@ -54,7 +54,7 @@ def _viewer_values(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict,
     """The viewer's values, and whether measured shapes are among them: where every sensor's place is known."""
     sensors = run.campaign.sensors if run.campaign else ()
     modes = compared_modes(run.compared, run.update)
-    chosen = drawn_set(modes, run.update)
+    chosen = update_set(modes, run.update)
     measured_hz, measured_shape, states = None, None, model.states
     if modes is not None and chosen is not None:
         measured_hz = chosen.frequency_hz
@@ -82,7 +82,7 @@ def _caption(measured: bool, updated: bool) -> str:
 
 def _shapes_by_channel(run: Run, model: ModelValues) -> Picture | None:
     data = compared_modes(run.nine or run.modes, run.update)
-    chosen = drawn_set(data, run.update)
+    chosen = update_set(data, run.update)
     if data is None or chosen is None or not chosen.measured.any():
         return None
     measured = np.real(rotate_to_real(chosen.shape))

@@ -69,7 +69,7 @@ def verdict_section(run: Run) -> Section:
         items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
     if run.update is not None:
-        items += [_before_and_after(run.update, run.posterior), _parameter_table(run, run.update)]
+        items += [_frequency_table(run.update, run.posterior), _parameter_table(run, run.update)]
     items.append(Tiles(items=tuple(_tiles(run))))
     if run.update is not None:
         if run.diagnosis is not None and run.diagnosis["findings"]:
@@ -280,7 +280,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         done = "Modes were identified; no" if run.modes is not None else "No"
         return f"{done} model has been updated in this run."
     before = percent(_worst(update.measured_hz, update.initial_hz))
-    after = _after_words(update, run.posterior)
+    after = _error_after_update(update, run.posterior)
     its = f"the model {'with the finding' + ('s' if len(run.diagnosis['findings']) > 1 else '') + ' in it'}" if (
         run.diagnosis is not None and run.included) else "the updated model"
     if changes_within(run):
@@ -308,7 +308,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
     return f"{sentence} {start}: {reasons}."
 
 
-def _after_words(update: UpdateRecord, posterior: Posterior | None) -> str:
+def _error_after_update(update: UpdateRecord, posterior: Posterior | None) -> str:
     """The worst frequency error after the update and of which estimate it is: as `update` has it, and of the posterior
     where that was sampled."""
     chosen, at_map = estimate(update, posterior), percent(_worst(update.measured_hz, update.map_hz))
@@ -420,7 +420,7 @@ def mode_words(labels: tuple[str, ...]) -> str:
     return f"{', '.join(known)}." if known else ""
 
 
-def _before_and_after(update: UpdateRecord, posterior: Posterior | None) -> Table:
+def _frequency_table(update: UpdateRecord, posterior: Posterior | None) -> Table:
     after = estimate(update, posterior)
     rows = []
     for j, label in enumerate(update.labels):

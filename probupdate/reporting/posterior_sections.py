@@ -179,7 +179,7 @@ def _true_parameters(run: Run) -> Mapping[str, float]:
     return (run.truth or {}).get("parameters") or {}
 
 
-def _known_truth(run: Run, update: UpdateRecord) -> list[tuple[int, float]]:
+def _positions_of_truth(run: Run, update: UpdateRecord) -> list[tuple[int, float]]:
     """(position, true value) of the parameters that the virtual turbine has under the same name."""
     known = _true_parameters(run)
     return [(k, float(known[n])) for k, n in enumerate(update.parameters.names) if n in known]
@@ -194,7 +194,7 @@ def truth_sentence(run: Run) -> str:
     update, posterior = run.update, run.posterior
     if update is None or posterior is None:
         return ""
-    known = _known_truth(run, update)
+    known = _positions_of_truth(run, update)
     if not known:
         return ""
     outside = [update.parameters.names[k] for k, v in known if not _inside(posterior.draws[:, k], v)]
@@ -207,7 +207,7 @@ def _truth_table(run: Run) -> Table | None:
     update, posterior = run.update, run.posterior
     if update is None or posterior is None:
         return None
-    known = _known_truth(run, update)
+    known = _positions_of_truth(run, update)
     if not known:
         return None
     rows, outside = [], set()

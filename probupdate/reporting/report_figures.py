@@ -10,7 +10,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import write_text
 from probupdate.reporting import SECTIONS, built_section
 from probupdate.reporting.elements import Picture, Section, Table
-from probupdate.reporting.style import kept_figures, save_figure
+from probupdate.reporting.style import collected_figures, save_figure
 from probupdate.reporting.values import Run
 from probupdate.runtime.progress import Progress, silent
 
@@ -29,7 +29,7 @@ def write_report_figures(run: Run, out: str | Path, kind: str = "png", progress:
     legend: list[str] = []
     for number, name in enumerate(SECTIONS):
         progress("figures", number, len(SECTIONS))
-        with kept_figures() as drawn:
+        with collected_figures() as drawn:
             section = built_section(name, run)
         if section is None:
             continue

@@ -17,13 +17,13 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import named_path, read_bytes, read_json_table, read_toml, sha256
+from probupdate.io.files import read_bytes, read_json_table, read_toml, resolve_path, sha256
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.reporting.campaign_values import campaign_values, truth_values
-from probupdate.reporting.model_values import compared_modes, drawn_set, model_values
+from probupdate.reporting.model_values import compared_modes, model_values, update_set
 from probupdate.reporting.paper_tables import is_the_jacket
 from probupdate.reporting.values import CampaignValues, Run
 from probupdate.runtime.progress import Progress
@@ -82,7 +82,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     for name, path in given.items():
         if not path.exists():
             raise InputError(f"--{name}", f"'{path}' does not exist", "correct the path")
-    parameters = given.get("parameters") or _named_path(folder, head, "parameters")
+    parameters = given.get("parameters") or _path_in_head(folder, head, "parameters")
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
         raise InputError(str(folder), "holds nothing of a run", f"expected some of {', '.join(PARTS)}")
@@ -105,7 +105,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     mean = _mean_updated_on(folder, update, diagnosis)
     data = compared_modes(mean or nine or modes, update)
     held = update.parameters if update is not None and update.parameters.held else parameters
-    model = read("model", lambda path: _load_model(path, held, folder, campaign, drawn_set(data, update)))
+    model = read("model", lambda path: _load_model(path, held, folder, campaign, update_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
     _refuse_other_structure(folder, model, update, diagnosis)
@@ -117,7 +117,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
         folder=folder,
         title=_title(folder, head, places, model, campaign),
         missing=missing,
-        warnings=(*_warnings(head, data, update, posterior), *_other_inputs(places, parameters, diagnosis)),
+        warnings=(*_warnings(head, data, update, posterior), *_changed_inputs(places, parameters, diagnosis)),
         provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
         campaign=campaign,
         truth=(truth_values(truth_file, data, added) if truth_file is not None and truth_file.exists() else None),
@@ -140,7 +140,7 @@ def _mean_updated_on(folder: Path, update: UpdateRecord | None, diagnosis: Mappi
     name = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
     if update is None or not name:
         return None
-    path = named_path(str(name), folder, f"{folder / 'diagnosis.json'}, extension")
+    path = resolve_path(str(name), folder, f"{folder / 'diagnosis.json'}, extension")
     if not path.exists():
         return None
     mean = read_modes(path)
@@ -152,7 +152,7 @@ def run_places(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
     head = _head(folder)
-    parameters = _named_path(folder, head, "parameters")
+    parameters = _path_in_head(folder, head, "parameters")
     return _places(folder, head) | ({} if parameters is None else {"parameters": parameters})
 
 
@@ -173,20 +173,20 @@ def _head(folder: Path) -> Mapping:
 def _places(folder: Path, head: Mapping) -> dict[str, Path]:
     """Part -> where it lies, for the parts that are there."""
     inside = {name: folder / name for name in PARTS if name not in ("campaign", "model")}
-    inside["campaign"] = _named_path(folder, head, "campaign") or folder / "campaign"
+    inside["campaign"] = _path_in_head(folder, head, "campaign") or folder / "campaign"
     found = next((folder / name for name in MODEL_FILES if (folder / name).exists()), None)
-    model = _named_path(folder, head, "model") or found
+    model = _path_in_head(folder, head, "model") or found
     if model is not None:
         inside["model"] = model
     return {name: inside[name] for name in PARTS if name in inside and inside[name].exists()}
 
 
-def _named_path(folder: Path, head: Mapping, key: str) -> Path | None:
+def _path_in_head(folder: Path, head: Mapping, key: str) -> Path | None:
     """A path of run.json, relative to the run and within it."""
     if not head.get(key):
         return None
     where = f"{folder / 'run.json'}, {key}"
-    named_path(str(head[key]), folder, where, remedy="copy it into the run directory")
+    resolve_path(str(head[key]), folder, where, remedy="copy it into the run directory")
     path = folder / str(head[key])
     if not path.exists():
         raise InputError(where, f"'{head[key]}' does not exist", "correct the path, or leave the key out")
@@ -262,7 +262,7 @@ def _refuse_other_structure(
                          f"({', '.join(known[:3])}, ...)", "run `probupdate diagnose` with this model, or take it out")
 
 
-def _other_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis: Mapping | None) -> Iterator[str]:
+def _changed_inputs(places: Mapping[str, Path], parameters: Path | None, diagnosis: Mapping | None) -> Iterator[str]:
     """What a diagnosis was made from, and lies here otherwise; files from before `inputs` do not say."""
     from probupdate.structure.load import model_files
 

@@ -98,11 +98,11 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Run a drawing function under this style; matplotlib's own settings are left as they were."""
 
     @functools.wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
+    def draw_styled(*args: P.args, **kwargs: P.kwargs) -> T:
         with matplotlib.rc_context(_STYLE):
             return draw(*args, **kwargs)
 
-    return drawn
+    return draw_styled
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -155,7 +155,7 @@ _KEPT: ContextVar[list[tuple[str, Figure]] | None] = ContextVar("kept figures", 
 
 
 @contextmanager
-def kept_figures() -> Iterator[list[tuple[str, Figure]]]:
+def collected_figures() -> Iterator[list[tuple[str, Figure]]]:
     """The figures that `svg_text` is given within this block, with their prefixes, in order."""
     found: list[tuple[str, Figure]] = []
     before = _KEPT.set(found)

@@ -114,7 +114,7 @@ def update_section(run: Run) -> Section:
     items += _paths_picture(run, update)
     scatter = _scatter_table(run, update)
     items += [scatter] if scatter else []
-    if run.beside_paper:
+    if run.paper_comparable:
         items.append(_sensitivity_table(update))
     return Section(anchor="update", title="Update", items=tuple(items),
                    lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
@@ -122,7 +122,7 @@ def update_section(run: Run) -> Section:
 
 def _tables(run: Run, update: UpdateRecord) -> list[Element]:
     """Frequencies, parameters, MAC and what follows from the parameters."""
-    pile, paper = _pile_head_table(run, update), run.beside_paper
+    pile, paper = _pile_head_table(run, update), run.paper_comparable
     return [_frequency_table(update, paper), _parameter_table(update, run.jacket, paper), _mac_table(update, paper),
             *([pile] if pile else [])]
 
@@ -287,7 +287,7 @@ def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
         return None
     states = list(next(iter(derived.values())))
     drawn = run.comparison.derived if run.comparison is not None else {}
-    printed = ("design", "as-built", "updated") if run.beside_paper else ()
+    printed = ("design", "as-built", "updated") if run.paper_comparable else ()
     rows = []
     for name, values in derived.items():
         known = [paper_tables.PILE_HEAD_NPM[state].get(name, float("nan")) for state in printed]
@@ -306,9 +306,9 @@ def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
     note = (
         "Stiffness of one pile's head, lateral (head's rotation held) and axial. The paper's ratios 4.7 and 6.0 are "
         "over its design state; here they are over its as-built state, from which its update starts. "
-        + PAPER_NOTE if run.beside_paper else ""
+        + PAPER_NOTE if run.paper_comparable else ""
     )
-    return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.beside_paper else ""), columns=tuple(columns),
+    return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.paper_comparable else ""), columns=tuple(columns),
                  rows=tuple(rows), note=note, width="half")
 
 
@@ -325,21 +325,22 @@ def _scatter_table(run: Run, update: UpdateRecord) -> Table | None:
         if posterior is not None and np.mean(posterior[:, k]):
             width = number(float(np.std(posterior[:, k], ddof=1) / abs(np.mean(posterior[:, k]))), 2)
         rows.append((p.name, p.unit or "-", *_scatter(sets.theta_step[:, k], p), *_scatter(sets.theta_map[:, k], p),
-                     fixed(float(resolution[k]), 2), width, *(_paper_scatter(p.name, 1.0) if run.beside_paper else ())))
+                     fixed(float(resolution[k]), 2), width,
+                     *(_paper_scatter(p.name, 1.0) if run.paper_comparable else ())))
     for name, values in sets.derived.items():
         drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
         rows.append((name, "MN/m", MISSING, MISSING, *_scatter(values / 1e6), "", number(drawn.get("cov"), 2),
-                     *(_paper_scatter(name, 1e6) if run.beside_paper else ())))
+                     *(_paper_scatter(name, 1e6) if run.paper_comparable else ())))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
         Column(name="step penalty: mean"), Column(name="step penalty: CoV", unit="-"), Column(name="MAP: mean"),
         Column(name="MAP: CoV", unit="-"), Column(name="resolution", unit="-"), Column(name="posterior CoV", unit="-"),
     ]
-    if run.beside_paper:
+    if run.paper_comparable:
         columns += [Column(name="paper: mean", paper=True), Column(name="paper: CoV", unit="-", paper=True)]
     held = any(cell.endswith("*") for row in rows for cell in row)
-    return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.beside_paper else ""),
-                 columns=tuple(columns), rows=tuple(rows), note=_scatter_note(sets, held, run.beside_paper))
+    return Table(caption=f"Scatter of the update over the selected sets{' (Table 7)' if run.paper_comparable else ''}",
+                 columns=tuple(columns), rows=tuple(rows), note=_scatter_note(sets, held, run.paper_comparable))
 
 
 def _scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[str, str]:

@@ -81,7 +81,7 @@ class Run:
         return self.mean or self.nine or self.modes
 
     @property
-    def beside_paper(self) -> bool:
+    def paper_comparable(self) -> bool:
         """Whether the paper's numbers stand beside the update's: where an update with the paper's weights is there,
         they stand beside that."""
         return self.jacket and self.paper is None

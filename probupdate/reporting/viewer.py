@@ -116,14 +116,14 @@ def _variants(
     variants: dict[str, dict] = {}
     if moved is not None:
         shape = [None if d is None else _short(np.array(d) / size) for d in moved]
-        variants["measured"] = {"hz": _known_hz(hz.get("measured")), "shape": shape}
+        variants["measured"] = {"hz": _hz_or_none(hz.get("measured")), "shape": shape}
     for key, d in drawn.items():
-        variants[key] = {"hz": _known_hz(hz[key]),
+        variants[key] = {"hz": _hz_or_none(hz[key]),
                          "shape": [_short(row) for row in d / size] if np.all(np.isfinite(d)) else None}
     return variants
 
 
-def _known_hz(value: float | None) -> float | None:
+def _hz_or_none(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else round(float(value), 5)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.io.files import input_file, named_path
+from probupdate.io.files import input_file, resolve_path
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameters
@@ -183,7 +183,7 @@ def _path_from_table(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
-    return named_path(table["file"], path.resolve().parent, f"{path}: matrices.file")
+    return resolve_path(table["file"], path.resolve().parent, f"{path}: matrices.file")
 
 
 def model_files(path: str | Path, parameters: str | Path | None = None) -> tuple[Path, ...]:

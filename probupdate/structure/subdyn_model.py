@@ -15,7 +15,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import ElastoDyn, read_elastodyn
-from probupdate.io.files import named_path
+from probupdate.io.files import resolve_path
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
 from probupdate.modal.mode_energy import DofPlaces
 from probupdate.modal.modes import Sensor
@@ -152,7 +152,7 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
 
 def file_beside(path: Path, name: str, key: str) -> Path:
     """A file that a TOML names: in its folder or below."""
-    return named_path(name, path.resolve().parent, f"{path}: {key}")
+    return resolve_path(name, path.resolve().parent, f"{path}: {key}")
 
 
 def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:

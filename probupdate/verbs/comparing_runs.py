@@ -113,12 +113,12 @@ def _row(kind: str, name: str, unit: str, a, b) -> RunRow:
 
 
 def _parameter_rows(a: Posterior | None, b: Posterior | None) -> list[RunRow]:
-    def of(p: Posterior | None) -> dict[str, tuple[float, float]]:
+    def means_and_stds(p: Posterior | None) -> dict[str, tuple[float, float]]:
         if p is None:
             return {}
         return {n: (float(c.mean()), float(c.std(ddof=1))) for n, c in zip(p.names, p.draws.T, strict=True)}
 
-    own = of(a), of(b)
+    own = means_and_stds(a), means_and_stds(b)
     return [_row("parameter", name, "its own", own[0].get(name), own[1].get(name))
             for name in dict.fromkeys([*own[0], *own[1]])]
 

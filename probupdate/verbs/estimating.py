@@ -136,7 +136,7 @@ def unmatched(
     return {"left out": tuple(left), "taken": tuple(taken)}
 
 
-def not_compared_hz(modes: str | Path | ModalData, data: ModalData) -> list[float]:
+def uncompared_hz(modes: str | Path | ModalData, data: ModalData) -> list[float]:
     """Frequencies of modes that were identified and are not among those that are compared."""
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
     found = np.array([s.frequency_hz for s in whole.sets])
@@ -169,7 +169,7 @@ def update(
     case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
-                                  every=case.data, seen_hz=not_compared_hz(modes, case.data), model_at=case.model_at,
+                                  every=case.data, seen_hz=uncompared_hz(modes, case.data), model_at=case.model_at,
                                   jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode, likelihood.modes)
     kept = {**record.settings, **case.setting}

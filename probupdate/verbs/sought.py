@@ -80,14 +80,14 @@ def global_labels(
     model: Model, solution: ModalSolution, sensors: tuple[Sensor, ...], families: tuple[str, ...] = TURBINE
 ) -> tuple[str, ...]:
     """Names of a model's modes: by where their energy is, or, where its nodes are not known, as the sensors see them
-    (`seen_labels`)."""
+    (`sensed_labels`)."""
     if full_model(model) is not None:
         return mode_labels(model, solution, families=families)
     rows = [model.channels.index(s.channel) for s in sensors]
-    return seen_labels(solution.frequency_hz, solution.shape[rows], sensors, families)
+    return sensed_labels(solution.frequency_hz, solution.shape[rows], sensors, families)
 
 
-def seen_labels(
+def sensed_labels(
     frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, ...] = TURBINE
 ) -> tuple[str, ...]:
     """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little

@@ -120,13 +120,13 @@ def example_matrices() -> dict[str, np.ndarray]:
     mass = np.diag([1.0, 1.0, (width**2 + depth**2) / 12])
     n, floors = 3 * N_FLOOR, range(N_FLOOR)
 
-    def of_floors(between: np.ndarray, one: np.ndarray) -> np.ndarray:
+    def per_floor(between: np.ndarray, one: np.ndarray) -> np.ndarray:
         return np.kron(between, motion.T @ one @ motion)
 
     return {
-        "K0": np.zeros((n, n)), "K_storeys_x": of_floors(chain, ALONG_X_NPM * along_x),
-        "K_storeys_y": of_floors(chain, ALONG_Y_NPM * along_y),
-        "M0": np.zeros((n, n)), "M_floors": of_floors(np.eye(N_FLOOR), FLOOR_KG * mass),
+        "K0": np.zeros((n, n)), "K_storeys_x": per_floor(chain, ALONG_X_NPM * along_x),
+        "K_storeys_y": per_floor(chain, ALONG_Y_NPM * along_y),
+        "M0": np.zeros((n, n)), "M_floors": per_floor(np.eye(N_FLOOR), FLOOR_KG * mass),
         "channel": np.array([f"F{k + 1}-{name}" for k in floors for name in ("x", "y-left", "y-right")]),
         "channel_dof": np.arange(n),
         "node_position_m": np.array([[x, 0.0, STOREY_M * (k + 1)] for k in floors for x in (0, -width / 2, width / 2)]),

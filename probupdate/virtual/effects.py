@@ -272,7 +272,7 @@ class HiddenEffects:
     effects: tuple[Mapping, ...] = ()
     amount: tuple[float, ...] = ()
 
-    def of(self, kind: str, **place) -> list[tuple[Mapping, float]]:
+    def acting(self, kind: str, **place) -> list[tuple[Mapping, float]]:
         """Effects of a kind that act at a place, with their size now; a place of an effect may be 'all'."""
         about = EFFECTS[kind]
         found = []
@@ -284,17 +284,17 @@ class HiddenEffects:
     def factor(self, kind: str, **place) -> float:
         """Product of the sizes; 1 where none acts."""
         product = 1.0
-        for _, size in self.of(kind, **place):
+        for _, size in self.acting(kind, **place):
             product *= size
         return max(product, SMALLEST_FACTOR) if EFFECTS[kind].low == 0 else product
 
     def total(self, kind: str, **place) -> float:
         """Sum of the sizes; 0 where none acts."""
-        return sum((size for _, size in self.of(kind, **place)), 0.0)
+        return sum((size for _, size in self.acting(kind, **place)), 0.0)
 
-    def in_band(self, kind: str, z_m: float, **place) -> list[tuple[Mapping, float]]:
+    def acting_in_band(self, kind: str, z_m: float, **place) -> list[tuple[Mapping, float]]:
         """Effects of a kind whose band bottom_m to top_m holds the level."""
-        return [(e, size) for e, size in self.of(kind, **place)
+        return [(e, size) for e, size in self.acting(kind, **place)
                 if e.get("bottom_m", -np.inf) < z_m < e.get("top_m", np.inf)]
 
 

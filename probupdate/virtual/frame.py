@@ -152,7 +152,7 @@ def _braces(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> No
                     if tight != 1.0:
                         flexibility = flexibility * (1 / tight - (law == "rigid"))
                 mesh.member(corner, crossing, "brace", section, ends=(flexibility, None), beside=chord_axis)
-            for _, weight in hidden.of("odd_mass", bay=number, face=face):
+            for _, weight in hidden.acting("odd_mass", bay=number, face=face):
                 mesh.point_mass(mesh.node(crossing), weight)
 
 
@@ -222,16 +222,16 @@ def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int
 
     def section(x, half_m=0.0):
         left, more = 1.0, 0.0
-        for _, factor in hidden.in_band("tower_stiffness", x[2]):
+        for _, factor in hidden.acting_in_band("tower_stiffness", x[2]):
             left *= factor
-        for effect, weight in hidden.in_band("tower_mass", x[2]):
+        for effect, weight in hidden.acting_in_band("tower_mass", x[2]):
             more += weight / (min(effect.get("top_m", z[-1]), z[-1]) - max(effect.get("bottom_m", z[0]), z[0]))
         return steel.tube("tower", np.interp(x[2], z, diameter), np.interp(x[2], z, wall), x[2], carried=carried + more,
                           stiffness=left)
 
     at = [(level - z[0]) / (z[-1] - z[0]) for level in {*z, *own}]
     soft = {round(float(level), 6): _flexibility(hidden.total("flange_flexibility", station=k), section([0, 0, level]))
-            for k, level in enumerate(z, start=1) if hidden.of("flange_flexibility", station=k)}
+            for k, level in enumerate(z, start=1) if hidden.acting("flange_flexibility", station=k)}
     mesh.member([0, 0, z[0]], [0, 0, z[-1]], "tower", section, at=at, inner=soft, part="tower")
     for station in stations:
         mesh.point_mass(mesh.node([0, 0, station["z_m"]]), station.get("flange_kg", 0.0))
@@ -273,14 +273,14 @@ def _soften_by_weight(mesh: Mesh, hidden: HiddenEffects, bodies) -> None:
 def _foreign(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects) -> None:
     """Springs that no drawing has."""
     names = file.value("jacket", "leg_names")
-    for effect, stiffness in hidden.of("cable"):
+    for effect, stiffness in hidden.acting("cable"):
         for name in names:
             if effect["leg"] in (name, "all"):
                 leg = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))
                 tower = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["tower_z_m"]]))
                 along = mesh.nodes[tower] - mesh.nodes[leg]
                 mesh.spring_along(leg, along / np.linalg.norm(along), stiffness, tower)
-    for effect, stiffness in hidden.of("fender"):
+    for effect, stiffness in hidden.acting("fender"):
         for name in names:
             if effect["leg"] in (name, "all"):
                 leg = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))
@@ -296,13 +296,13 @@ def _oscillators(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects, top: int,
     """Blades (part of the hub, coupled along the rotor's axis), tuned masses and second structures, each with its
     spring in N/m."""
     hung: list[tuple[Mapping, float, int, list[np.ndarray | None]]] = []
-    for effect, weight in hidden.of("blade_coupling"):
+    for effect, weight in hidden.acting("blade_coupling"):
         hung.append((effect, weight, top, [None]))
-    for effect, weight in hidden.of("tuned_mass"):
+    for effect, weight in hidden.acting("tuned_mass"):
         node = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["z_m"]]))
         hung.append((effect, weight, node, [_horizontal(effect["direction_deg"])]))
     names = file.value("jacket", "leg_names")
-    for effect, weight in hidden.of("second_structure"):
+    for effect, weight in hidden.acting("second_structure"):
         for name in names:
             if effect["leg"] in (name, "all"):
                 node = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))

@@ -26,7 +26,7 @@ from probupdate.virtual.modal_noise import SCATTER, identified_modes
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.reduced_states import ReducedStates, reduce_states
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import Truth, draw_truth, given_truth, read_truth
+from probupdate.virtual.truth import Truth, draw_truth, parse_truth, read_truth
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
 
 LABELS = tuple(SCATTER)
@@ -73,7 +73,7 @@ def simulate_modes(
     not to be found in a block. scatter: multiplies the identification's. coarseness: of the finite-element mesh.
     """
     file = read_turbine(reference_file() if model is None else model)
-    given = given_truth(truth, file) if isinstance(truth, Mapping) else read_truth(truth, file)
+    given = parse_truth(truth, file) if isinstance(truth, Mapping) else read_truth(truth, file)
     for state in states:
         if state not in operation.STATES:
             raise InputError("states", f"'{state}' is unknown", f"choose from {', '.join(operation.STATES)}")

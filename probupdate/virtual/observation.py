@@ -92,10 +92,10 @@ def mounted_direction(file: TurbineFile, truth: Truth, hidden: HiddenEffects) ->
     position = {sensor.channel: tuple(sensor.position_m) for sensor in file.sensors}
     direction = []
     for row, sensor in enumerate(file.sensors):
-        for _, factor in hidden.of("sensor_gain", channel=sensor.channel):
+        for _, factor in hidden.acting("sensor_gain", channel=sensor.channel):
             gain[row] *= factor
         looks = rotation(np.radians(t.sensor_rotation_deg[row])) @ sensor.direction
-        for effect, angle in hidden.of("sensor_rotation"):
+        for effect, angle in hidden.acting("sensor_rotation"):
             if position[effect["channel"]] == position[sensor.channel]:
                 looks = rotation(np.radians([0.0, 0.0, angle])) @ looks
         direction.append(frame @ looks)
@@ -106,9 +106,9 @@ def channel_mixing(file: TurbineFile, hidden: HiddenEffects) -> np.ndarray | Non
     """What each channel shows of each sensor (n_channel, n_channel); None where each shows its own."""
     names = [s.channel for s in file.sensors]
     mixing = np.eye(len(names))
-    for effect, share in hidden.of("crosstalk"):
+    for effect, share in hidden.acting("crosstalk"):
         mixing[names.index(effect["channel"]), names.index(effect["other"])] += share
-    for effect, swapped in hidden.of("sensor_swap"):
+    for effect, swapped in hidden.acting("sensor_swap"):
         if swapped >= 0.5:
             i, j = names.index(effect["channel"]), names.index(effect["other"])
             mixing[[i, j]] = mixing[[j, i]]
@@ -117,7 +117,7 @@ def channel_mixing(file: TurbineFile, hidden: HiddenEffects) -> np.ndarray | Non
 
 def frequency_response(file: TurbineFile, hidden: HiddenEffects, frequency_hz: np.ndarray) -> np.ndarray | None:
     """What clocks, filters and mounts do to each channel: (n_frequency, n_channel) complex, None where nothing."""
-    if not any(hidden.of(kind) for kind in ("clock_offset", "low_pass", "mount_resonance")):
+    if not any(hidden.acting(kind) for kind in ("clock_offset", "low_pass", "mount_resonance")):
         return None
     frequency = np.asarray(frequency_hz, float)
     response = np.ones((len(frequency), len(file.sensors)), complex)
@@ -125,9 +125,9 @@ def frequency_response(file: TurbineFile, hidden: HiddenEffects, frequency_hz: n
         # a clock that is late writes an event to an earlier time
         late = hidden.total("clock_offset", level=sensor.level)
         response[:, column] *= np.exp(2j * np.pi * frequency * late)
-        for _, constant in hidden.of("low_pass", level=sensor.level):
+        for _, constant in hidden.acting("low_pass", level=sensor.level):
             response[:, column] /= 1 + 2j * np.pi * frequency * constant
-        for _, period in hidden.of("mount_resonance", channel=sensor.channel):
+        for _, period in hidden.acting("mount_resonance", channel=sensor.channel):
             ratio = frequency * period
             response[:, column] /= 1 - ratio**2 + 2j * MOUNT_DAMPING * ratio
     return response

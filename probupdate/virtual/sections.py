@@ -110,7 +110,7 @@ class Materials:
         """Thickness at a level: an effect of one leg leaves braces alone, one of all legs takes them along."""
         if not self.hidden.effects:
             return 0.0
-        return sum(size for e, size in self.hidden.in_band(kind, z_m) if e["leg"] == ALL or e["leg"] == leg)
+        return sum(size for e, size in self.hidden.acting_in_band(kind, z_m) if e["leg"] == ALL or e["leg"] == leg)
 
     def section(self, group: str, entry: Mapping, **kwargs):
         """section(position, half height) -> Tube."""

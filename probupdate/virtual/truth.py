@@ -95,12 +95,12 @@ def read_truth(path: str | Path | None, file: TurbineFile) -> GivenTruth:
     drawn again (the same seed draws the same).
     """
     if path is None:
-        return given_truth({}, file)
+        return parse_truth({}, file)
     with of_file(path), parsing(str(path), "is not a truth file", "write it as truth.toml of `simulate`"):
-        return given_truth(read_toml(Path(path), "truth file"), file, path)
+        return parse_truth(read_toml(Path(path), "truth file"), file, path)
 
 
-def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> GivenTruth:
+def parse_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> GivenTruth:
     """The same from a truth.toml's content; `path` names it in errors."""
     written = raw.get("format") == 1 and "drawn" in raw
     tables = table_as(_GivenTables, {k: v for k, v in raw.items() if not (written and k in RECORDED)}, str(path))

@@ -37,7 +37,7 @@ from probupdate.virtual.frame import build_structure
 from probupdate.virtual.hours import RATE_HZ, hour_of_data, make_turbine
 from probupdate.virtual.modal_noise import identified_modes
 from probupdate.virtual.simulation import nacelle_labels
-from probupdate.virtual.truth import draw_truth, given_truth
+from probupdate.virtual.truth import draw_truth, parse_truth
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine
 
 STATE = "as_built"
@@ -166,7 +166,7 @@ def turbine_modes(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: 
 
 
 def _truth(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: np.random.Generator):
-    given = given_truth({"parameters": dict(zip(full.parameters.names, map(float, theta), strict=True))}, file)
+    given = parse_truth({"parameters": dict(zip(full.parameters.names, map(float, theta), strict=True))}, file)
     return draw_truth(given, file, rng, N_MODE)
 
 

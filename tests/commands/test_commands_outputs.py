@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from probupdate.cli import build_parser, given_paths, main
+from probupdate.cli import argument_paths, build_parser, main
 from probupdate.errors import InputError
 from probupdate.io import files
 from probupdate.io.outputs import refuse_overwriting
@@ -159,7 +159,7 @@ def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
 
 
 def test_a_folder_may_have_the_name_of_an_option_s_choice():
-    assert given_paths(build_parser().parse_args(["convert", "raw", "campaign"])) == ["raw"]
+    assert argument_paths(build_parser().parse_args(["convert", "raw", "campaign"])) == ["raw"]
 
 
 def test_a_posterior_is_not_written_over_another_steps_result():

@@ -8,7 +8,7 @@ from farm_cases import write_farm
 
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import read_campaign
-from probupdate.farms.description import in_order, read_farm
+from probupdate.farms.description import natural_order, read_farm
 from probupdate.farms.month import made_of
 from probupdate.identification import block_store
 from probupdate.identification.block_poles import BlockPoles
@@ -48,4 +48,4 @@ def test_blocks_of_a_replaced_record_are_forgotten_and_no_others(tmp_path):
 
 def test_months_are_sorted_as_they_are_read():
     names = ["2019-10", "2019-9", "2020-1", "a2", "2019-1", "a10"]
-    assert sorted(names, key=in_order) == ["2019-1", "2019-9", "2019-10", "2020-1", "a2", "a10"]
+    assert sorted(names, key=natural_order) == ["2019-1", "2019-9", "2019-10", "2020-1", "a2", "a10"]

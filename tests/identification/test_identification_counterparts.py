@@ -179,7 +179,7 @@ def test_a_member_s_own_mode_is_no_bending_mode_of_the_tower(jacket, sensor_list
     shape = np.column_stack([jacket.shape, 0.01 * jacket.shape[:, 4], 0.1 * jacket.shape[:, 3]])
     frequency = np.append(jacket.frequency_hz, [0.6, jacket.frequency_hz[3] * 0.99])
     rising = np.argsort(frequency)
-    labels = sought.seen_labels(frequency[rising], shape[:, rising], sensor_list)
+    labels = sought.sensed_labels(frequency[rising], shape[:, rising], sensor_list)
     assert dict(zip(rising.tolist(), labels, strict=True)) == {
         0: "FA1", 1: "SS1", 2: "T1", 3: "FA2", 4: "SS2", 5: "L1", 6: "L2"}
     assert mac(shape[:, [6]], shape[:, [3]])[0, 0] == pytest.approx(1)

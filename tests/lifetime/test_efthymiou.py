@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.lifetime.efthymiou import Geometry, beyond_validity, cross, kay, tee
+from probupdate.lifetime.efthymiou import Geometry, cross, kay, tee, validity_violations
 
 
 def geometry(**change):
@@ -70,6 +70,6 @@ def test_a_k_with_a_wide_gap_bends_as_its_brace_alone():
 
 
 def test_ranges_are_said():
-    assert beyond_validity(geometry()) == []
-    found = beyond_validity(geometry(brace_diameter_m=0.2, angle_deg=15.0), gap_m=1.5)
+    assert validity_violations(geometry()) == []
+    found = validity_violations(geometry(brace_diameter_m=0.2, angle_deg=15.0), gap_m=1.5)
     assert len(found) == 3 and found[0] == "beta = 0.167 is not within 0.2 to 1" and "zeta = 1.25" in found[2]

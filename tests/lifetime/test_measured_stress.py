@@ -225,9 +225,9 @@ def test_a_gap_of_a_gauge_is_not_bridged():
     stress = np.sin(t)[:, None] * np.ones(2)
     stress[1000:1200, 1] = np.nan
     one = Gauges(time_s=t + pd.Timestamp("2024-03-01T00:00:00Z").timestamp(), spots=np.arange(2), stress_mpa=stress)
-    over = one.over(pd.Timestamp("2024-03-01T00:00:00Z"), np.arange(0, 1199, 0.2))
+    over = one.at_times(pd.Timestamp("2024-03-01T00:00:00Z"), np.arange(0, 1199, 0.2))
     assert np.isfinite(over[:, 0]).all() and np.isnan(over[:, 1]).all()
-    assert np.isnan(one.over(pd.Timestamp("2024-03-02T00:00:00Z"), np.arange(0, 1199, 0.2))).all()
+    assert np.isnan(one.at_times(pd.Timestamp("2024-03-02T00:00:00Z"), np.arange(0, 1199, 0.2))).all()
 
 
 def test_every_hot_spot_has_its_interval_and_what_is_resolved(written):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from probupdate.virtual.effects import EFFECTS
-from probupdate.virtual.truth import given_truth
+from probupdate.virtual.truth import parse_truth
 from probupdate.virtual.turbine_file import read_turbine, reference_file
 
 FOLDER = Path(__file__).resolve().parents[2] / "studies" / "blind"
@@ -38,7 +38,7 @@ def test_every_case_is_one_the_simulator_takes(cases):
     for family, n in cases.FAMILIES.items():
         for number in range(n):
             case = cases.make_case(family, number)
-            given = given_truth(case.truth, file)
+            given = parse_truth(case.truth, file)
             assert len(given.effects) == {"null": 0, "month": 0, "pair": 2}.get(family, 1)
             inside = {EFFECTS[e["kind"]].inside for e in given.effects}
             assert inside <= {family != "outside"}

@@ -59,7 +59,7 @@ def file():
 
 
 def solved(file, *entries, amount=None, heading=20.0):
-    given = replace(truth.given_truth({"effect": list(entries)}, file), tolerance_scale=0.0)
+    given = replace(truth.parse_truth({"effect": list(entries)}, file), tolerance_scale=0.0)
     drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
     structure = frame.build_structure(file, drawn, amount)
     return dynamics.heading_modes(structure, drawn.damping_ratio, heading)
@@ -72,11 +72,11 @@ def plain(file):
 
 def test_the_former_name_of_the_time_profile_is_read(file):
     former = {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0}
-    given = [truth.given_truth({"effect": [one]}, file).effects for one in (
+    given = [truth.parse_truth({"effect": [one]}, file).effects for one in (
         former, {"time_profile" if key == "course" else key: value for key, value in former.items()})]
     assert given[0] == given[1] and given[0][0]["time_profile"] == "step"
     with pytest.raises(InputError, match="time_profile: 'stp' is unknown"):
-        truth.given_truth({"effect": [former | {"course": "stp"}]}, file)
+        truth.parse_truth({"effect": [former | {"course": "stp"}]}, file)
 
 
 def test_every_structural_kind_has_an_example():
@@ -176,7 +176,7 @@ def test_effects_are_the_parameters_where_there_are_some(file, validation):
                          why="eigensolver; scour: the mesh is not cut at its ground")
 
     def with_parameter(**parameters):
-        given = replace(truth.given_truth({"parameters": parameters}, file), tolerance_scale=0.0)
+        given = replace(truth.parse_truth({"parameters": parameters}, file), tolerance_scale=0.0)
         drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
         return dynamics.heading_modes(frame.build_structure(file, drawn), drawn.damping_ratio, 20.0)
 
@@ -195,7 +195,7 @@ def test_the_rising_water_s_mass_is_that_of_the_length_it_wets(file, validation)
     row = validation(what="mass of the length that rising water wets, beyond the legs' own and over the braces': "
                           "across; up, where a fifth of the legs' added mass counts", reference="counted by hand")
     def mass(**how):
-        given = replace(truth.given_truth({"effect": [{"kind": "wetted_length", "gain": 0.8}]}, file),
+        given = replace(truth.parse_truth({"effect": [{"kind": "wetted_length", "gain": 0.8}]}, file),
                         tolerance_scale=0.0)
         drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
         return frame.build_structure(file, drawn, **how)

@@ -9,7 +9,7 @@ from probupdate.errors import InputError
 from probupdate.structure.load import reference_model
 from probupdate.virtual import excitation, losses, operation, response
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import given_truth
+from probupdate.virtual.truth import parse_truth
 from probupdate.virtual.turbine_file import read_turbine
 
 RATE = 25.0
@@ -186,7 +186,7 @@ def test_a_stop_that_ends_before_it_begins_is_named():
 def test_mistakes_in_operation_are_named(given):
     file = read_turbine(reference_model("updated"))
     with pytest.raises(InputError, match=next(iter(given))):
-        given_truth({"operation": given}, file)
+        parse_truth({"operation": given}, file)
 
 
 def test_a_missing_hour_that_is_not_there_is_refused():
