@@ -3,4 +3,4 @@
 from probupdate.cli.parser import EXAMPLES, GROUPS, build_parser
 from probupdate.cli.program import argument_paths, main
 
-__all__ = ["EXAMPLES", "GROUPS", "build_parser", "argument_paths", "main"]
+__all__ = ["EXAMPLES", "GROUPS", "argument_paths", "build_parser", "main"]
