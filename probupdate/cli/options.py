@@ -127,7 +127,7 @@ class ModesAction(argparse.Action):
     """The modes' file, and labels of modes behind it or in a further --modes."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        for value in values if isinstance(values, list) else [values]:
+        for value in map(str, values if isinstance(values, list) else [values]):
             if getattr(namespace, self.dest) is None and (Path(value).suffix or Path(value).exists()):
                 setattr(namespace, self.dest, value)
             else:

@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate import __version__, verbs
 from probupdate.errors import InputError, ProbupdateError, plain
-from probupdate.farms.description import Farm, Month
+from probupdate.farms.description import Farm, JointTable, Month
 from probupdate.farms.month import MonthState, chosen_sets, model_hash
 from probupdate.io.files import write_table
 from probupdate.modal.modes import ModalData
@@ -42,13 +42,20 @@ class JointRun:
     run: bool = False
 
 
+def _joint_table(farm: Farm) -> JointTable:
+    """[joint] of a farm.toml that has one."""
+    assert farm.joint is not None
+    return farm.joint
+
+
 def refuse_other_parameters(farm: Farm) -> None:
     """Raises InputError, before any work, where [joint] names what is not a parameter of a turbine's model, or turbines
     have different parameters."""
     first: tuple[str, tuple] | None = None
+    asked = _joint_table(farm)
     for model, month in {month.model: month for month in farm.months}.items():
         parameters = verbs.open_model(model).parameters
-        Roles(names=parameters.names, common=farm.joint.common, varying=farm.joint.varying)
+        Roles(names=parameters.names, common=asked.common, varying=asked.varying)
         first = first or (month.turbine, tuple(parameters))
         if tuple(parameters) != first[1]:
             raise InputError(f"turbine {month.turbine}", f"its model has other parameters or priors than {first[0]}'s",
@@ -94,7 +101,8 @@ def _stored_result(path: Path, made: str) -> FarmJoint | None:
 
 
 def _input_hash(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path) -> str:
-    content = hashlib.sha256(repr((__version__, asdict(farm.joint), asdict(farm.options.update), farm.seed)).encode())
+    asked = asdict(_joint_table(farm)), asdict(farm.options.update)
+    content = hashlib.sha256(repr((__version__, *asked, farm.seed)).encode())
     for months in turbines.values():
         for month in months:
             folder = out / month.folder
@@ -115,7 +123,7 @@ def _inferred(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path, jo
         sets[k] = one, notes
         progress("months of the joint inference", done, len(tasks))
     ordered = [sets[k] for k in range(len(tasks))]
-    last, table = {one.name: one for one, _ in ordered}, farm.joint
+    last, table = {one.name: one for one, _ in ordered}, _joint_table(farm)
     settings = JointSettings(spread=table.spread, odd_share=table.odd_share, odd_wide=table.odd_wide, seed=farm.seed)
     found = infer_farm(list(last.values()), common=table.common, varying=table.varying, settings=settings, jobs=jobs,
                        earlier=[one for one, _ in ordered if one is not last[one.name]], progress=progress)

@@ -141,7 +141,8 @@ def month_picture(months: Sequence[MonthValue]) -> Picture:
                 far = [m for m in mine if m.changed]
                 axes.plot([times.index(m.month) for m in far], [m.value for m in far], color=style.RED, marker="X",
                           linestyle="")
-            style.label_axes(axes, "", f"{name} [{mine[0].unit}]")
+            unit = next(m.unit for m in months if m.parameter == name)
+            style.label_axes(axes, "", f"{name} [{unit}]")
         panels[-1].set_xticks(range(len(times)), times, rotation=30 if len(times) > 4 else 0)
         return figure
 

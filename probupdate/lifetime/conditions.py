@@ -19,7 +19,6 @@ from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
 from probupdate.structure.schema import NotNegative, Number, Positive, Table, nearest
 
-
 Real = Annotated[float, Strict()]
 
 

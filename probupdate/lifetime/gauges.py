@@ -84,7 +84,7 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     other = [str(name) for name in table if name not in names and name != "time"]
     if "time" not in table or not names or other:
         raise InputError(where, f"has the column {other[0]}" if other else "has no time or no gauge", again)
-    spots = np.array([int(COLUMN.fullmatch(name)[1]) - 1 for name in names])
+    spots = np.array([int(COLUMN.sub(r"\1", name)) - 1 for name in names])
     if spots.max() >= n_spot:
         raise InputError(f"{where}: {names[int(spots.argmax())]}", f"there are {n_spot} hot spots", again)
     with parsing(where, "has times or stresses that are none", again):

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -355,7 +356,8 @@ class StressModel:
             return self._finer(int(np.ceil(np.log2(step / least)))).solve(theta, known, derivatives=derivatives)
         first = self.modes_at(theta, {**known.operating, **known.idling}, None if derivatives else self._n_dynamic)
         rest = None if derivatives else self._static_rest(first)
-        moments, changes = [None] * len(self.cases), [None] * len(self.cases)
+        moments: list[Any] = [None] * len(self.cases)
+        changes = list(moments)
         for operating in {case.state.operating: None for case in self.cases}:
             m = first.damped(known.for_state(operating))
             here = [k for k, case in enumerate(self.cases) if case.state.operating == operating]

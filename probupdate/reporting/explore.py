@@ -252,9 +252,8 @@ def _geometry(source: PoleSource) -> tuple[dict, dict]:
         ways = np.array([source.sensors[k].direction for k in rows])
         at_points[3 * number : 3 * number + 3, rows] = np.linalg.pinv(ways, rcond=1e-6)
     wire, at_sensors = source.wire, source.at_sensors
-    follows = (wire is not None and wire.displacement is not None and at_sensors is not None
-               and 3 * len(wire.node_m) * len(source.sensors) <= MOST_NUMBERS)
-    if follows:
+    if (wire is not None and wire.displacement is not None and at_sensors is not None
+            and 3 * len(wire.node_m) * len(source.sensors) <= MOST_NUMBERS):
         nodes, lines, groups = wire.node_m, wire.line, list(wire.line_group)
         at_nodes = wire.displacement.reshape(-1, at_sensors.shape[1]) @ np.linalg.pinv(at_sensors, rcond=EXPANSION_RANK)
     else:

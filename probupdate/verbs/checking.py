@@ -143,5 +143,5 @@ def _some_blocks(campaign: Campaign) -> Campaign:
 def _persistent(data: ModalData) -> ModalData:
     """The modes that stand in most blocks, in the blocks that have one of them."""
     share = np.mean([s.measured for s in data.sets], axis=0)
-    kept = data.of_modes(np.flatnonzero(share >= min(PERSISTENT, share.max())))
+    kept = data.of_modes(np.flatnonzero(share >= min(PERSISTENT, share.max())).tolist())
     return replace(kept, sets=tuple(s for s in kept.sets if s.measured.any()), reference_set=None)

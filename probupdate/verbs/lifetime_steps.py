@@ -87,7 +87,7 @@ def stresses(
     posterior = read_posterior(places["posterior.nc"])
     diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict,
-                       diagnosis=diagnosis and diagnosis["verdict"], changes=changes_of_structure(diagnosis))
+                       diagnosis=diagnosis["verdict"] if diagnosis else None, changes=changes_of_structure(diagnosis))
     if status.refused and not accept:
         raise InputError(str(folder), f"this run is not fit to be used: {status.refused}",
                          f"{status.remedy}; --accept uses it with that said")
