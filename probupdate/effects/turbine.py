@@ -278,7 +278,7 @@ def _water(d: Offshore) -> Iterator[Effect]:
     yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
                signature="second bending falls", **growth)
     # less than assumed on a leg, in a bay and everywhere at once would be less than none
-    for leg in _legs(d):
+    for leg in _legs(d) if _reaches(d, below=d.hydrodynamics.growth_top_m) else ():
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
@@ -287,7 +287,7 @@ def _water(d: Offshore) -> Iterator[Effect]:
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone" if _legs(d) else
                "monopile in the splash zone", on={"level_m": band},
                signature="stiffness and mass at the water line", **corroded)
-    for leg in _legs(d):
+    for leg in _legs(d) if _reaches(d, below=band[1], above=band[0]) else ():
         yield _row(f"corrosion_{leg}", "corrosion", "corrosion", f"leg {leg}",
                    on={"group": "leg", "leg": leg, "level_m": band}, signature="as a crack of that leg, small",
                    **corroded)
@@ -300,13 +300,19 @@ def _water(d: Offshore) -> Iterator[Effect]:
                    signature="second bending rises", **(flooded | {"check": "water level inside"}))
 
 
+def _reaches(d: Offshore, below: float, above: float = -np.inf) -> bool:
+    """Whether a jacket's legs have a part between two levels."""
+    return isinstance(d, OnJacket) and d.jacket.bottom.z_m < below and d.jacket.top.z_m > above
+
+
 def _water_of_bays(d: OnJacket, growth: dict, flooded: dict) -> Iterator[Effect]:
     for bay in _bays(d):
-        if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
+        levels = d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m
+        if levels[0] < d.hydrodynamics.growth_top_m:
+            yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0, on={"level_m": levels},
+                       signature="second bending falls", **growth)
+        if levels[0] >= d.site.water_level_m:
             continue
-        yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0,
-                   on={"level_m": (d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m)},
-                   signature="second bending falls", **growth)
         for face in d.jacket.faces:
             yield _row(f"flood_brace_{face}_{bay}", "flooding", "flooded braces", f"face {face}, bay {bay}",
                        on={"group": "brace", "face": face, "bay": bay}, low=0.0, high=1.0,

@@ -202,8 +202,12 @@ def _check_names(d: Description) -> Iterator[Mistake]:
         ("sensor", [sensor.channel for sensor in d.sensor]),
         ("parameter", [p.name for p in d.parameter]),
     ):
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
+        # blanks around a name are seen by nobody
+        shown = [n.strip() for n in names]
+        twice = sorted({n for n in shown if shown.count(n) > 1})
+        if "" in shown:
+            yield f"{key}[{shown.index('') + 1}]", f"'{names[shown.index('')]}' is no name", "give each one a name"
+        elif twice:
             yield key, f"'{twice[0]}' is listed twice", "keep one of them, or give them different names"
     if "hub" not in [body.name for body in d.rna]:
         yield "rna", "no body is named 'hub', whose mass is the parameter m_h", "name the hub and rotor so"

@@ -291,3 +291,18 @@ def test_what_changes_in_a_structure_may_do_so_within_a_record():
     rows = [e for e in turbine_effects(read_description(REFERENCE)) if e.kind == "structural"]
     only = {e.cause for e in rows if not {"constant", "step"} <= set(e.time_profiles)}
     assert len(rows) > 50 and only <= {"shear deformation"}
+
+
+@pytest.mark.parametrize(("growth_top_m", "splash_m"), [(-25.0, (-3.0, 2.0)), (-0.5, (40.0, 44.0))])
+def test_no_row_of_the_catalogue_acts_on_nothing(tmp_path, growth_top_m, splash_m):
+    """Growth that ends below bays that are under water, a splash zone above the jacket."""
+    text = REFERENCE.read_text(encoding="utf-8")
+    for key, table, value in (("growth_top_m", "hydrodynamics", growth_top_m), ("bottom_m", "corrosion", splash_m[0]),
+                              ("top_m", "corrosion", splash_m[1])):
+        before, own = text.split(f"[{table}]")
+        text = f"{before}[{table}]{re.sub(rf'^{key} = [-0-9.]+', f'{key} = {value}', own, count=1, flags=re.MULTILINE)}"
+    path = tmp_path / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    assert read_description(path).hydrodynamics.growth_top_m == growth_top_m
+    rows = [row.adds for row in turbine_effects(read_description(path))]
+    assert len(extended_model(path, rows).parameters) >= len(rows)

@@ -71,6 +71,8 @@ def message(raw):
         ("parameter[11].upper", 0.03, "jacket.leg", "leave a wall of -9.0 mm"),
         ("parameter[9].upper", 40.0, "jacket.bay[1].brace", "close the bore"),
         ("parameter[2].name", "k_j", "parameter", "'k_j' is listed twice"),
+        ("jacket.leg_names", ["A", "B", "C", " "], "jacket.leg_names[4]", "' ' is no name"),
+        ("jacket.leg_names", ["1", "2", "3", "1 "], "jacket.leg_names", "'1' is listed twice"),
         ("parameter[1].prior", "flat", "parameter[1].prior", "'flat' is wrong"),
         ("correlation", {"k_j": {"k_q": 0.5}}, "correlation.k_j", "'k_q' is not an updated parameter"),
         ("correlation", {"k_j": {"k_t": 1.5}}, "correlation.k_j.k_t", "1.5 is wrong"),
