@@ -35,6 +35,8 @@ RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
 LEAST_SHARE, MOST_SHARE = 0.02, 1.6
 # wind (m/s) in which a turbine gives a fifth to four fifths of its rated power
 PARTIAL_WIND = (4.5, 12.5)
+# pitch (degrees) of blades that are feathered
+FEATHERED = (60.0, 95.0)
 # fewest rows of which something is said
 FEW = 3
 # rows whose angle is so far from those before and after, which agree within SAME and are so near north
@@ -62,7 +64,7 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
             notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
     for column in COMPASS:
         notes += _check_angle_means(table, column)
-    for test in (_power_unit, _rotor_unit, _wind_unit):
+    for test in (_power_unit, _rotor_unit, _wind_unit, _pitch_unit):
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
             notes.append(f"suspect: {sentence}; the column is not used")
@@ -245,3 +247,14 @@ def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]
     return [("wind_speed_mps", text + (f"is it in {fits[0][0]}? {_stating('wind_speed_mps', fits[0][1])}" if fits
                                        else "another unit?"))]
 
+
+def _pitch_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
+    """The pitch while the rotor stands or idles: blades are feathered then."""
+    pitch, rotor = _column(table, "pitch_deg"), _column(table, "rotor_speed_rpm")
+    with np.errstate(invalid="ignore"):
+        at = ~_runs(table, rated) & ~(rotor > TURNS) & np.isfinite(pitch)
+    if at.sum() < FEW or not FEATHERED[0] <= np.degrees(float(np.median(pitch[at]))) <= FEATHERED[1]:
+        return []
+    middle = float(np.median(pitch[at]))
+    return [("pitch_deg", f"pitch_deg in SCADA is {middle:.3g} where the turbine idles, at which blades are feathered: "
+             f"is it in radians? {_stating('pitch_deg', 180 / np.pi)}")]

@@ -228,8 +228,12 @@ class Clock:
             raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
                              self._rate_remedy(rate))
 
-    @staticmethod
-    def _rate_remedy(rate_hz: float) -> str:
+    def _rate_remedy(self, rate_hz: float) -> str:
+        stated = TIME_UNITS.get(self.described.time_unit)
+        unit = next((name for name, s in TIME_UNITS.items()
+                     if stated and abs(self.rate / rate_hz * s / stated - 1) < RATE_TOLERANCE), "")
+        if unit:
+            return f'write time_unit = "{unit}" in convert.toml, if the times count in it'
         return f"write sampling_rate_hz = {rate_hz:.6g} into campaign.toml, if the times are right, or resample first"
 
     def _pace(self, moment: np.ndarray) -> None:

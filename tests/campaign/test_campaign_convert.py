@@ -377,6 +377,16 @@ def test_what_would_have_to_be_guessed_is_refused(job, change, problem):
     assert problem in str(error.value) and not list((campaign / "acceleration").glob("*.h5"))
 
 
+@pytest.mark.parametrize(("unit", "per_second"), [("ms", 1e3), ("us", 1e6), ("s", 1.0)])
+def test_times_in_another_unit_than_stated_name_it(job, unit, per_second):
+    stated = "s" if unit != "s" else "ms"
+    raw, campaign = job(
+        f'files = "*.csv"\ntime = "when"\ntime_unit = "{stated}"\nstart = "2019-06-03T10:00Z"' + COLUMNS)
+    table(noise(2000), np.arange(2000) / 10 * per_second).to_csv(raw / "r.csv", index=False)
+    with pytest.raises(InputError, match=f'write time_unit = "{unit}" in convert.toml'):
+        convert(raw, campaign)
+
+
 DESCRIPTIONS = [
     ('files = "../*.csv"\ntime = "when"', "leaves the folder"), ('files = "/etc/*"\ntime = "w"', "leaves the folder"),
     ('files = "*.csv"', "says nothing of time"), ('time = "when"', "'files' is missing"),

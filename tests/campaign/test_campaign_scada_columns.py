@@ -70,7 +70,7 @@ def test_a_right_table_says_nothing(tmp_path):
 @pytest.mark.parametrize(("column", "factor", "words"), [
     ("power_kw", 1e-3, "is it in MW"), ("power_kw", 1e3, "is it in W"), ("power_kw", 0.02, "is it in percent"),
     ("rotor_speed_rpm", 2 * np.pi / 60, "is it in rad/s"), ("rotor_speed_rpm", 97.0, "is it the generator's"),
-    ("rotor_speed_rpm", 1 / 60, "is it in turns a second"),
+    ("rotor_speed_rpm", 1 / 60, "is it in turns a second"), ("pitch_deg", np.pi / 180, "is it in radians"),
 ])
 def test_another_unit_is_said_not_used_and_converted_when_stated(tmp_path, column, factor, words):
     wrong = scada(**{column: scada()[column] * factor})
