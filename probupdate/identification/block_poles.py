@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -90,6 +93,12 @@ class BlockPoles:
     def every_order(self) -> tuple[Poles, ...]:
         """`poles` and `others`; none of an excluded block."""
         return () if self.poles is None else (self.poles, *self.others)
+
+
+# of a block whose poles and spectra are not kept in memory
+WITHOUT_ARRAYS: Mapping[str, Any] = MappingProxyType({
+    "poles": None, "others": (), "line_hz": frozen_array(np.zeros(0)), "spectrum": frozen_array(np.zeros(0)),
+    "singular": frozen_array(np.zeros((0, 0)))})
 
 
 def common_quantity(sensors: tuple[Sensor, ...]) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError, of_file
 from probupdate.identification.block_poles import (
+    WITHOUT_ARRAYS,
     BlockFactors,
     BlockPoles,
     BlockSettings,
@@ -164,10 +166,10 @@ class BlockStore:
         todo = []
         for name, start in names.items():
             path = self.folder / (name + POLES)
-            if not path.exists() or not _is_whole(path):
+            before = _whole_sources(path)
+            if before is None:
                 todo.append(start)
                 continue
-            before = _read_sources(path)
             now = self.origin(start)
             if before == now:
                 continue
@@ -211,7 +213,7 @@ class BlockStore:
 
     def _factors_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
         path = self.folder / (self._stem(start) + FACTORS)
-        return _stored_keys(path) if path.exists() and _is_whole(path) else set()
+        return _stored_keys(path)
 
     def _of_shard(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
         """Those of a shard's share of all blocks, whatever is there already."""
@@ -258,6 +260,11 @@ class BlockStore:
 
     def read(self, start: pd.Timestamp) -> BlockPoles:
         return read_block_poles(self.folder / (self._stem(start) + POLES))
+
+    def read_head(self, start: pd.Timestamp) -> BlockPoles:
+        """A block without its poles and spectra, which are most of a file."""
+        with _opened(self.folder / (self._stem(start) + POLES)) as content:
+            return _block_of(content, **WITHOUT_ARRAYS)
 
     def read_factors(self, start: pd.Timestamp) -> BlockFactors:
         return read_block_factors(self.folder / (self._stem(start) + FACTORS))
@@ -327,9 +334,9 @@ def forget_changed(folder: Path, files: tuple[RecordFile, ...], changed: Collect
     whoever wants them again without asking; returns how many."""
     there, count = set(sources(files)), 0
     for path in folder.glob(f"*{POLES}"):
-        if _is_whole(path) and all(
-                text.startswith(ROTOR) or (text in there and text.split(", ")[0] not in changed)
-                for text in _read_sources(path)):
+        made_of = _whole_sources(path)
+        if made_of is not None and all(
+                text.startswith(ROTOR) or (text in there and text.split(", ")[0] not in changed) for text in made_of):
             continue
         path.unlink()
         path.with_name(path.name.replace(POLES, FACTORS)).unlink(missing_ok=True)
@@ -347,7 +354,7 @@ def _make_poles(
 ) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
     origin = [*sources(files), *_rotor_words(rotor_rpm)]
-    if path.exists() and _is_whole(path) and _read_sources(path) == origin:
+    if _whole_sources(path) == origin:
         # by another run on this folder, or by a worker that was lost before it could say so
         return
     block = identify_block(campaign, start, files, settings, rotor_rpm)
@@ -359,7 +366,7 @@ def _make_poles(
 def _make_factors(
     path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
-    if path.exists() and _is_whole(path) and set(keys) == _stored_keys(path):
+    if set(keys) == _stored_keys(path):
         return
     known = read_block_poles(poles)
     write_block_factors(path, identify_factors(campaign, start, files, settings, rotor_rpm, known, keys))
@@ -396,8 +403,9 @@ def read_block_factors(path: Path) -> BlockFactors:
 
 
 def _stored_keys(path: Path) -> set[tuple[int, int]]:
-    with _opened(path) as content:
-        return {(int(a), int(b)) for a, b in content["key"]}
+    """None of a file that is absent or damaged."""
+    whole = _whole(path)
+    return set() if whole is None else {(int(a), int(b)) for a, b in whole["key"]}
 
 
 def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
@@ -431,30 +439,41 @@ def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.frombuffer(found.digest(), np.uint8)
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether a stored file can be read and holds what was written; what is damaged is made again."""
+def _whole(path: Path) -> Mapping | None:
+    """The arrays of a stored file; None where it is absent, cannot be read or does not hold what was written: what is
+    damaged is made again."""
+    if not path.exists():
+        return None
     try:
         with _opened(path) as content:
             arrays = {name: content[name] for name in content}
     except InputError:
-        return False
-    return CHECKSUM in arrays and np.array_equal(arrays[CHECKSUM], _checksum(arrays))
+        return None
+    return arrays if CHECKSUM in arrays and np.array_equal(arrays[CHECKSUM], _checksum(arrays)) else None
+
+
+def _whole_sources(path: Path) -> list[str] | None:
+    """The records that a stored block was made of; None of one that is absent or damaged."""
+    whole = _whole(path)
+    return None if whole is None else list(_store_head(whole)["sources"])
 
 
 def read_block_poles(path: Path) -> BlockPoles:
     with _opened(path) as content:
-        head = _store_head(content)
         every = _split(content)
-        return BlockPoles(
-            id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
-            excluded=head["excluded"], notes=tuple(head["notes"]),
-            rms=np.nan if head["rms"] is None else head["rms"],
-            poles=every[0] if every else None, others=tuple(every[1:]),
+        return _block_of(
+            content, poles=every[0] if every else None, others=tuple(every[1:]),
             line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
             # blocks from before these were kept have none
-            singular=frozen_array(content["singular"] if "singular" in content else np.zeros((0, 0))),
-            unmeasured=frozen_array(head["unmeasured"]),
-        )
+            singular=frozen_array(content["singular"] if "singular" in content else np.zeros((0, 0))))
+
+
+def _block_of(content: Mapping, **arrays: Any) -> BlockPoles:
+    head = _store_head(content)
+    return BlockPoles(
+        id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
+        excluded=head["excluded"], notes=tuple(head["notes"]), rms=np.nan if head["rms"] is None else head["rms"],
+        unmeasured=frozen_array(head["unmeasured"]), **arrays)
 
 
 def _split(content: Mapping) -> list[Poles]:
@@ -478,11 +497,6 @@ def _store_head(content: Mapping) -> dict:
 def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
     with _opened(path) as content:
         return content[CHECKSUM].tobytes().hex(), list(_store_head(content)["sources"])
-
-
-def _read_sources(path: Path) -> list[str]:
-    with _opened(path) as content:
-        return list(_store_head(content)["sources"])
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from probupdate.campaign.scada import StateRule
 from probupdate.errors import ProbupdateError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
-from probupdate.identification.block_poles import BlockPoles, BlockSettings
+from probupdate.identification.block_poles import WITHOUT_ARRAYS, BlockPoles, BlockSettings
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
 from probupdate.identification.environment import environment_of, fore_aft_deg
@@ -32,8 +32,6 @@ from probupdate.modal.modes import CovarianceFactors, ModalSet, unit_largest
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
-
-NOTHING = frozen_array(np.zeros(0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +115,7 @@ def follow(
     for number, start in enumerate(blocks.starts):
         progress("classifying modes", number, 2 * len(blocks.starts))
         block = blocks.read(start)
-        slim = replace(block, poles=None, others=(), line_hz=NOTHING, spectrum=NOTHING)
+        slim = replace(block, **WITHOUT_ARRAYS)
         one = StoredBlock(block=slim, environment=environment_of(block, campaign, rule), usable=block.poles is not None)
         found.append(one)
         if one.usable:

@@ -208,8 +208,8 @@ def physical_of(
     persistence = PersistenceSettings()
     usable, states, reason = [], [], ""
     for start in blocks.starts:
-        block = blocks.read(start)
-        if block.poles is None:
+        block = blocks.read_head(start)
+        if block.excluded:
             reason = reason or block.excluded
             continue
         usable.append(start)
