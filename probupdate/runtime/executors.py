@@ -267,7 +267,7 @@ class _DaskCluster(Executor):
         try:
             self._submit(running, function, waiting, self._room(), given)
             while not running.is_empty():
-                self._await_one(running)
+                self._wait(running.has_ready)
                 future = next(running)
                 task = given.pop(future.key)
                 yield self._result(future, task, lost)
@@ -279,11 +279,11 @@ class _DaskCluster(Executor):
             if left:
                 self._client.cancel(left)
 
-    def _await_one(self, running: Any) -> None:
-        """Until a task has come back. A cluster without a worker is said after a while, and ended after a longer
-        one."""
+    def _wait(self, ready: Callable[[], bool]) -> None:
+        """Until a task has come back, or a worker is there. A cluster without a worker is said after a while, and ended
+        after a longer one."""
         looked, idle, said = time.monotonic(), 0.0, False
-        while not running.has_ready():
+        while not ready():
             time.sleep(LOOKS_S)
             now = time.monotonic()
             if now - looked < 1.0:
@@ -295,12 +295,19 @@ class _DaskCluster(Executor):
                 warnings.warn(f"the scheduler at {self._address} has no worker: waiting up to {NO_WORKER_S} s for one; "
                               f"{START_WORKERS.replace('ADDRESS', self._address)}", stacklevel=2)
             if idle > NO_WORKER_S:
-                raise InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}",
-                                 START_WORKERS.replace("ADDRESS", self._address))
+                raise self._no_worker()
+
+    def _no_worker(self) -> InputError:
+        return InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}",
+                          START_WORKERS.replace("ADDRESS", self._address))
 
     def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
-        # a cluster keeps once what every task's message would hold
-        held = self._client.scatter([_Bundle(shared, tasks)], hash=False)[0]
+        # a worker keeps once what every task's message would hold; each, as what one alone holds ends with it
+        self._wait(lambda: self._workers() > 0)
+        try:
+            held = self._client.scatter([_Bundle(shared, tasks)], hash=False, broadcast=True, timeout=NO_WORKER_S)[0]
+        except TimeoutError:
+            raise self._no_worker() from None
         return self.completed(_run_bundled, [(number, function, held) for number in range(len(tasks))])
 
     def _workers(self) -> int:
@@ -332,7 +339,8 @@ class _DaskCluster(Executor):
                                   f"{error.last_worker.address} (out of memory?); {KEPT}: run again, with more "
                                   "memory a worker") from None
         except distributed.CancelledError:
-            raise ProbupdateError(f"the Dask scheduler has gone; {KEPT}: start it and run again") from None
+            raise ProbupdateError("the Dask scheduler has gone, or every worker that held what tasks share; "
+                                  f"{KEPT}: start them and run again") from None
 
     def close(self, *, at_once: bool = False) -> None:
         self._client.close(timeout=ANSWER_S)

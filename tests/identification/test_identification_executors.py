@@ -239,10 +239,12 @@ def test_a_scheduler_without_a_worker_is_said_and_ended(monkeypatch):
     monkeypatch.setattr(executors, "SAID_S", 1)
     monkeypatch.setattr(executors, "NO_WORKER_S", 3)
     with (distributed.LocalCluster(n_workers=0, dashboard_address=":0", processes=True) as empty,
-          dask_cluster(empty.scheduler_address) as runs,
-          pytest.warns(UserWarning, match=f"{empty.scheduler_address} has no worker: waiting up to 3 s"),
-          pytest.raises(InputError, match="had no worker for 3 s; finished blocks and chains are kept; start them")):
-        list(runs.completed(square, [(1,)]))
+          dask_cluster(empty.scheduler_address) as runs):
+        # tasks that share something are sent another way
+        for run in (lambda: list(runs.completed(square, [(1,)])), lambda: runs.in_order(square, [(1,), (2,)])):
+            with (pytest.warns(UserWarning, match=f"{empty.scheduler_address} has no worker: waiting up to 3 s"),
+                  pytest.raises(InputError, match="had no worker for 3 s; finished blocks and chains are kept; start")):
+                run()
 
 
 def test_without_dask_its_package_is_named(monkeypatch):
