@@ -192,12 +192,13 @@ def _joint(content: Mapping, steps: tuple[str, ...], n_turbine: int, path: Path)
                          "list parameters of the model as common or varying")
     twice = [name for name in found.common if name in found.varying]
     if twice:
-        raise InputError(where, f"{', '.join(twice)} is common and varying", "list it once")
+        raise InputError(where, f"{', '.join(twice)} stands under common and under varying", "list it once")
     for needed in ("select", "update"):
         if needed not in steps:
             raise InputError(f"{path}, steps", f"[joint] needs '{needed}'", "add it")
     if n_turbine < 2:
-        raise InputError(where, "is of several turbines, and there is one", "add [[turbine]] tables, or leave it out")
+        raise InputError(where, "needs several turbines, and the farm has one",
+                         "add [[turbine]] tables, or leave it out")
     return found
 
 

@@ -25,7 +25,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
     """Raises InputError where a file that the verb would write to or beside `out` is, or belongs to, one of `given`."""
     if verb == "sample" and Path(out).suffix.lower() in (".json", ".csv", ".toml", ".html"):
         # another step's result, as a slip makes it
-        raise InputError(out, "is not a name of a posterior, which is NetCDF", "give one that ends in .nc")
+        raise InputError(out, "is no name for a posterior, which is a NetCDF file", "give one that ends in .nc")
     read = {path for text in given for path in belonging(Path(text))}
     folders = [Path(text).resolve() for text in given if _is(Path(text), "is_dir")]
     for target in partial_output(verb, Path(out)):

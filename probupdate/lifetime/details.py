@@ -286,7 +286,7 @@ def hot_spots(
                 if (at, side) in sides:
                     raise InputError(
                         here,
-                        f"{detail.name}, {side} side, is chosen by a table before it too",
+                        f"{detail.name}, {side} side, is chosen by an earlier table already",
                         "let each end be chosen once",
                     )
                 sides.add((at, side))

@@ -493,7 +493,7 @@ def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
         raise InputError(str(path),
-                         "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
+                         "stresses need members: those of a turbine's model.toml, or of a SubDyn model's TOML",
                          "leave --fatigue out, or describe the structure in one of them")
 
 

@@ -83,7 +83,8 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     names = [name for name in table if COLUMN.fullmatch(str(name))]
     other = [str(name) for name in table if name not in names and name != "time"]
     if "time" not in table or not names or other:
-        raise InputError(where, f"has the column {other[0]}" if other else "has no time or no gauge", again)
+        lacking = f"has the column {other[0]}" if other else "has no column of times or none of a gauge"
+        raise InputError(where, lacking, again)
     spots = np.array([int(COLUMN.sub(r"\1", name)) - 1 for name in names])
     if spots.max() >= n_spot:
         raise InputError(f"{where}: {names[int(spots.argmax())]}", f"there are {n_spot} hot spots", again)

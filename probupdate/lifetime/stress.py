@@ -546,7 +546,7 @@ def stress_model(
     them in the frame of any heading; loads are those of the members as the file's values have them. `frame`: that of
     the description at this heading, where it has been built already."""
     if not isinstance(description, Offshore):
-        raise InputError(where, "fatigue is assessed of turbines in the sea, whose conditions have waves",
+        raise InputError(where, "fatigue is assessed for turbines at sea only, whose conditions have waves",
                          "leave the fatigue of a tower on land to another program (export without --fatigue)")
     frame = build_frame(description, heading_deg) if frame is None else frame
     model = turbine_model(

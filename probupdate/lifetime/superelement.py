@@ -84,7 +84,8 @@ def reduced(
     inner = np.setdiff1d(np.arange(K.shape[0]), boundary)
     KLL, MLL = (sparse.csc_array(X[inner][:, inner]) for X in (K, M))
     if n_mode < 0 or n_mode >= len(inner) - 1:
-        raise InputError("modes", f"{n_mode} of {len(inner)} inner degrees of freedom", "ask for fewer")
+        raise InputError("modes", f"{n_mode} modes are asked for, and it has {len(inner)} inner degrees of freedom",
+                         "ask for fewer")
     load = (K[inner][:, boundary] @ motion)
     guyan = -sparse_linalg.splu(sparse.csc_matrix(KLL)).solve(np.asarray(load))
     value, shape = (np.zeros(0), np.zeros((len(inner), 0)))

@@ -172,7 +172,8 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     columns += [Column(name="truth")] if known else []
     left = [p.name for p in update.parameters if p.name not in used]
     note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
-    of_sets = update.settings.get(SETS, "").split(";")[0] or f"these numbers are of set {update.set_id}"
+    alone = f"these numbers are of {'the' if update.set_id.startswith('mean of ') else 'set'} {update.set_id}"
+    of_sets = update.settings.get(SETS, "").split(";")[0] or alone
     note = f"{full_sentence(of_sets)} {note}".strip()
     caption = "Parameters to use, with their intervals"
     if found and found[0].level == "warning":
@@ -313,7 +314,7 @@ def _error_after_update(update: UpdateRecord, posterior: Posterior | None) -> st
     where that was sampled."""
     chosen, at_map = estimate(update, posterior), percent(_worst(update.measured_hz, update.map_hz))
     after = percent(_worst(update.measured_hz, chosen.frequency_hz))
-    other = f" ({at_map} % at the MAP)" if posterior is not None and at_map != after else ""
+    other = f", {at_map} % at the MAP" if posterior is not None and at_map != after else ""
     return f"{after} % at the {chosen.name}{other}"
 
 

@@ -260,7 +260,7 @@ def sets(
         refuse_other_type(name, value, kind, default, effect)
     SamplerSettings(seed=seed)
     if likelihood.baseline:
-        raise InputError("baseline", "is of one state, and views of several sets learn their error from all of them",
+        raise InputError("baseline", "is of one state, and `sets` learns the model's error from all sets",
                          "give it to update or sample")
     whole = compared_modes(modes, only=likelihood.modes)
     # what all sets are weighed by is not learnt from one that is none of them

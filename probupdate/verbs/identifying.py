@@ -228,7 +228,8 @@ def reference_at(
     where the model has not all channels; `where`: the campaign's path."""
     if model is None:
         if lowest is not None:
-            raise InputError("lowest", f"{lowest} modes of a model, and none is given", "give --model, or leave it out")
+            raise InputError("lowest", f"asks for {lowest} modes of a model, and no model is given",
+                             "give --model, or leave it out")
         return Sought(modes=None, others=None)
     sensors = sensors_of(campaigns)
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
@@ -313,8 +314,8 @@ def _refuse_slow(rate_hz: float, highest_hz: float, recorded_hz: float, units: s
         slow = recorded_hz <= 2 * highest_hz
         raise InputError(
             "rate_hz",
-            f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked for is at "
-            f"{highest_hz:.3g} Hz",
+            f"a rate of {rate_hz:g} Hz shows nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked "
+            f"for is at {highest_hz:.3g} Hz",
             units or f"the record has {recorded_hz:g} Hz: look for fewer modes (--lowest)" if slow
             else f"give more than {min(2.5 * highest_hz, recorded_hz):.2g} Hz",
         )

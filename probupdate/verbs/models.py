@@ -61,7 +61,7 @@ def open_model(
         if not fix:
             return model
         if not isinstance(model, FunctionModel):
-            raise InputError("fix", f"parameters of a {type(model).__name__} that is made already cannot be held",
+            raise InputError("fix", f"parameters cannot be held in a {type(model).__name__} that was opened before",
                              "give the model's file, or a FunctionModel")
         return model.holding(fix)
     place = {"sensors": sensors, "nacelle_angle_deg": nacelle_angle_deg}

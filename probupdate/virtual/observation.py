@@ -44,8 +44,8 @@ def attachments(
             up = (high - low) / np.linalg.norm(high - low)
             point = mesh.nodes[number] + farther * up
             if not -LEAST_ARM_M <= (point - low) @ up <= (high - low) @ up + LEAST_ARM_M:
-                raise InputError(f"{file.path}, sensor {sensor.channel}", f"{farther:g} m farther up it is off {part}",
-                                 "give less")
+                raise InputError(f"{file.path}, sensor {sensor.channel}",
+                                 f"{farther:g} m farther up it would lie beyond {part}", "give less")
             number = mesh.nearest(mesh.part[part], point)
             arm = arm + point - mesh.nodes[number]
         found.append((number, arm))

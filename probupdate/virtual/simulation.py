@@ -241,7 +241,7 @@ def _claim(folder: Path, truth_text: str) -> None:
         raise InputError(str(folder), "is a file", "name a folder")
     same = path.is_file() and read_text(path) == truth_text
     if not same and not holds_nothing(folder):
-        raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
+        raise InputError(str(folder), "already holds something else", "name a new folder or empty this one")
     write_text(path, truth_text)
     (folder / "acceleration").mkdir(exist_ok=True)
 

@@ -63,7 +63,7 @@ def test_the_papers_rate_gives_way_to_one_that_holds_the_modes(tmp_path):
     assert 7.2 < rate_for(3.6) <= 10.0
     # what is given is not changed, and what was recorded not exceeded
     for highest_hz, given in ((3.6, {"rate_hz": 5.0}), (6.0, {})):
-        with pytest.raises(InputError, match="holds nothing above"):
+        with pytest.raises(InputError, match="shows nothing above"):
             rate_for(highest_hz, **given)
 
 

@@ -210,7 +210,7 @@ def test_gauges_of_another_day_are_no_input(case, written, tmp_path, capsys):
 @pytest.mark.parametrize("text, said", [
     ("time,hot_spot_1_mpa\n2024-03-01T00:00:00Z,1\n2024-03-01T00:00:00Z,2\n", "do not rise"),
     ("time,hot_spot_1_mpa,strain\n2024-03-01T00:00:00Z,1,2\n", "has the column strain"),
-    ("time\n2024-03-01T00:00:00Z\n", "has no time or no gauge"),
+    ("time\n2024-03-01T00:00:00Z\n", "has no column of times or none of a gauge"),
     ("time,hot_spot_99999_mpa\n2024-03-01T00:00:00Z,1\n", "there are"),
     ("time,hot_spot_1_mpa\nyesterday,1\n", "times or stresses that are none"),
 ])

@@ -209,7 +209,7 @@ def test_frequencies_that_step_between_the_sets_forbid_their_mean(sound):
 
 def test_the_headline_says_of_which_estimate_its_error_is(sound):
     words = verdict_section(sound).headline
-    assert "at the posterior median (" in words and "% at the MAP)" in words
+    assert "at the posterior median, " in words and "% at the MAP (" in words
     assert "% at the MAP (" in verdict_section(replace(sound, posterior=None)).headline
 
 

@@ -145,7 +145,7 @@ def test_a_sensor_goes_up_along_its_own_leg(file):
     rows = [s.channel.startswith("TP-A") for s in file.sensors]
     now, there = solved(file, one).observed_shape[rows], solved(leg_a).observed_shape[rows]
     assert apart(now, there) < 2e-4
-    with pytest.raises(InputError, match="sensor TP-A-x: 3 m farther up it is off leg A"):
+    with pytest.raises(InputError, match="sensor TP-A-x: 3 m farther up it would lie beyond leg A"):
         solved(file, one | {"height_m": 3.0})
 
 
