@@ -1,8 +1,9 @@
-"""One inference for the turbines of a design: stacked Tikhonov, then emcee with the true model at its draws.
+"""One inference for the turbines of a design: stacked Tikhonov, then emcee and draws moved to the true models.
 
 Each turbine's responses are linear about its own estimate; the joint estimate is where they are made linear again until
 it stays where it is. There the estimate is the minimum of the stacked misfit with pooled weights (the model's error is
-one for all) and penalties of the priors and the scatter; the posterior is that of `joint_scales` and `joint_draws`.
+one for all) and penalties of the priors and the scatter; the posterior is that of `joint_scales` and
+`joint_nonlinear`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
+from scipy import linalg, optimize
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
@@ -20,8 +21,10 @@ from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import refuse_other_types
 from probupdate.updating.hierarchical import SPREAD
-from probupdate.updating.joint_draws import JointDraws, LinearSet, PriorRatio, draw_joint, weigh_by_model
+from probupdate.updating.joint_draws import JointDraws, draw_linear
+from probupdate.updating.joint_nonlinear import FarmModels, LinearSet, TurbineModel, draw_nonlinear
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
+from probupdate.updating.joint_prior import PriorMap
 from probupdate.updating.joint_scales import LN_RANGE, ScaleChain, Scales, sample_scales
 from probupdate.updating.joint_system import FarmSystem, Layout, Roles, prior_in_u
 from probupdate.updating.problem import Problem
@@ -123,15 +126,20 @@ class JointEstimate:
         mean, _, _, left = system.of_turbines(self.tau, joint)
         return mean + error.middle, np.sqrt(np.diagonal(left, axis1=1, axis2=2))
 
-    def linear_sets(self) -> list[list[LinearSet]]:
-        """Of each turbine."""
-        found: list[list[LinearSet]] = [[] for _ in range(len(self.u))]
-        error = self.error
+    def models(self) -> FarmModels:
+        """The turbines' true models beside the linear system."""
+        prior = PriorMap(parameters=self.parameters, coordinates=self.coordinates, roles=self.roles, mean=self.prior[0],
+                         covariance=self.prior[1], columns=self.system.columns)
+        error, sets = self.error, [[] for _ in self.inners]
         for i, problem, centre, r, J, B in zip(self.set_turbine, error.problems, error.centre, error.residual,
                                                error.slope, error.effect, strict=True):
-            found[i].append(LinearSet(problem=problem.noise_alone(self.new), centre=centre, residual=r, slope=J,
-                                      effect=B))
-        return found
+            sets[i].append(LinearSet(problem=problem.noise_alone(self.new), middle=error.middle, slope=J,
+                                     residual=r - J @ (error.middle - centre), effect=B @ self.turn))
+        n = 1 + len(error.middle)
+        full = linalg.block_diag(np.eye(n), self.turn)
+        return FarmModels(system=self.system, middle=error.middle,
+                          inner=np.array([full.T @ one.products @ full for one in self.inners]),
+                          turbines=tuple(TurbineModel(sets=tuple(own), prior=prior) for own in sets))
 
 
 def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> list[Inner]:
@@ -267,18 +275,25 @@ class JointPosterior:
     effective: float
     pareto_k: float
 
+    @property
+    def lost(self) -> float:
+        """Share of draws that have no weight."""
+        return float(np.mean(~np.isfinite(self.draws.log_weight)))
+
+    @property
+    def unweighted(self) -> np.ndarray:
+        """The same weight (n,) of each draw that has any, of all where none has."""
+        some = np.isfinite(self.draws.log_weight)
+        return np.where(some, 1 / some.sum(), 0.0) if some.any() else np.full(len(some), 1 / len(some))
+
 
 def sample_farm(
     estimate: JointEstimate, *, seed: int = 1, jobs: int | Executor = 1, progress: Progress = silent
 ) -> JointPosterior:
-    """emcee over the scales, exact draws of all else, importance weights of the true priors and models."""
+    """emcee over the scales, exact draws of all else in the linear system, moved to the true priors and models."""
     chain = sample_scales(estimate.scales, estimate.system, estimate.x, seed=seed, progress=progress)
-    ratio = PriorRatio(parameters=estimate.parameters, coordinates=estimate.coordinates, roles=estimate.roles,
-                       mean=estimate.prior[0], covariance=estimate.prior[1])
-    draws = draw_joint(estimate.system, estimate.scales, chain, estimate.error.middle, ratio=ratio, seed=seed,
-                       shared=estimate.roles.numbers(estimate.roles.shared), turn=estimate.turn)
-    draws = weigh_by_model(draws, estimate.linear_sets(), estimate.coordinates, seed=seed, jobs=jobs,
-                           progress=progress)
+    draws = draw_nonlinear(estimate.models(), draw_linear(estimate.system, estimate.scales, chain, seed=seed),
+                           estimate.turn, seed=seed, jobs=jobs, progress=progress)
     weight, k = draws.weighed()
     return JointPosterior(chain=chain, draws=draws, weight=frozen_array(weight), pareto_k=k,
                           effective=float(1 / np.sum(weight**2)))

@@ -31,8 +31,9 @@ from probupdate.updating.joint_next import next_measurements
 from probupdate.updating.joint_odd import odd_sentences
 from probupdate.updating.joint_system import OWN, VARYING
 
-# share of draws that are effective from which weights hardly differ, and the shape of their tail says nothing
-ALIKE = 0.9
+# share of draws that are effective from which weights hardly differ, and the shape of their tail says nothing; share of
+# draws without a solution beyond which parts of the posterior may be missing
+ALIKE, MOST_LOST = 0.9, 0.05
 # a month's value has changed by so many standard deviations of both months
 UNLIKE = 3.0
 INTERVAL = (0.05, 0.5, 0.95)
@@ -49,8 +50,9 @@ def infer_farm(
     estimate = estimate_farm(turbines, common=common, varying=varying, settings=settings, progress=progress)
     posterior = sample_farm(estimate, seed=settings.seed, jobs=jobs, progress=progress)
     names = tuple(t.name for t in turbines)
-    corrected = posterior.pareto_k <= TRUSTED_K or posterior.effective >= ALIKE * len(posterior.weight)
-    weight = posterior.weight if corrected else np.full(len(posterior.weight), 1 / len(posterior.weight))
+    corrected = posterior.lost <= MOST_LOST and (
+        posterior.pareto_k <= TRUSTED_K or posterior.effective >= ALIKE * len(posterior.weight))
+    weight = posterior.weight if corrected else posterior.unweighted
     k = posterior.pareto_k
     return FarmJoint(
         turbines=names, odd_probability=tuple(float(p) for p in estimate.odd.probability),
@@ -74,11 +76,12 @@ def _verdict(estimate: JointEstimate, posterior: JointPosterior, corrected: bool
         f"did NOT converge in {estimate.rounds} linearisations"
     k = posterior.pareto_k
     if not np.isfinite(k):
-        weighed = "no draw has a density under the true model" if k > 0 else "the linear posterior is exact"
+        weighed = "no draw has a density under the true models" if k > 0 else "the linear posterior is exact"
     else:
-        weighed = f"true models weigh {posterior.effective:.0f} effective of {len(posterior.weight)} draws, Pareto k " \
-                  f"{k:.2f}"
-    failed = "" if corrected else ": THE LINEARISATION FAILED, intervals are those of the linear models alone"
+        n = len(posterior.weight)
+        weighed = f"of {n} draws moved to the true models {posterior.effective:.0f} are effective, Pareto k {k:.2f}"
+    weighed += f", {100 * posterior.lost:.2g} % without a solution" if posterior.lost > 0 else ""
+    failed = "" if corrected else ": THEY DO NOT REPRESENT THE POSTERIOR, intervals are those of the unweighted draws"
     return f"stacked estimate {ended}; scatter {posterior.chain.verdict}; {weighed}{failed}"
 
 
@@ -98,7 +101,8 @@ def _notes(estimate: JointEstimate, names: Sequence[str], corrected: bool) -> li
         notes.append(f"the stacked estimate lies beyond a bound in some turbine, and is cut there: {', '.join(bound)}")
     if not corrected:
         notes.append("widen the bounds or the model, hold parameters that the data hardly identify, or update turbines "
-                     "one by one: this farm's responses are not linear over their posterior's width")
+                     "one by one: this farm's responses bend too much over their posterior's width, or have several "
+                     "solutions")
     return notes
 
 

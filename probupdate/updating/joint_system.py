@@ -266,16 +266,16 @@ class FarmSystem:
         return Conditional(mean=mean, root=root[0], n_z=self.n_z)
 
     def draw(
-        self, tau: np.ndarray, common_std: np.ndarray, rng: np.random.Generator, candidates: int = 1
+        self, tau: np.ndarray, common_std: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """z (n, n_z), e (n, n_e), and for each so many d (n_candidate, n, n_turbine, n_param), of tau (n, n_varying),
-        common_std (n, n_e): exactly of the posterior given these."""
+        """z (n, n_z), e (n, n_e) and d (n, n_turbine, n_param), of tau (n, n_varying), common_std (n, n_e): exactly of
+        the posterior given these."""
         _, half, root = self.evidences(*self.whole(tau), common_std)
         normal = half + rng.standard_normal(half.shape)
         joint = np.linalg.solve(np.swapaxes(root, 1, 2), normal[..., None])[..., 0]
         n_c, n_own = len(self.columns), self.layout.own.shape[1]
-        a_normal = rng.standard_normal((candidates, len(tau), len(self.products), n_c, 1))
-        own_normal = rng.standard_normal((candidates, len(tau), len(self.products), n_own, 1))
+        a_normal = rng.standard_normal((len(tau), len(self.products), n_c, 1))
+        own_normal = rng.standard_normal((len(tau), len(self.products), n_own, 1))
         known = np.column_stack([np.ones(len(tau)), -joint])
         std = self.spread(tau)
         inner = np.linalg.cholesky(self._inner(tau))
@@ -284,7 +284,7 @@ class FarmSystem:
         shift = np.zeros((*a.shape[:-1], self.n_z))
         shift[..., self.columns] = a
         own = np.einsum("ioa,na->nio", self.own_rows, known) - np.einsum(
-            "iok,mnik->mnio", self.own_rows[:, :, 1 : 1 + self.n_z], shift)
+            "iok,nik->nio", self.own_rows[:, :, 1 : 1 + self.n_z], shift)
         half = np.linalg.solve(self.own_root, own[..., None]) + own_normal
         own = np.linalg.solve(np.swapaxes(self.own_root, 1, 2), half)[..., 0]
         z, e = joint[:, : self.n_z], joint[:, self.n_z :]
