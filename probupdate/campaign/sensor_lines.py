@@ -136,8 +136,13 @@ def _lowest_shapes(density: np.ndarray, fewest: int) -> list[tuple[np.ndarray, n
         if total[f] < around.max() or total[f] < PEAK * np.median(near):
             continue
         shape = _shape(density[f - 1: f + 2].mean(axis=0), fewest)
-        if shape is not None:
-            found.append(shape)
+        if shape is None:
+            continue
+        real = np.real(shape[0])
+        if np.sum(real[shape[1]] ** 2) < REAL * np.sum(np.abs(shape[0][shape[1]]) ** 2):
+            # where some channel has a phase of its own, the lowest modes show no signs, and higher ones change theirs
+            break
+        found.append((real / np.abs(real).max(), shape[1]))
         if len(found) == 2:
             break
     return found
@@ -151,10 +156,7 @@ def _shape(density: np.ndarray, fewest: int) -> tuple[np.ndarray, np.ndarray] | 
     if known.sum() < fewest or part[known].mean() < ONE_MOTION:
         return None
     # conj(X_i) X_j is density[i, j]: the shape is the conjugate of its eigenvector
-    shape = rotate_to_real((scale * vector[:, -1]).conj()[:, None])[:, 0]
-    if np.sum(np.real(shape[known]) ** 2) < REAL * np.sum(np.abs(shape[known]) ** 2):
-        return None
-    return np.real(shape) / np.abs(np.real(shape)).max(), known
+    return rotate_to_real((scale * vector[:, -1]).conj()[:, None])[:, 0], known
 
 
 def _against_its_neighbours(

@@ -94,6 +94,15 @@ def test_a_first_mode_of_two_spans_is_no_reversed_sensor():
     assert flipped(structure, False, moved(structure, EVEN, 13)) == []
 
 
+def test_a_filter_at_one_sensor_makes_no_other_sensor_reversed():
+    """Its lead hides the signs of the lowest mode; those of the next change along the line as they should."""
+    structure = (np.array([1.0, 3.6]), np.array([[0.3, -0.8], [0.6, -1.0], [1.0, 0.9]]), np.array([0.13, 0.53, 1.0]))
+    data = moved(structure, EVEN, 16)
+    b, a = signal.butter(1, 0.6, "high", fs=RATE)
+    data[:, 1] = signal.lfilter(b, a, data[:, 1])
+    assert flipped(structure, True, data) == []
+
+
 def two_spans():
     """Two equal spans, sensors in both: the lowest mode goes up in one and down in the other."""
     x = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9])
