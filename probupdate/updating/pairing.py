@@ -29,8 +29,9 @@ def paired_modes(
         rows = shape[:, group.rows]
         with np.errstate(invalid="ignore", divide="ignore"):
             inside = np.einsum("ck,ncm->nkm", group.plane, rows) / np.linalg.norm(rows, axis=1)[:, None]
+            # within wide bounds a function may answer with a frequency below zero
+            off = np.abs(np.log(frequency_hz) - np.mean(np.log(group.frequency_hz)))
         share = np.where(unseen, -1.0, np.nan_to_num(np.sum(inside**2, axis=1), nan=-1.0))
-        off = np.abs(np.log(frequency_hz) - np.mean(np.log(group.frequency_hz)))
         criterion += [share] * group.size
         score += [share - CLEAR * np.minimum(np.nan_to_num(off, nan=np.inf) / APART, 1.0)] * group.size
         best = np.sort(np.argsort(-score[-1], axis=1, kind="stable")[:, : group.size], axis=1)
