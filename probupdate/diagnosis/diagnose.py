@@ -149,7 +149,7 @@ def examine(
     details: dict[str, dict | list[str]] = {"adequacy": remaining, **error_without(problem, chosen)}
     if verdict == "unexplained":
         # what a fit shows that does not follow the record is nothing to say
-        details["nearest"] = [f"{f.cause}, {f.location}" for f in (*findings, *day)]
+        details["nearest"] = [f.name for f in (*findings, *day)]
     diagnosis = Diagnosis(
         verdict=verdict,
         findings=() if verdict == "unexplained" else (*findings, *day),
@@ -537,7 +537,7 @@ def _foreign(findings: Sequence[Finding]) -> list[str]:
     result = []
     for pairs in instead.values():
         _, part = pairs[0]
-        names = " and ".join(f"{f.cause}, {f.location}," for f, _ in pairs)
+        names = " and ".join(f"{f.name}," for f, _ in pairs)
         least, most = min(p.posterior_probability for _, p in pairs), max(f.posterior_probability for f, _ in pairs)
         what, meaning = f"an elementary part, {part.cause}", "no row of the catalogue describes what is there"
         if part.cause == LARGER_ERROR:

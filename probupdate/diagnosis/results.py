@@ -59,6 +59,11 @@ class Finding:
     gain: dict = field(default_factory=dict, repr=False)
     key: Hashable = field(default=None, repr=False)
 
+    @property
+    def name(self) -> str:
+        """Cause and place in words, as terminal and report have them."""
+        return wording.name_of({"cause": self.cause, "location": self.location})
+
 
 @dataclass(frozen=True, kw_only=True)
 class DetectableSize:

@@ -220,7 +220,7 @@ def _unknown_cause(
 
 def _with_gains(found: Diagnosis, gains_of: Sequence[dict]) -> Diagnosis:
     findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, gains_of, strict=True))
-    notes = tuple(f"{f.cause}, {f.location}: {f.gain['statement']}; the verdict stands on the whole record alone"
+    notes = tuple(f"{f.name}: {f.gain['statement']}; the verdict stands on the whole record alone"
                   for f in findings if not f.gain.get("significant", False))
     return replace(found, findings=findings, notes=(*found.notes, *notes))
 

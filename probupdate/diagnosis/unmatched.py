@@ -122,7 +122,7 @@ def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
     explained = [one for one in modes if one.content]
     details = dict(found.details)
     if any(one.instead for one in explained):
-        details["nearest"] = [f"{f.cause}, {f.location}" for f in found.findings]
+        details["nearest"] = [f.name for f in found.findings]
         found = replace(found, verdict="unexplained", findings=())
     if explained:
         details["free_form"] = explained[0].content | {
