@@ -112,10 +112,12 @@ class Diagnosis:
     def summary(self) -> str:
         """What the terminal says: verdict, findings with the check of each, what would split them, what was shifted,
         what would not have been seen, what was left out."""
+        from probupdate.diagnosis.search import FALSE_ALARM
+
         content = self.content()
         lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
         for f in content["findings"]:
-            score = [f"z = {f['z']:z.1f}"] if f["z"] is not None else []
+            score = [f"score {f['z']:z.1f}"] if f["z"] is not None else []
             said = ", ".join([*score, wording.cause_probability_words(f)])
             lines.append(f"  {wording.finding_words(f, content)}; {said}")
             lines_of = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]),
@@ -126,7 +128,8 @@ class Diagnosis:
         if nearest:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
         lines += [f"  {s}" for s in wording.free_form_words(content)]
-        level = "odds of ten over nothing" if self.details.get("without_model") else "below 5 % of false alarms"
+        level = ("odds of ten over nothing" if self.details.get("without_model")
+                 else f"{100 * FALSE_ALARM:g} % of false alarms")
         alarms = "" if content["threshold"] is None else f" ({level})"
         lines.append(f"{wording.threshold_words(content)}{alarms}; "
                      f"{wording.adequacy_words(content) or 'the residuals were not tested'}")

@@ -311,7 +311,9 @@ def test_a_score_of_nothing_has_no_sign():
                       alternatives=(), check="turn it")
     said = Diagnosis(verdict="named", p_value=0.0, findings=(finding,), detectable_sizes=(), threshold=4.0,
                      adequacy_p=1.0, notes=(), parameters=()).summary
-    assert "z = 0.0" in said
+    # named as the glossary names it: no size over the standard deviation that stands beside it
+    assert "; score 0.0, " in said and " z " not in said.replace("|z|", "")
+    assert "included (2 % of false alarms)" in said
 
 
 def test_the_stated_threshold_is_said_to_be_of_the_first_search():

@@ -235,5 +235,5 @@ def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record
     assert needed_z(0.95, 0.1) == pytest.approx(10.4 / np.sqrt(1 - 10.4**2 / 400), rel=1e-3)
     assert np.isinf(needed_z(0.99, 0.1))
     assert "to split them:" in found.summary
-    assert (f"threshold |z| = {found.threshold:.1f} of the whole catalogue, before any finding is included (below 5 % "
-            "of false alarms); ") in found.summary
+    assert (f"threshold |z| = {found.threshold:.1f} of the whole catalogue, before any finding is included (2 % of "
+            "false alarms); ") in found.summary
