@@ -35,7 +35,7 @@ from probupdate.campaign.scada import StateRule, block_conditions, renaming, tur
 from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import CrossSpectra, cross_spectra, in_acceleration, most_channels
-from probupdate.campaign.usable import leave_out, uncovered
+from probupdate.campaign.usable import leave_out, left_out_notes, uncovered
 from probupdate.io.files import sha256, write_json, write_table
 from probupdate.io.result_table import plural, with_units
 from probupdate.modal.conditions import COLUMNS, SIMILAR, misnamed
@@ -358,8 +358,7 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
     alone = Counter(c for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) <= few < len(campaign.channels))
     uses += [f"identify {n} more without {', '.join(channels)}: {leave_out(channels)}"
              for channels, n in alone.most_common(3)]
-    if campaign.left_out:
-        uses.append(f"{', '.join(campaign.left_out)} left out, as campaign.toml says")
+    uses += left_out_notes(campaign.left_out)
     states = Counter(head["state"][good])
     if campaign.scada is not None:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))

@@ -1,4 +1,4 @@
-"""Why no block of a campaign can be used, and what to change in campaign.toml."""
+"""Why no block of a campaign can be used, what to change in campaign.toml, and which channels it leaves out."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ LOOKED_AT = 24
 def leave_out(channels: Sequence[str]) -> str:
     """The advice to do without some channels."""
     return f"write leave_out = {json.dumps(list(channels), ensure_ascii=False)} into campaign.toml"
+
+
+def left_out_notes(channels: Sequence[str]) -> list[str]:
+    """What a step says of the channels that it was not to use; [] without any."""
+    return [f"{', '.join(channels)} left out, as campaign.toml says"] if channels else []
 
 
 def remedy(campaign: Campaign) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import StateRule, row_states
+from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.io.files import sha256
 from probupdate.io.result_table import files_table
@@ -72,23 +73,26 @@ def diagnose(
     if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    records = read_campaign(campaign) if campaign else None
     only = options.pop("only", None)
     data = (data.of_labels(only) if only else data).without_channels(without or ())
+    # modes that were identified before campaign.toml left them out still have them
+    unused = [] if records is None else [c for c in records.left_out if c in data.channels]
+    data, notes = data.without_channels(unused), left_out_notes(unused)
     data = (data.frequencies_alone() if shapes == "none" else data).with_std(frequency_std, shape_std)
     # before a minute of preparation is spent on them
     gather(data if model is None else of_model(data)[0], "modes" if isinstance(modes, ModalData) else str(modes))
-    records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
     if path is not None and not isinstance(path, Path | Prepared):
         with _write_tangent(path, options.get("out")) as tangent:
             found = diagnose(tangent.path, data, campaign=campaign, seed=seed, progress=progress, **options)
-        return replace(found, notes=(tangent.note, *found.notes), inputs=_inputs(None, None, modes))
+        return replace(found, notes=(tangent.note, *notes, *found.notes), inputs=_inputs(None, None, modes))
     of_model = {key: options.pop(key) for key in ("sensors", "groups", "effects", "discrepancy") if key in options}
     source = ModelSource(model=path, parameters=parameters, **of_model)
     # before the work: a file may be written again meanwhile
     inputs = _inputs(path.path if isinstance(path, Prepared) else path, parameters, modes)
     found = diagnose_files(source, data, campaign=records, seed=seed, progress=rising(progress), **options)
-    return replace(found, inputs=inputs)
+    return replace(found, notes=(*notes, *found.notes), inputs=inputs)
 
 
 @contextmanager

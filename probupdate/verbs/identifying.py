@@ -11,6 +11,7 @@ import numpy as np
 from probupdate.campaign.checking import suspected_time
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, read_scada
+from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
@@ -95,7 +96,7 @@ def identify(
         chosen, said = _choice_settings(choice, settings), []
     found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
                               jobs=jobs, progress=progress)
-    said = [*sought.notes, *said, *suspected_time(opened)]
+    said = [*sought.notes, *said, *left_out_notes(opened.left_out), *suspected_time(opened)]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
@@ -147,8 +148,9 @@ def identify_setups(
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=sought.modes, others=sought.others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
-    timed = [f"{name}: {text}" for name, one in zip(names, opened, strict=True) for text in suspected_time(one)]
-    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said, *timed]))
+    own = [f"{name}: {text}" for name, one in zip(names, opened, strict=True)
+           for text in (*left_out_notes(one.left_out), *suspected_time(one))]
+    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said, *own]))
 
 
 def ssi_settings(

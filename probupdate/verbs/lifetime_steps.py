@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting.run_files import PARTS, run_places
@@ -97,6 +98,7 @@ def stresses(
         records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
         without=tuple(without or ()), settings=settings,
         gauges=gauges if isinstance(gauges, GaugeFiles) else GaugeFiles(held_out=gauges), progress=progress)
+    found = replace(found, left_out=(*left_out_notes(records.left_out), *found.left_out))
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 

@@ -1,5 +1,6 @@
 """Signs and order of a campaign's channels held against a model, by records of a building that were simulated."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -157,3 +158,35 @@ def test_a_model_without_the_channels_is_refused(building, capsys):
     (building / "other.toml").write_text((building / "parameters.toml").read_text())
     assert main(["check", str(campaign(building, "strange")), "--model", str(building / "other.npz")]) == 2
     assert "channel F05: is not a channel of the model" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("model", [[], ["--model", "model.npz", "--no-extend"]], ids=["without a model", "of a model"])
+def test_a_diagnosis_leaves_out_what_campaign_toml_does(building, capsys, monkeypatch, model):
+    """Of modes that were identified before: as without the channel, and it says so."""
+    monkeypatch.chdir(building)
+    folder = campaign(building, f"left out {len(model)}")
+    command = ["diagnose", *model, "--modes", "modes.json", "--campaign", str(folder)]
+    head = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text('leave_out = ["F14"]\n' + head)
+    found = []
+    for more in ([], ["--without", "F14"]):
+        assert main([*command, *more, "--out", "left.json"]) == 0
+        text = capsys.readouterr().out
+        assert ("note: F14 left out, as campaign.toml says" in text) == (not more)
+        found.append(json.loads(Path("left.json").read_text()))
+        assert not any("F14" in x["location"] for x in found[-1]["detectable_sizes"])
+    (folder / "campaign.toml").write_text(head)
+    assert main([*command, "--out", "left.json"]) == 0
+    whole = json.loads(Path("left.json").read_text())
+    assert any("F14" in x["location"] for x in whole["detectable_sizes"])
+    for key in ("verdict", "threshold", "adequacy_p", "findings", "detectable_sizes"):
+        assert found[0][key] == found[1][key]
+
+
+def test_identify_says_which_channels_it_leaves_out(building, capsys):
+    folder = campaign(building, "identified without")
+    (folder / "campaign.toml").write_text('leave_out = ["F14"]\n' + (folder / "campaign.toml").read_text())
+    out = folder / "modes.json"
+    assert main(["identify", str(folder), "--out", str(out)]) == 0
+    assert "F14 left out, as campaign.toml says" in capsys.readouterr().out
+    assert json.loads(out.read_text())["channels"] == [c for c in CHANNELS if c != "F14"]
