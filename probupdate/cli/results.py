@@ -28,8 +28,8 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.export(
-        a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
-        fatigue=a.fatigue, progress=progress)
+        a.run, a.out, model=a.model, parameters=a.parameters, to=a.to, draws=a.draws,
+        superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed, fatigue=a.fatigue, progress=progress)
     answer(a, result, **result.content())
 
 
@@ -101,6 +101,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
     p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
+    _add_model_elsewhere(p)
     p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")
     p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10,
                    help="Craig-Bampton modes (10)")
@@ -122,10 +123,14 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--campaign", help="directory of the records and SCADA (default: campaign/ in RUN)")
-    p.add_argument("--model", help=MODEL_HELP + " (default: model.toml or model.npz in RUN)")
-    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    _add_model_elsewhere(p)
     p.add_argument("--out", required=True, help="the page, report.html")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the page is the same")
+
+
+def _add_model_elsewhere(p: argparse.ArgumentParser) -> None:
+    p.add_argument("--model", help=MODEL_HELP + " (default: model.toml or model.npz in RUN)")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
 
 
 def _add_stresses(verb: AddCommand) -> None:

@@ -78,10 +78,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
     head, given = _head(folder), given or {}
+    _refuse_absent(given)
     places = _places(folder, head) | {name: path for name, path in given.items() if name in PARTS}
-    for name, path in given.items():
-        if not path.exists():
-            raise InputError(f"--{name}", f"'{path}' does not exist", "correct the path")
     parameters = given.get("parameters") or _path_in_head(folder, head, "parameters")
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
@@ -147,13 +145,21 @@ def _mean_updated_on(folder: Path, update: UpdateRecord | None, diagnosis: Mappi
     return mean if update.set_id in {s.id for s in mean.sets} else None
 
 
-def run_places(folder: Path) -> dict[str, Path]:
-    """What of a run lies where: the keys of PARTS, and `parameters` where run.json names a file of them."""
+def run_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[str, Path]:
+    """What of a run lies where: the keys of PARTS, and `parameters` where run.json names a file of them; given: model
+    and parameters that lie elsewhere."""
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
-    head = _head(folder)
+    head, given = _head(folder), given or {}
+    _refuse_absent(given)
     parameters = _path_in_head(folder, head, "parameters")
-    return _places(folder, head) | ({} if parameters is None else {"parameters": parameters})
+    return _places(folder, head) | ({} if parameters is None else {"parameters": parameters}) | dict(given)
+
+
+def _refuse_absent(given: Mapping[str, Path]) -> None:
+    for name, path in given.items():
+        if not path.exists():
+            raise InputError(f"--{name}", f"'{path}' does not exist", "correct the path")
 
 
 def _head(folder: Path) -> Mapping:

@@ -115,11 +115,13 @@ def _inputs(model: object, parameters: str | Path | None, modes: object) -> dict
 def export(
     run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
     accept: bool = False, seed: int = 1, fatigue: str | Path | None = None, progress: Progress = silent,
+    **elsewhere: str | Path | None,
 ) -> Export:
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
     modes, each read back and checked. A run that did not converge, whose diagnosis is unexplained, or whose structure
     changed within the records, needs `accept`.
 
+    elsewhere: `model`, `parameters`, where these lie, if not in the directory, as of `report`.
     fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
@@ -129,8 +131,9 @@ def export(
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
     folder = Path(run)
-    places = run_places(folder)
-    for name, remedy in (("model", "put model.toml or model.npz there"), ("posterior.nc", "run `probupdate sample`")):
+    places = run_places(folder, _given_places(**elsewhere))
+    for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
+                         ("posterior.nc", "run `probupdate sample`")):
         if name not in places:
             raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
     parameters = places.get("parameters")
@@ -147,6 +150,12 @@ def export(
     return export_lifetime(
         results, Path(out), settings, progress=progress,
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress))
+
+
+def _given_places(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
+    """Parts of a run that lie elsewhere -> where."""
+    given = {"model": None if model is None else model_path(model), "parameters": parameters}
+    return {name: Path(path) for name, path in given.items() if path is not None}
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):

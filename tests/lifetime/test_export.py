@@ -397,3 +397,25 @@ def test_the_command_exports_a_run_directory(run, capsys):
     (run / "posterior.nc").unlink()
     assert main(["export", str(run), "--to", "lifetime", str(run / "no")]) == 2
     assert "posterior.nc" in capsys.readouterr().err
+
+
+def test_the_command_takes_a_model_that_lies_elsewhere(tmp_path, capsys):
+    """As `report` does: the model beside the run's directory, its parameters under a name of their own."""
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((12, 12))
+    (apart := tmp_path / "bridge").mkdir()
+    np.savez(apart / "span.npz", K0=root @ root.T + 50 * np.eye(12), M0=np.eye(12), K_a=np.diag(np.arange(12.0)),
+             channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))
+    (apart / "values.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
+    (folder := tmp_path / "run").mkdir()
+    model = load_model(apart / "span.npz", parameters=apart / "values.toml")
+    write_posterior(posterior(model), folder / "posterior.nc")
+    words = ["export", str(folder), "--to", "lifetime", str(tmp_path / "out"), "--draws", "2"]
+    assert main(words) == 2
+    assert "has no model" in (said := capsys.readouterr().err) and "--model" in said
+    there = ["--model", str(apart / "span.npz"), "--parameters", str(apart / "values.toml")]
+    assert main([*words, *there]) == 0
+    draw = read_table(tmp_path / "out" / "draws.csv")["a"][0]
+    assert load_model(tmp_path / "out" / "models" / "001" / "model.npz").parameters.initial[0] == draw
+    assert main([*words[:-2], "--model", str(apart / "none.npz")]) == 2
+    assert "--model: '" in (said := capsys.readouterr().err) and "does not exist" in said
