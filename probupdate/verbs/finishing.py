@@ -164,7 +164,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     there."""
     from probupdate.lifetime.conditions import read_conditions
     from probupdate.lifetime.export import refuse_without_members
-    from probupdate.lifetime.fatigue_files import FatigueInput, Named
+    from probupdate.lifetime.fatigue_files import FatigueInput, NamedCause
     from probupdate.structure.description_file import read_description
     from probupdate.updating.laplace import maximum_a_posteriori
     from probupdate.updating.update_file import read_update
@@ -192,7 +192,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
         causes = tuple((n, words or n) for n, words in effects.items() if n not in own)
         if drawn.is_file() and causes:
             posterior = read_posterior(drawn)
-            named = Named(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
+            named = NamedCause(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
     return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named,
                         set_updates=None if updates is None else np.asarray(updates.theta_map))
 
