@@ -151,7 +151,7 @@ def match(
     more than half of the modes have two computed ones to choose from, and where close modes have one shape. `refuse`
     False: all but the first two are no error, for a picture of a poor model.
     """
-    modal_set.refuse_zero_shapes(f"set {modal_set.id}")
+    modal_set.refuse_zero_shapes(modal_set.where)
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
     clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
     measured = np.real(rotate_to_real(modal_set.shape))
@@ -165,32 +165,32 @@ def match(
     halves = {p[0] for p, c in zip(present, clusters, strict=True) if len(p) == 1 < len(c)}
     clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
     if refuse:
-        _refuse_equal_shapes(modal_set.id, clusters, measured, name)
+        _refuse_equal_shapes(modal_set.where, clusters, measured, name)
     visible = np.linalg.norm(computed, axis=0)
     clusters, used, absent = _present(clusters, used, measured, computed, min_mac)
-    left_out += [f"{name[j]} of set {modal_set.id}: the model has no mode for the measured {name[j]}; the other of "
+    left_out += [f"{name[j]} in {modal_set.where}: the model has no mode for the measured {name[j]}; the other of "
                  "its pair is compared alone" for j in absent]
     criterion = _criteria(measured, computed, clusters)
     partner = _partners(criterion, used)
     if refuse and len(partner) > 1:
-        refuse_another_unit(f"set {modal_set.id}", [modal_set.frequency_hz[j] / solution.frequency_hz[i]
+        refuse_another_unit(modal_set.where, [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     together = _together(measured, computed, clusters)
     partner = _spanning(partner, together, modal_set.frequency_hz, solution.frequency_hz)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
     known = halves, {j for j in partner if label_across(name[j]) in unmeasured}
-    compared = _Compared(set_id=modal_set.id, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
+    compared = _Compared(where=modal_set.where, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
                          computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
                          together=together, known=known, planes=planes, min_mac=min_mac)
     chosen = _chosen(compared, partner, len(used), prior_cov, refuse=refuse)
     partner, criterion, groups = chosen.partner, chosen.criterion, chosen.groups
     left_out += chosen.left_out
     if refuse and partner:
-        _refuse_another_structure(modal_set.id, criterion, partner, name)
+        _refuse_another_structure(modal_set.where, criterion, partner, name)
     if not groups:
         raise InputError(
-            f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
+            modal_set.where, f"none of its modes can be used ({'; '.join(left_out)})",
             "check channel names, signs and units of the shapes, or identify these modes",
         )
     highest = max(i for group in groups for i in (*group.computed, *group.mates))
@@ -242,9 +242,9 @@ def _usable(
     left_out: list[str] = []
     for j in range(modal_set.frequency_hz.size):
         if not modal_set.measured[j]:
-            left_out.append(f"{name[j]} was not identified in set {modal_set.id}")
+            left_out.append(f"{name[j]} was not identified in {modal_set.where}")
         elif np.isfinite(measured[:, j]).sum() < 2:
-            left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
+            left_out.append(f"{name[j]} has fewer than two measured shape components in {modal_set.where}")
         elif any(j in c for c in clusters):
             used.append(j)
     return used, left_out
@@ -305,17 +305,17 @@ def _spanning(
 
 
 def _alike(
-    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray,
-    min_mac: float, name: Sequence[str], set_id: str,
+    x: _Compared, partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray
 ) -> tuple[list[ModeGroup], list[str]]:
     """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
     groups: list[ModeGroup] = []
     left_out: list[str] = []
-    for cluster in clusters:
+    name, where, min_mac = x.name, x.where, x.min_mac
+    for cluster in x.clusters:
         names = " and ".join(name[j] for j in cluster)
         alone = [name[j] for j in cluster if j not in partner]
         if alone:
-            left_out.append(f"{names} of set {set_id}: the model has {criterion.shape[1]} modes, "
+            left_out.append(f"{names} in {where}: the model has {criterion.shape[1]} modes, "
                             f"and others resemble them better than {' and '.join(alone)}")
             continue
         # a computed member may be the better half of a plane: the worst of the members decides
@@ -324,7 +324,10 @@ def _alike(
             best = criterion[worst, partner[worst]]
             reason = f"best MAC left {best:.2f}, {min_mac:.2f} wanted" if np.isfinite(best) else \
                 "too few channels to compare shapes by"
-            left_out.append(f"{names} of set {set_id}: no computed mode resembles {name[worst]} ({reason})")
+            if x.measured_hz[worst] > x.computed_hz[-1]:
+                reason += (f"; it is at {x.measured_hz[worst]:.4g} Hz, and the highest computed mode, number "
+                           f"{len(x.computed_hz)}, at {x.computed_hz[-1]:.4g} Hz")
+            left_out.append(f"{names} in {where}: no computed mode resembles {name[worst]} ({reason})")
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(sorted(int(partner[j]) for j in cluster)),
                                 mates=tuple(mates[j] for j in cluster if j in mates)))
@@ -336,7 +339,7 @@ def _match_by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matchin
     order."""
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
-        raise InputError(f"set {modal_set.id}",
+        raise InputError(modal_set.where,
                          f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")
     column = pair_in_order(np.log(modal_set.frequency_hz[used]), np.log(computed_hz))
@@ -410,18 +413,18 @@ def _share_within(shape: np.ndarray, plane: np.ndarray) -> float:
     return float(1 - left @ left / (shape[known] @ shape[known]))
 
 
-def _halves_note(set_id: str, mates, partner, name, frequency_hz) -> list[str]:
+def _halves_note(where: str, mates, partner, name, frequency_hz) -> list[str]:
     found = []
     for j, k in mates.items():
         low, high = sorted((partner[j], k))
         found.append(f"the other mode of {name[j]}'s close pair (computed modes {low + 1} and {high + 1} at "
-                     f"{frequency_hz[low]:.4g} and {frequency_hz[high]:.4g} Hz), not measured in set {set_id}; "
+                     f"{frequency_hz[low]:.4g} and {frequency_hz[high]:.4g} Hz), not measured in {where}; "
                      f"{name[j]} is compared with the nearest combination of the two")
     return found
 
 
 def _refuse_equal_shapes(
-    set_id: str, clusters: Sequence[tuple[int, ...]], measured: np.ndarray, name: Sequence[str]
+    where: str, clusters: Sequence[tuple[int, ...]], measured: np.ndarray, name: Sequence[str]
 ) -> None:
     """The second direction of a plane that is none would be rounding's, and so would be what it is paired with."""
     for cluster in clusters:
@@ -432,19 +435,19 @@ def _refuse_equal_shapes(
         largest = np.max(np.abs(known), axis=0)
         singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
         if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
-            raise InputError(f"set {set_id}, {' and '.join(name[j] for j in cluster)}",
+            raise InputError(f"{where}, {' and '.join(name[j] for j in cluster)}",
                              "their shapes are the same: they span no plane",
                              "check that the modes are two different ones")
 
 
-def _refuse_another_structure(set_id, criterion, partner, name) -> None:
+def _refuse_another_structure(where, criterion, partner, name) -> None:
     # NaN: too few channels to judge
     best = {j: criterion[j, i] for j, i in partner.items() if np.isfinite(criterion[j, i])}
     alike = sum(value >= OWN_MAC for value in best.values())
     if alike < 0.5 * len(best):
         listed = ", ".join(f"{name[j]} {value:.2f}" for j, value in best.items())
         raise InputError(
-            f"set {set_id}",
+            where,
             f"its modes are not this model's: the best MACs are {listed}, and half of them should reach {OWN_MAC:.2f}",
             "check the order, names and signs of the channels, and that the model is of this structure",
         )
@@ -455,7 +458,7 @@ class _Compared:
     """Measured and computed modes (n_channel, n_mode) beside one another, and how the measured ones are taken;
     `together` (n_computed, n_computed) of each measured pair how well each two computed modes span it."""
 
-    set_id: str
+    where: str
     name: Sequence[str]
     measured_hz: np.ndarray
     measured: np.ndarray
@@ -495,8 +498,8 @@ def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
     criterion = np.array(x.criterion)
     for j, k in mates.items():
         criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
-    groups, unlike = _alike(x.clusters, partner, mates, criterion, x.min_mac, x.name, x.set_id)
-    halves = _halves_note(x.set_id, mates, partner, x.name, x.computed_hz)
+    groups, unlike = _alike(x, partner, mates, criterion)
+    halves = _halves_note(x.where, mates, partner, x.name, x.computed_hz)
     return _Grouped(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
 
 
@@ -545,7 +548,7 @@ def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np
         raise error
     names = " and ".join(x.name[j] for j in sorted({*found.rows}.difference(*(group.measured for group in rest))))
     return replace(found, groups=rest, uncertain=error,
-                   left_out=(*found.left_out, f"{names} of set {x.set_id}: {error.problem}; "
+                   left_out=(*found.left_out, f"{names} in {x.where}: {error.problem}; "
                                f"{error.remedy.removesuffix(OR_NULL)}"))
 
 
@@ -564,7 +567,7 @@ def _drop_unreachable(x: _Compared, found: _Grouped, n_used: int,
     rest = tuple(g for g, here in zip(found.groups, found.places, strict=True) if not np.any(beyond[here]))
     if not np.any(beyond) or sum(len(group.measured) for group in rest) < max(2.0, 0.5 * n_used):
         return found
-    said = [f"{x.name[j]} of set {x.set_id}: the computed mode of like shape is at {x.computed_hz[i]:.4g} Hz, "
+    said = [f"{x.name[j]} in {x.where}: the computed mode of like shape is at {x.computed_hz[i]:.4g} Hz, "
             f"{z:.0f} prior standard deviations from the measured {x.measured_hz[j]:.4g} Hz"
             for j, i, z, out in zip(found.rows, order, share, beyond, strict=True) if out]
     return replace(found, groups=rest, left_out=(*found.left_out, *said))
@@ -648,7 +651,7 @@ def _with_planes(x: _Compared, found: _Grouped, choice: np.ndarray, column: np.n
 
 def _two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.ndarray) -> InputError:
     """Of a group that two choices pair differently, as found and with the computed mode `other` of every row."""
-    set_id, name, measured, frequency_hz = x.set_id, x.name, x.measured, x.computed_hz
+    where, name, measured, frequency_hz = x.where, x.name, x.measured, x.computed_hz
     score = np.nan_to_num(found.criterion[found.rows], nan=0.0)
     column = np.array([found.partner[j] for j in found.rows], int)
     choices = column, other
@@ -668,7 +671,7 @@ def _two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.nda
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
-        return InputError(f"set {set_id}, {own}", f"two computed modes are about as alike, {found}", remedy)
+        return InputError(f"{where}, {own}", f"two computed modes are about as alike, {found}", remedy)
     found = ", or ".join("; ".join(f"{n} as {said(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
                          for choice in choices)
     rows = [m for one, _ in differ for m in one.measured]
@@ -676,10 +679,10 @@ def _two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.nda
     alike = mac(measured[known][:, rows], measured[known][:, rows]) - np.eye(len(rows))
     if alike.max() >= SAME:
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
-        return InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
+        return InputError(f"{where}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
                           f"so that two pairings are about as alike: {found}", "check that they are two different "
                           f"modes, or {remedy}")
-    return InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
+    return InputError(f"{where}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
 
 
 def assign(criterion: np.ndarray) -> np.ndarray:

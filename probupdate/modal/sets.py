@@ -283,6 +283,11 @@ class ModalSet:
         """(n_mode,) bool: modes with a frequency."""
         return np.isfinite(self.frequency_hz)
 
+    @property
+    def where(self) -> str:
+        """What sentences call it: `set 5`, and the mean of several `36 of 36 sets`."""
+        return self.id if self.id.endswith(" sets") else f"set {self.id}"
+
 
 def _modal_set(given: dict) -> ModalSet:
     return ModalSet(**given)

@@ -12,7 +12,7 @@ from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
 from probupdate.updating.joint_set import joint_set
-from probupdate.updating.problem import SEARCH
+from probupdate.updating.problem import solution_beyond
 from probupdate.updating.update_file import UpdateRecord
 
 # modes drawn of a model that nothing was measured on
@@ -52,8 +52,10 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         labels = tuple(f"mode {k + 1}" for k in range(n_plain))
         states = {name: _first_modes(model, values, n_plain) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
-    clusters, n_mode = close_clusters(chosen.frequency_hz), data.n_mode + SEARCH
-    if update is not None:
+    clusters = close_clusters(chosen.frequency_hz)
+    if update is None:
+        n_mode = len(solution_beyond(reading(model, data.felt), chosen).frequency_hz)
+    else:
         # the modes that the update looked through, so that the same ones are drawn
         n_mode = int(update.computed_mode.max()) + SPARE
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}

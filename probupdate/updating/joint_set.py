@@ -31,13 +31,11 @@ UNLIKELY = 0.01
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointSet:
     """The one set that stands for `ids`, as the data that an estimator is given; `notes`: sentences on what it is of,
-    which sets are not in it and why, and how the others scatter; `step`: one on a change between the sets, of whose
-    states their mean is none, empty without one."""
+    which sets are not in it and why, and how the others scatter."""
 
     data: ModalData
     ids: tuple[str, ...]
     notes: tuple[str, ...]
-    step: str = ""
 
 
 def single_set(data: ModalData, set_id: str) -> JointSet:
@@ -50,7 +48,7 @@ def single_set(data: ModalData, set_id: str) -> JointSet:
 
 def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
     """All comparable sets of the data; the only set as it is. covariance: the mean's joint covariance factors too."""
-    from probupdate.updating.outlier_sets import step_between_sets, without_outliers
+    from probupdate.updating.outlier_sets import without_outliers
 
     if len(data.sets) == 1:
         return JointSet(data=data, ids=(data.sets[0].id,), notes=())
@@ -64,7 +62,7 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
     first = (f"these numbers are of {len(ids)} of {len(data.sets)} sets together, their mean with its scatter; "
              "--set takes one alone")
     joint = replace(kept, sets=(together,), reference_set=None)
-    return JointSet(data=joint, ids=ids, notes=(first, *others, *outliers, *scatter), step=step_between_sets(kept))
+    return JointSet(data=joint, ids=ids, notes=(first, *others, *outliers, *scatter))
 
 
 def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:

@@ -8,7 +8,7 @@ outliers (Box & Tiao 1968).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,14 +149,17 @@ def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
     return replace(data, sets=kept, reference_set=reference), found.sentences
 
 
-def step_between_sets(data: ModalData) -> str:
-    """A sentence where frequencies stand at one level up to a set and at another from it on: their mean is of neither
-    state; empty where they do not. The sets are in the order of the data, which is that of time."""
+def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> str:
+    """A sentence where frequencies (of the modes `used`, None: of all) stand at one level up to a set and at another
+    from it on: their mean is of neither state; empty where they do not. The sets are in the order of the data, which
+    is that of time."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     frequency = np.array([s.frequency_hz for s in data.sets], float)
     stated = np.array([s.frequency_std_hz for s in data.sets], float) / frequency
     found = {}
     for j, label in enumerate(labels):
+        if used is not None and label not in used:
+            continue
         there = np.flatnonzero(np.isfinite(frequency[:, j]))
         value, floor = np.log(frequency[there, j]), np.nanmedian([LEAST, *stated[there, j]])
         steps = [_step(value, at, floor) for at in range(FEWEST_SIDE, len(there) - FEWEST_SIDE + 1)]

@@ -17,8 +17,8 @@ from scipy import linalg, special
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import Matching, channel_rows, match, nearest_free, reading
-from probupdate.modal.modes import ModalData
+from probupdate.modal.matching import APART, Matching, channel_rows, match, nearest_free, reading
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
@@ -31,6 +31,8 @@ from probupdate.updating.settings import CONSTANTS
 __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 
 SEARCH = CONSTANTS.search
+# where these end below the highest measured mode, up to so many times as many
+MOST_SEARCHED = 8
 # frequencies this near, as a share, are equal: derivatives of their shapes are rounding's
 EQUAL = 1e-7
 # of a response's stated standard deviation: the least that is left where its discrepancy counts elsewhere
@@ -591,8 +593,8 @@ def suspected_channels(
     """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta
     (n_param,); of modes that are `absent` in the model no sensor is to blame."""
     rows = channel_rows(model, data.channels)
-    n_mode = min(data.n_mode + SEARCH, model.n_available)
     model, modal_set = reading(model, data.felt), data.set(set_id)
+    n_mode = len(solution_beyond(model, modal_set).frequency_hz)
     if len(absent):
         shape = np.array(modal_set.shape)
         shape[:, list(absent)] = np.nan
@@ -617,6 +619,19 @@ def _prior_cov(model: Model, n_mode: int) -> np.ndarray:
     return slope @ model.parameters.covariance @ slope.T
 
 
+def solution_beyond(model: Model, modal_set: ModalSet) -> ModalSolution:
+    """The model's modes among which the measured ones are looked for, SEARCH more than these or all up to the highest
+    of them: a structure of many members has many modes below the next that is identified."""
+    n_mode = min(modal_set.frequency_hz.size + SEARCH, model.n_available)
+    most = min(MOST_SEARCHED * n_mode, model.n_available)
+    highest = np.max(modal_set.frequency_hz[modal_set.measured], initial=0.0) * np.exp(APART)
+    while True:
+        solution = model.solve(model.parameters.initial, n_mode)
+        if n_mode == most or solution.frequency_hz[-1] > highest:
+            return solution
+        n_mode = min(2 * n_mode, most)
+
+
 def build_problem(
     model: Model,
     data: ModalData,
@@ -638,7 +653,7 @@ def build_problem(
     rows = channel_rows(model, data.channels)
     if clusters is None and weights.shapes == "components":
         clusters = [(j,) for j in range(data.n_mode)]
-    solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
+    solution = solution_beyond(model, modal_set)
     try:
         matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters,
                          planes=weights.shapes != "components",

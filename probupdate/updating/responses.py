@@ -363,7 +363,7 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     """Frequencies alone, of a set without shapes."""
     frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
     if weights.covariance:
-        raise InputError(f"set {modal_set.id}", "has no shape, whose covariance is asked for",
+        raise InputError(modal_set.where, "has no shape, whose covariance is asked for",
                          "give --weights measured with --shapes none")
     least = weights.least_frequency_cov if weights.tolerances else 0.0
     missed = np.hypot(weights.discrepancy, least) * frequency
@@ -379,7 +379,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
                    n_mates: int = 0) -> ResponseGroup:
     """The measured side of modes that `matching.match` grouped; raises InputError where a standard deviation is
     missing."""
-    where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
+    where = f"{modal_set.where}, {' and '.join(labels[j] for j in members)}"
     frequency = modal_set.frequency_hz[members]
     turned = rotate_to_real(modal_set.shape[:, members])
     kept = np.all(np.isfinite(turned), axis=1)
@@ -508,7 +508,7 @@ def _frequency_std(modal_set: ModalSet, members, weights: Weights, labels) -> np
     for j, value in zip(members, std, strict=True):
         if not (np.isfinite(value) and value > 0):
             raise InputError(
-                f"set {modal_set.id}, frequency_std_hz of {labels[j]}", "is missing or not above zero",
+                f"{modal_set.where}, frequency_std_hz of {labels[j]}", "is missing or not above zero",
                 "add it, or give --weights paper or --frequency-cov",
             )
     return std

@@ -104,8 +104,15 @@ class Case:
     def setting(self) -> dict[str, str]:
         """What to say of the model beside a result."""
         said = {SETS: "; ".join(self.joint.notes)} if self.joint.notes else {}
-        said |= {STEP: self.joint.step} if self.joint.step else {}
         return said | self.model_at.setting(self.joint.data.set(), self.data.channels)
+
+    def step(self, used: Sequence[str]) -> dict[str, str]:
+        """What to say where the frequencies of the modes used step between the sets that the mean is of."""
+        from probupdate.updating.outlier_sets import step_between_sets
+
+        sets = tuple(s for s in self.data.sets if s.id in self.joint.ids)
+        words = step_between_sets(replace(self.data, sets=sets, reference_set=None), used) if len(sets) > 1 else ""
+        return {STEP: words} if words else {}
 
 
 def unmatched(
@@ -172,7 +179,8 @@ def update(
                                   every=case.data, seen_hz=uncompared_hz(modes, case.data), model_at=case.model_at,
                                   jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode, likelihood.modes)
-    kept = {**record.settings, **case.setting}
+    used = [label for label, number in zip(record.labels, record.computed_mode, strict=True) if number > 0]
+    kept = {**record.settings, **case.setting, **case.step(used)}
     if said["taken"]:
         kept |= {UNLIKE: "; ".join(said["taken"])}
     return replace(record, settings=kept, left_out=(*record.left_out, *said["left out"]))
@@ -206,9 +214,10 @@ def sample(
         posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
                                      settings=settings, jobs=jobs, progress=progress)
         held = [f"held: {case.setting['held']}"] if likelihood.fix else []
-        states = [f"TWO STATES: {case.joint.step}"] if case.joint.step else []
+        step = case.step(posterior.mode_labels)
+        states = [f"TWO STATES: {words}" for words in step.values()]
         statements = [*states, *case.joint.notes, *held, *posterior.record.get("statements", ())]
-        posterior = replace(posterior, record={**posterior.record, **case.setting, "statements": statements})
+        posterior = replace(posterior, record={**posterior.record, **case.setting, **step, "statements": statements})
         write_posterior(posterior, out)
     return posterior
 

@@ -141,7 +141,19 @@ def test_a_mode_no_computed_one_resembles_is_left_out_by_name():
     found = match(modal_set([exact.frequency_hz[0], 3.0], shape), exact_first(9), ROWS, labels=("FA1", "odd"))
     assert found.measured == (0,)
     (sentence,) = found.left_out
-    assert "odd of set one: no computed mode resembles odd" in sentence
+    assert "odd in set one: no computed mode resembles odd" in sentence and "highest" not in sentence
+    # of the mean of several sets, above all that were computed
+    high = modal_set([exact.frequency_hz[0], 90.0], shape, id="36 of 36 sets")
+    (sentence,) = match(high, exact_first(9), ROWS, labels=("FA1", "odd")).left_out
+    assert sentence.startswith("odd in 36 of 36 sets: no computed mode")
+    assert "it is at 90 Hz, and the highest computed mode, number 9" in sentence
+
+
+def test_a_high_mode_is_looked_for_beyond_the_many_below_it():
+    exact = solution_at(n_mode=18)
+    data = ModalData(channels=CHANNELS, sets=(modal_set(exact.frequency_hz[[0, 15]], exact.shape[:, [0, 15]]),))
+    found = build_problem(chain_model(), data).matching
+    assert found.measured == (0, 1) and found.computed == (0, 15)
 
 
 def exact_first(n):
@@ -274,7 +286,7 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
     # as near as the other one, it is what it was: no choice is right
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 1.6, 1.7]), shape=shape)
     found = match(measured, solution, ROWS)
-    assert found.computed == (0, 1) and "mode 3 of set one: two computed modes are about as alike" in found.left_out[0]
+    assert found.computed == (0, 1) and "mode 3 in set one: two computed modes are about as alike" in found.left_out[0]
 
 
 def test_measured_modes_an_octave_apart_do_not_change_their_partners():
@@ -494,7 +506,7 @@ def test_a_mode_that_the_prior_cannot_bring_where_it_was_measured_is_left_out():
     measured = modal_set([0.4, 2.69, 4.76], axes[:, :3])
     found = match(measured, solution, ROWS, prior_cov=lambda: 0.05**2 * np.eye(4))
     assert found.computed == (0, 1)
-    assert "mode 3 of set one: the computed mode of like shape is at 12.5 Hz, 18 prior standard" in found.left_out[0]
+    assert "mode 3 in set one: the computed mode of like shape is at 12.5 Hz, 18 prior standard" in found.left_out[0]
     # a prior that allows it, and a model that is wrong by one factor
     assert match(measured, solution, ROWS, prior_cov=lambda: 0.5**2 * np.eye(4)).computed == (0, 1, 3)
     softer = modal_set([0.2, 1.35, 6.2], axes[:, :3])

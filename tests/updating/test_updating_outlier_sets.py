@@ -9,7 +9,6 @@ from updating_cases import LINEAR_HZ, linear_data, linear_model
 
 from probupdate import verbs
 from probupdate.modal.modes import ModalData, ModalSet
-from probupdate.updating.joint_set import joint_set
 from probupdate.updating.outlier_sets import outlier_sets, step_between_sets, without_outliers
 
 NOISE = 0.003
@@ -104,8 +103,16 @@ def test_a_step_between_sets_is_said_with_its_set(at: int):
     words = step_between_sets(data)
     assert f"step at set {data.sets[at].id} " in words and "of neither state" in words
     assert "probupdate diagnose" in words
-    # of the sets that are no outliers
-    assert at != 14 or joint_set(data).step.startswith("frequencies step at set set 14 ")
+
+
+def test_a_step_is_said_of_the_modes_that_are_used():
+    y = measured(3, 24)
+    y[14:, 1:] *= 0.96
+    data = replace(linear_data(y, cov=NOISE), labels=tuple("ABCDE"))
+    assert "B by -4" in step_between_sets(data, ("A", "B")) and "C by" not in step_between_sets(data, ("A", "B"))
+    assert not step_between_sets(data, ("A",))
+    said = verbs.update(linear_model(), data).settings["step between the sets"]
+    assert said == step_between_sets(data) and "C by" in said
 
 
 def test_drift_and_daily_waves_are_no_step():
