@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor, mac
@@ -151,6 +150,9 @@ def _changes(one: np.ndarray, two: np.ndarray) -> list[_Change]:
     """Single reversals and exchanges of references, and where three modes or more show them the order and signs that
     make `two` (n, n_mode) most like `one` as a whole, with each part of them: an assignment for the scale of every
     mode, which follows from it in turn, begun with all signs of the modes."""
+    # half a second of every command's start otherwise
+    from scipy import optimize
+
     n, n_mode = one.shape
     same = tuple(range(n))
     found = [_Change(order=same, reversed_=(c,)) for c in range(n)]
