@@ -78,9 +78,9 @@ class CampaignCheck:
     measured: tuple[SensorFinding, ...] = ()
     sha256: str = ""
 
-    def with_more(self, finding: str, use: str) -> CampaignCheck:
-        """With a finding before the others ('' for none) and something that can be done."""
-        found, uses = (*([finding] if finding else []), *self.findings), (*self.uses, use)
+    def with_more(self, finding: str, use: str = "") -> CampaignCheck:
+        """With a finding before the others and something that can be done, '' for none of either."""
+        found, uses = (*filter(None, [finding]), *self.findings), (*self.uses, *filter(None, [use]))
         return replace(self, findings=found, uses=uses, summary=_summary(self.summary.splitlines()[0], found, uses))
 
     def to_frame(self) -> pd.DataFrame:

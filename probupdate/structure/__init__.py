@@ -5,6 +5,6 @@ __all__ = [
     "affine", "along_lines", "assembly", "beam", "channels", "coefficient", "description", "description_file",
     "effect_kinds", "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load",
     "matrices", "matrix_import", "mode_labels", "moved_channels", "own_modes", "parameter_table", "places",
-    "projected_terms", "readings", "reduced", "schema", "soil", "subdyn_frame", "subdyn_model", "subdyn_values",
-    "subdyn_writing", "substructure", "tangent", "turbine_frame",
+    "plausible_size", "projected_terms", "readings", "reduced", "schema", "soil", "subdyn_frame", "subdyn_model",
+    "subdyn_values", "subdyn_writing", "substructure", "tangent", "turbine_frame",
 ]

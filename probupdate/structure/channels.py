@@ -18,6 +18,7 @@ from probupdate.structure import beam as beams
 from probupdate.structure.assembly import node_dofs, rigid_motion
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.moved_channels import MovedChannels
+from probupdate.structure.plausible_size import other_unit
 from probupdate.structure.readings import across_gravity
 from probupdate.structure.schema import nearest
 
@@ -167,11 +168,20 @@ def attachments(
             raise InputError(label, f"part '{part}' is not in the model", nearest(part, frame.parts))
         found = attach(frame, sensor.position_m, part)
         if found.gap_m > REACH_M:
+            if scaled := other_unit(lambda f: _gaps(frame, sensors, parts, f), REACH_M):
+                raise InputError(where, scaled, "correct position_m of every [[sensor]]")
             raise InputError(
                 label, f"{found.gap_m:.1f} m from the surface of {part or 'any part'} (at most {REACH_M:.0f} m)",
                 "check position_m: model axes, metres, z = 0 at mean sea level",
             )
         yield found
+
+
+def _gaps(frame: Frame, sensors: Sequence[Sensor], parts: Mapping[str, str], factor: float) -> np.ndarray:
+    """(n,) distances from the model's surface of sensors at their places times a factor."""
+    known = (parts.get(s.channel) for s in sensors)
+    return np.array([attach(frame, factor * s.position_m, part if part in frame.parts else None).gap_m
+                     for s, part in zip(sensors, known, strict=True)])
 
 
 def _moving_channels(frame: Frame, sensors: Sequence[Sensor], lines: Mapping[int, Line], move: Move) -> MovedChannels:

@@ -1,10 +1,14 @@
-"""Whether a lowest frequency and an extent can be those of one structure, or a unit is wrong.
+"""Whether a lowest frequency and an extent can be those of one structure, and places a model's, or a unit is wrong.
 
 The product of the two is a speed, a share of that of waves in the material: 40 m/s for a jacket with its turbine, 50
 for buildings, 100 for footbridges; a bar of steel alone has 1280, a quarter of the speed of sound in it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
 
 # m/s, wide on purpose
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
@@ -15,6 +19,9 @@ MOST_EXTENT_M = 3000.0
 UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
                 "and that K and M are not exchanged")
 PLACES = {1e-3: "are the nodes' places in mm? they are to be in m", 1e3: "are the nodes' places a thousandth of m?"}
+# m in what places are stated in by mistake; share of them that then lie where the model has them, and that now may
+UNITS_M = {"mm": 1e-3, "cm": 1e-2, "dm": 0.1, "feet": 0.3048}
+FITTING, FITTING_NOW = 0.8, 0.5
 
 
 def implausible_size(lowest_hz: float, extent_m: float = 0.0) -> str:
@@ -23,7 +30,7 @@ def implausible_size(lowest_hz: float, extent_m: float = 0.0) -> str:
     if extent_m <= 0:
         usual = "" if LEAST_HZ <= lowest_hz <= MOST_HZ else f"{LEAST_HZ:g} to {MOST_HZ:g} Hz is usual for structures"
     elif LEAST_SPEED <= lowest_hz * extent_m <= MOST_SPEED:
-        usual = "" if extent_m <= MOST_EXTENT_M else f"an extent of {extent_m:.3g} m is more than structures have"
+        usual = implausible_extent(extent_m)
     else:
         usual = (f"{LEAST_SPEED / extent_m:.2g} to {MOST_SPEED / extent_m:.2g} Hz is usual for an extent of "
                  f"{extent_m:.3g} m")
@@ -33,3 +40,21 @@ def implausible_size(lowest_hz: float, extent_m: float = 0.0) -> str:
     likely = [words for factor, words in PLACES.items() if LEAST_HZ <= lowest_hz <= MOST_HZ and extent_m > 0
               and LEAST_SPEED <= lowest_hz * factor * extent_m <= MOST_SPEED and factor * extent_m <= MOST_EXTENT_M]
     return f"implausible: the lowest frequency is {lowest_hz:.3g} Hz; {usual}: {likely[0] if likely else UNITS_ADVICE}"
+
+
+def implausible_extent(extent_m: float) -> str:
+    """Words where a greatest extent is none of a structure, '' where it may be."""
+    return "" if extent_m <= MOST_EXTENT_M else f"an extent of {extent_m:.3g} m is more than structures have"
+
+
+def other_unit(distance_m: Callable[[float], np.ndarray], near_m: float) -> str:
+    """A sentence where one factor brings sensors' places to within `near_m` of where the model has them, '' where they
+    are there or none does. distance_m: of a factor, the distances (n,) of the places times it."""
+    if np.mean(distance_m(1.0) <= near_m) >= FITTING_NOW:
+        return ""
+    asked = {size: f"in {name}? state metres" for name, size in UNITS_M.items()}
+    asked |= {1 / size: f"is the model in {name}? it is to be in metres" for name, size in UNITS_M.items()}
+    factor = min(asked, key=lambda f: float(np.median(distance_m(f))))
+    if np.mean(distance_m(factor) <= near_m) < FITTING:
+        return ""
+    return f"places are {1 / factor:.4g} times the model's: {asked[factor]}"

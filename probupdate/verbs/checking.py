@@ -20,7 +20,7 @@ from probupdate.modal.matching import reading
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.joint_set import joint_set
-from probupdate.verbs.identifying import TOO_FEW, reference_at, sensors_of, ssi_settings
+from probupdate.verbs.identifying import TOO_FEW, implausible_places, reference_at, sensors_of, ssi_settings
 from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
 from probupdate.verbs.sought import Sought
 
@@ -51,7 +51,7 @@ def check(
     of the channels, by the shapes of some blocks."""
     opened = read_campaign(campaign)
     if model is None:
-        return check_campaign(opened, progress=progress)
+        return check_campaign(opened, progress=progress).with_more("; ".join(implausible_places(opened.sensors)))
     held = against_model(opened, model, parameters=parameters, progress=progress)
     return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
 

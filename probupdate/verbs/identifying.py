@@ -37,6 +37,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import implausible
+from probupdate.structure.plausible_size import implausible_extent, other_unit
 from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
@@ -228,12 +229,12 @@ def reference_at(
 ) -> Sought:
     """The model's modes that are looked for, at all sensors, and its others; none without a model. Raises InputError
     where the model has not all channels; `where`: the campaign's path."""
+    sensors = sensors_of(campaigns)
     if model is None:
         if lowest is not None:
             raise InputError("lowest", f"asks for {lowest} modes of a model, and no model is given",
                              "give --model, or leave it out")
-        return Sought(modes=None, others=None)
-    sensors = sensors_of(campaigns)
+        return Sought(modes=None, others=None, notes=implausible_places(sensors))
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     turbine = reading(turbine, {s.channel: bool(s.gravity) for s in sensors})
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
@@ -242,15 +243,21 @@ def reference_at(
             f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    far: tuple[str, ...] = ()
+    far = implausible_places(sensors)
     if not has_geometry(model) and isinstance(turbine, AffineModel):
         _refuse_other_directions(str(where), turbine, sensors)
-        far = _elsewhere(turbine, sensors)
+        far = _elsewhere(turbine, sensors) or far
     found = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
     computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
     lowest_first = np.sort(np.hstack(computed))
     odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible(turbine, lowest_first)]
     return replace(found, notes=(*odd, *far, *found.notes))
+
+
+def implausible_places(sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """A sentence where sensors' places lie farther apart than structures are long."""
+    said = implausible_extent(float(np.ptp([s.position_m for s in sensors], axis=0).max()))
+    return (f"suspect: {said}, and position_m in campaign.toml states it: in mm? state metres",) if said else ()
 
 
 def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:
@@ -259,13 +266,16 @@ def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]
     known = [s for s in sensors if s.channel in places]
     if model.wire is None or not known:
         return ()
-    away = np.array([s.position_m - places[s.channel] for s in known])
-    if len(known) > 2:
-        away = away - np.median(away, axis=0)
-    size = float(np.ptp(np.asarray(model.wire.node_m), axis=0).max())
-    distance = np.linalg.norm(away, axis=1)
-    far = [f"{s.channel} ({d:.1f} m)" for s, d in zip(known, distance, strict=True)
-           if d > max(ELSEWHERE * size, LEAST_M)]
+    stated, own = (np.array(at) for at in zip(*((s.position_m, places[s.channel]) for s in known), strict=True))
+
+    def distances(factor: float) -> np.ndarray:
+        away = factor * stated - own
+        return np.linalg.norm(away - np.median(away, axis=0) if len(away) > 2 else away, axis=1)
+
+    near = max(ELSEWHERE * float(np.ptp(np.asarray(model.wire.node_m), axis=0).max()), LEAST_M)
+    if scaled := other_unit(distances, near):
+        return (f"suspect: {scaled} (position_m in campaign.toml, node_position_m of {model.name})",)
+    far = [f"{s.channel} ({d:.1f} m)" for s, d in zip(known, distances(1.0), strict=True) if d > near]
     return (f"suspect: {', '.join(far)} by position_m so far from the nodes that {model.name} reads: check position_m "
             "in campaign.toml, and channel_dof or channel_row of the model",) if far else ()
 

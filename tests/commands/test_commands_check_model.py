@@ -1,6 +1,7 @@
 """Signs and order of a campaign's channels held against a model, by records of a building that were simulated."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -9,7 +10,10 @@ import pytest
 from command_cases import CHANNELS, FLOORS, TRUTH, matrices, storey_matrix, write_building
 from scipy import linalg, signal
 
+import probupdate
 from probupdate.cli import main
+from probupdate.errors import InputError
+from probupdate.structure.load import load_model, model_sensors, reference_model
 
 RATE_HZ, SECONDS, N_BLOCK = 25.0, 600, 4
 GROUPS = (range(0, 7), range(7, 14), range(14, 20))
@@ -190,3 +194,50 @@ def test_identify_says_which_channels_it_leaves_out(building, capsys):
     assert main(["identify", str(folder), "--out", str(out)]) == 0
     assert "F14 left out, as campaign.toml says" in capsys.readouterr().out
     assert json.loads(out.read_text())["channels"] == [c for c in CHANNELS if c != "F14"]
+
+
+def scaled(folder: Path, factor: float, own: dict[str, float] | None = None) -> Path:
+    """The campaign with all its places times a factor, those of some channels times another."""
+    head, text = folder / "campaign.toml", (folder / "campaign.toml").read_text()
+    for floor, channel in reversed(list(zip(FLOORS, CHANNELS, strict=True))):
+        text = text.replace(f"0.0, {3.0 * floor + 3}]", f"0.0, {(own or {}).get(channel, factor) * (3 * floor + 3)}]")
+    head.write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(("factor", "words"), [
+    (1000, "1000 times the model's: in mm? state metres"), (100, "100 times the model's: in cm? state metres"),
+    (10, "10 times the model's: in dm? state metres"), (1 / 0.3048, "3.281 times the model's: in feet? state metres"),
+    (0.3048, "0.3048 times the model's: is the model in feet?"),
+    (0.001, "0.001 times the model's: is the model in mm?"),
+])
+def test_places_in_another_unit_are_one_question(building, factor, words):
+    folder = scaled(campaign(building, f"places times {factor:.4g}"), factor)
+    asked = [x for x in probupdate.check(folder, placed(building, "places")).findings if "places are" in x]
+    assert len(asked) == 1 and f"places are {words}" in asked[0] and "F14 (" not in asked[0]
+
+
+def test_one_place_that_is_no_multiple_changes_no_question(building):
+    folder = scaled(campaign(building, "one of its own"), 1000, {"F14": 1100})
+    assert any("places are 1000 times" in x for x in probupdate.check(folder, placed(building, "places")).findings)
+
+
+def test_places_scaled_by_no_unit_are_channels_elsewhere(building):
+    folder = scaled(campaign(building, "twice as high"), 2.0)
+    (said,) = [x for x in probupdate.check(folder, placed(building, "places")).findings if "position_m" in x]
+    assert "times the model's" not in said and "F20 (" in said
+
+
+@pytest.mark.parametrize("model", [False, True], ids=["without a model", "of a model without places"])
+def test_sensors_farther_apart_than_structures_are_asked_about(building, model):
+    given = [building / "model.npz"] if model else []
+    folder = campaign(building, f"extent {model}")
+    assert not any("in mm?" in x for x in probupdate.check(folder, *given).findings)
+    assert any("an extent of 4.5e+04 m is more than structures have, and" in x and "in mm? state metres" in x
+               for x in probupdate.check(scaled(folder, 1000), *given).findings)
+
+
+def test_places_in_mm_on_a_model_with_members_are_one_question():
+    sensors = tuple(replace(s, position_m=1000 * s.position_m) for s in model_sensors(reference_model("design")))
+    with pytest.raises(InputError, match="places are 1000 times the model's: in mm"):
+        load_model(reference_model("design"), sensors=sensors)
