@@ -302,7 +302,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
 
 def _steps(folder: Path, said: list[str]) -> demonstration._Steps:
     folder.mkdir(exist_ok=True)
-    return demonstration._Steps(demonstration._State(folder, {"seed": 1}), said.append)
+    return demonstration._Steps(demonstration.RunState(folder, {"seed": 1}), said.append)
 
 
 def test_steps_side_by_side_are_reported_in_their_order(tmp_path):
