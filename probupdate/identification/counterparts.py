@@ -225,9 +225,10 @@ def _model_only(
     for i, (label, f) in enumerate(zip(model.labels, model.frequency_hz, strict=True)):
         if i in matched.partner.values() or (f > highest_hz and label not in wanted):
             continue
-        excited = len(found_hz) > 0 and min(found_hz) < f < max(found_hz) and f <= highest_hz
-        result.append(ModelMode(label=label, frequency_hz=float(f),
-                                expected=bool(excited and size[i] >= SEEN * np.median(size))))
+        excited = bool(len(found_hz) > 0 and min(found_hz) < f < max(found_hz) and f <= highest_hz)
+        moves = bool(size[i] >= SEEN * np.median(size))
+        result.append(ModelMode(label=label, frequency_hz=float(f), expected=excited and moves,
+                                hardly_seen=excited and not moves))
     return tuple(result)
 
 
@@ -283,8 +284,12 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
         lines += [f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks, is the model's "
                   f"{one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC {one.mac:.2f}); kept as mode {one.label}"
                   for one in further]
+    hidden = [f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in lacking if one.hardly_seen]
+    if hidden:
+        lines.append(f"the model's {', '.join(hidden)} {'is' if len(hidden) == 1 else 'are'} in no block: the sensors "
+                     "hardly see such motion")
     for one in lacking:
-        if one.expected or one.label in wanted:
+        if one.expected or (one.label in wanted and not one.hardly_seen):
             why = "although the excitation should show it" if one.expected else "which the excitation may not show"
             lines.append(f"the model's {one.label} at {one.frequency_hz:.4g} Hz is in no block, {why}")
     return lines

@@ -326,11 +326,13 @@ class ModeRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMode:
-    """A mode of the model that no measured one is; expected: whether the excitation should show it."""
+    """A mode of the model that no measured one is; expected: whether the excitation should show it; hardly_seen: it
+    would, but the sensors are near the mode's nodes."""
 
     label: str
     frequency_hz: float
     expected: bool
+    hardly_seen: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -104,6 +104,12 @@ def test_what_does_not_match_is_kept_and_said(jacket, reference, write_campaign)
     (absent,) = found.data.model_only
     assert absent == ModelMode(label="L1", frequency_hz=1.6, expected=True)
     assert "the model's L1 at 1.6 Hz is in no block, although the excitation should show it" in found.summary
+    # at the mode's nodes the same sensors hardly see it
+    far = replace(others, shape=0.1 * np.median(np.linalg.norm(lacking.shape, axis=0)) * heave / np.linalg.norm(heave))
+    seldom = identify(campaign, lacking, others=far, settings=settings)
+    assert seldom.data.model_only == (ModelMode(label="L1", frequency_hz=1.6, expected=False, hardly_seen=True),)
+    assert "the model's L1 (1.6 Hz) is in no block: the sensors hardly see" in seldom.summary
+    assert "excitation should" not in seldom.summary
     # a model changes names only
     for label in lacking.labels:
         a, b = (one.data.labels.index(label) for one in (found, right))
