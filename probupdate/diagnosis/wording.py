@@ -269,12 +269,18 @@ def threshold_words(content: Mapping) -> str:
     return f"threshold |z| = {value:.1f} of the whole catalogue, before any finding is included"
 
 
+def is_explained(content: Mapping) -> bool:
+    """Whether findings are named, and what they leave is no more than chance makes."""
+    p = content.get("adequacy_p")
+    return content["verdict"] == "named" and bool(content["findings"]) and p is not None and p >= SELDOM
+
+
 def adequacy_words(content: Mapping) -> str:
     p = content.get("adequacy_p")
     if p is None:
         return ""
     rest = "with the findings included" if content["findings"] else "of this model"
-    if p < 0.01:
+    if p < SELDOM:
         return f"residuals {rest} are larger than chance allows ({probability_words(p)}): something else is there"
     return f"residuals {rest} are within what chance allows ({probability_words(p)})"
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from probupdate.diagnosis.wording import (
     found_words,
+    is_explained,
     name_of,
     own_response_actions,
     prior_shift_words,
@@ -17,7 +18,7 @@ from probupdate.diagnosis.wording import (
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
-from probupdate.reporting.states import changes_within, step_words
+from probupdate.reporting.states import changes_within, is_diagnosed, step_words
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
@@ -74,10 +75,7 @@ def _fit_findings(run: Run) -> list[Finding]:
     if update is None:
         return []
     if misses(update):
-        its = "more of its" if stated_error(update) else "its"
-        return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
-                        action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error: by other "
-                        "models of this structure (--alternatives), or with --discrepancy, and update again.")]
+        return _misfit_findings(run, update)
     if blunt(update):
         return [Finding(level="warning", short="the fit is no test of the model",
                         text=full_sentence(fit_sentence(update)), action="Find what is wrong with model "
@@ -91,6 +89,22 @@ def _fit_findings(run: Run) -> list[Finding]:
         return [Finding(level="caution", short="the stated standard deviations are too wide for these data",
                         text=full_sentence(fit_sentence(update)), action=action)]
     return []
+
+
+def _misfit_findings(run: Run, update: UpdateRecord) -> list[Finding]:
+    """What is to be done about it is said with the findings of a diagnosis where these explain it."""
+    if is_diagnosed(run):
+        # the mean of two states fits no model
+        return [] if changes_within(run) else [
+            Finding(level="warning", short="the model does not fit without what was found",
+                    text=full_sentence(fit_sentence(update, diagnosed=True)))]
+    # one that names findings, but none in these sets, has not said what their misfit is
+    asked = run.diagnosis is not None and not is_explained(run.diagnosis)
+    its = "more of its" if stated_error(update) else "its"
+    state = "State" if asked else "Find what the model lacks (`probupdate diagnose`), or state"
+    return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
+                    action=f"{state} {its} error: by other models of this structure (--alternatives), or with "
+                    "--discrepancy, and update again.")]
 
 
 def _sampler_findings(run: Run) -> list[Finding]:
@@ -129,8 +143,10 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
         return []
     named = "; ".join(found_words(content))
     if content["verdict"] == "named" and run.update is not None and changes_within(run):
-        return [Finding(level="warning", short=NEITHER_STATE,
-                        text=typeset(f"{verdict_words(content)} Found: {named}."), action=_state_advice(content))]
+        whose = "update" if run.posterior is None else "update and posterior"
+        return [Finding(level="warning", short=NEITHER_STATE, action=_state_advice(content),
+                        text=f"Parameters and predictions of this run's {whose}: they are of the sets before and after "
+                        "the change together, so of neither state.")]
     actions = [] if run.included else _extension_advice(content)
     actions += [full_sentence(one) for one in own_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
@@ -142,8 +158,15 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
                        "structure: the section on the diagnosis shows where model and measurement part.")
     return [Finding(level="warning", short="a sensor's fault is in the sets of this update" if of_sensors else
                     "the diagnosis found what the model does not describe",
-                    text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
+                    text=typeset(f"{_parted_words(content)}{f' Found: {named}.' if named else ''}"),
                     action=" ".join(actions))]
+
+
+def _parted_words(content: Mapping) -> str:
+    """The verdict, as one on what not to rely on: where all is named that is the model without it."""
+    words = verdict_words(content)
+    of_model = content["verdict"] == "named" and content["parameters"]
+    return f"Numbers of the model without what was found: {words[0].lower()}{words[1:]}" if of_model else words
 
 
 def _state_advice(content: Mapping) -> str:

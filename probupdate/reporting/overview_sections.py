@@ -43,7 +43,7 @@ from probupdate.reporting.identifiability import (
 from probupdate.reporting.measurement_sections import passing
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
-from probupdate.reporting.states import NINETY, changes_within, state_table, step_words
+from probupdate.reporting.states import NINETY, changes_within, is_diagnosed, state_table, step_words
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
@@ -275,6 +275,8 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
     """The answer: what is wrong, whether the model fits with it, and whether the parameters may be used."""
     update = run.update
     start = _diagnosed_words(run)
+    if start and run.diagnosis is not None and wording.is_explained(run.diagnosis) and not run.included:
+        start += f"; {typeset(wording.adequacy_words(run.diagnosis))}"
     if update is None:
         if start:
             return f"{start}. The model has not been updated in this run."
@@ -289,6 +291,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         words = (f"{its} of the sets before and after that together, so of neither state; the table has the parameters "
                  "of each")
     elif misses(update):
+        its += ", without what was found," if is_diagnosed(run) else ""
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"{its} does not fit: it misses the measurement by {ratio} times the stated standard deviations, the "
                  f"worst frequency of {compared_words(update)} by {after} ({before} % before)")

@@ -22,12 +22,13 @@ from probupdate.reporting.elements import (
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, evaluations
 from probupdate.reporting.identifiability import contraction
+from probupdate.reporting.states import is_diagnosed
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
 from probupdate.updating.comparison import ComparisonRow
 from probupdate.updating.identifiability import BLIND, STRONG
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord
+from probupdate.updating.update_file import UpdateRecord, fit_sentence
 
 # panels a side beyond which pairs can no longer be read on a page
 MOST_PAIRED = 6
@@ -164,7 +165,9 @@ def comparison_section(run: Run) -> Section:
     rows = run.comparison.rows
     items: list[Element] = []
     if run.comparison.notes:
-        notes = tuple(full_sentence(n, run.comparison.names) for n in run.comparison.notes)
+        fit = run.update is not None and is_diagnosed(run) and fit_sentence(run.update)
+        notes = tuple(full_sentence(fit_sentence(run.update, diagnosed=True) if n == fit else n, run.comparison.names)
+                      for n in run.comparison.notes)
         items.append(Items(title="In short", statements=notes))
     items.append(_values_table(rows))
     truth = _truth_table(run)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from probupdate.diagnosis.wording import amount, name_of, structural_changes, time_profile_words
+from probupdate.diagnosis.wording import amount, is_explained, name_of, structural_changes, time_profile_words
 from probupdate.effects.catalogue import OWN_PARAMETER
 from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import typeset
@@ -29,18 +29,33 @@ def changes_within(run: Run) -> list[Mapping]:
     return changes if update is None else [f for f in changes if _averages_over(f, update.set_id, run)]
 
 
+def is_diagnosed(run: Run) -> bool:
+    """Whether the updated model lacks findings that act in its update's sets, and with which nothing else is left."""
+    if run.diagnosis is None or run.update is None or run.included or not is_explained(run.diagnosis):
+        return False
+    acting = (_acts_in(f, run.update.set_id, run) for f in run.diagnosis["findings"])
+    return any(any(sets) or not sets for sets in acting)
+
+
 def _averages_over(finding: Mapping, set_id: str, run: Run) -> bool:
     """Whether a set that an update is of, such as "9 of 9 sets", is of blocks before and after a change."""
-    ids = [s.id for s in run.modes.sets] if run.modes is not None else []
-    if set_id in ids:
+    if run.modes is not None and set_id in {s.id for s in run.modes.sets}:
         return False
+    acts = _acts_in(finding, set_id, run)
+    return not acts or len(set(acts)) == 2
+
+
+def _acts_in(finding: Mapping, set_id: str, run: Run) -> list[bool]:
+    """Whether a finding acts in each of the sets that an update is of; empty where it has no onset among them."""
+    ids = [s.id for s in run.modes.sets] if run.modes is not None else []
     if finding["time_profile"] != "step" or finding.get("since") not in ids:
-        return True
+        return []
+    if set_id in ids:
+        return [ids.index(set_id) >= ids.index(finding["since"])]
     # the sets that were selected, where it is of that many
     chosen = next((data for data in (run.nine, run.modes)
                    if data is not None and set_id.endswith(f" of {len(data.sets)} sets")), run.modes)
-    later = [ids.index(s.id) >= ids.index(finding["since"]) for s in chosen.sets if s.id in ids]
-    return not later or len(set(later)) == 2
+    return [ids.index(s.id) >= ids.index(finding["since"]) for s in chosen.sets if s.id in ids]
 
 
 def step_words(run: Run) -> str:

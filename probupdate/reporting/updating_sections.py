@@ -25,6 +25,7 @@ from probupdate.reporting.elements import (
     percent,
 )
 from probupdate.reporting.identifiability import estimate
+from probupdate.reporting.states import is_diagnosed
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import cov_of
@@ -90,7 +91,7 @@ def update_section(run: Run) -> Section:
         steps = plural(len(scheme.theta) - 1, "iteration")
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
         items.append(Notice(level=level, text=full_sentence(text)))
-    fit = fit_sentence(update)
+    fit = fit_sentence(update, diagnosed=is_diagnosed(run))
     items.append(Notice(level=fit_level(update), text=full_sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))

@@ -310,8 +310,9 @@ def stated_error(record: UpdateRecord) -> tuple[str, ...]:
                  if name not in (components.IDENTIFICATION, components.PRIOR) and np.any(std > 0))
 
 
-def fit_sentence(record: UpdateRecord) -> str:
-    """Whether the model at its best fits the data within the stated standard deviations."""
+def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
+    """Whether the model at its best fits the data within the stated standard deviations. diagnosed: a misfit is what
+    the findings of a diagnosis explain, and that this model lacks."""
     stated = ", ".join(stated_error(record))
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
@@ -327,7 +328,7 @@ def fit_sentence(record: UpdateRecord) -> str:
         remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes "
                   "with --shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find "
                   "what the model lacks (probupdate diagnose), or state a larger --discrepancy")
-        remedy += _one_factor(record)
+        remedy = "as the model lacks what the diagnosis found" if diagnosed else f"{remedy}{_one_factor(record)}"
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     apart = standing_out(record)

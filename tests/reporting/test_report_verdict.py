@@ -173,6 +173,43 @@ def test_parameters_of_a_structure_that_changed_are_those_of_each_state(two_stat
     assert any("from 2019-06-03T12:00Z on" in line for line in conclusion(two_states))
 
 
+def section_words(section) -> str:
+    said = [section.headline, section.lead]
+    for item in section.items:
+        said += getattr(item, "statements", ()) or [getattr(item, "text", "")]
+    return " ".join(said)
+
+
+def test_what_a_diagnosis_explains_is_no_misfit_that_is_still_to_be_found(two_states):
+    """The update of two states fits nothing: the page is of the model with what was found."""
+    missing = replace(two_states, update=replace(two_states.update, map_misfit=6.25 * two_states.update.n_effective))
+    verdict = verdict_section(missing)
+    assert "residuals with the findings included are within what chance allows (p = 0.3); " in verdict.headline
+    assert "Do not rely" not in verdict.headline and "does not fit" not in verdict.headline
+    assert not any("disagree" in text for text in alarms(verdict).statements)
+    assert "`probupdate diagnose`" not in section_words(verdict)
+    lacks = "as the model lacks what the diagnosis found"
+    assert lacks in section_words(update_section(missing))
+    # a rest that chance does not make, or a change that is in none of the update's sets, explains no misfit
+    unexplained = dict(missing.diagnosis, adequacy_p=0.001)
+    assert "the model does not fit" in verdict_section(replace(missing, diagnosis=unexplained)).headline
+    before = replace(missing, update=replace(missing.update, set_id="2019-06-03T01:30Z"))
+    assert "the model does not fit" in verdict_section(before).headline
+    assert lacks not in section_words(update_section(before))
+
+
+def test_a_misfit_beside_a_fault_that_was_found_is_that_of_the_model_without_it(run):
+    missing = replace(run, update=replace(run.update, map_misfit=6.25 * run.update.n_effective))
+    verdict = verdict_section(missing)
+    assert "the updated model, without what was found, does not fit" in verdict.headline
+    assert "within what chance allows (p = 0.3)" in verdict.headline
+    assert "`probupdate diagnose`" not in section_words(verdict) and "diagnosis.model.toml" in section_words(verdict)
+    assert "probupdate diagnose" in section_words(verdict_section(replace(missing, diagnosis=None)))
+    # one that leaves it unexplained is not to be run again either
+    unknown = replace(missing, diagnosis=dict(run.diagnosis, verdict="unexplained", findings=[]))
+    assert "`probupdate diagnose`" not in section_words(verdict_section(unknown))
+
+
 def test_a_second_step_and_a_growing_loss_are_states_too(two_states):
     (first,) = two_states.diagnosis["findings"]
     second = dict(first, size=-0.1, since="2019-06-03T18:00Z")
