@@ -299,7 +299,7 @@ CAMPAIGNS = {
     "no rate": (campaign("identify", "--out", "OUT/modes.json"), "no peak stands out",
                 by_options("--rate", "--order", "--block-rows")),
     "lowest without a model": (campaign("identify", "--lowest", "3", "--rate", "10", "--order", "20", "--out",
-                                        "OUT/modes.json"), "and none is given", without("--lowest")),
+                                        "OUT/modes.json"), "and no model is given", without("--lowest")),
     "leave_out": (campaign("check", spoil=lambda c: (c / "campaign.toml").write_text(
         'leave_out = ["T90x"]\n' + (c / "campaign.toml").read_text())), "is not a channel",
         by(lambda f, text: changed("campaign.toml", "T90x", re.search(r"did you mean '([^']*)'", text)[1])(f / "camp")
