@@ -60,13 +60,13 @@ def _from_arrays(arrays: Arrays, d: Description) -> Iterator:
     if d.data is not None or (len(many) == 1 and not set(d.columns.values()) & {*arrays.names}):
         take, n_row = _one_table(arrays, d, d.data or many[0])
     else:
-        take = [(_variable(arrays, column, channel), [0]) for channel, column in d.columns.items()]
+        take = [(_variable(arrays, d, column, channel), [0]) for channel, column in d.columns.items()]
         n_row = arrays.shape(take[0][0])[0]
         for name, _ in take:
             if arrays.shape(name)[0] != n_row:
                 raise InputError(f"{path}, {name}", f"has {arrays.shape(name)[0]} samples, {take[0][0]} has {n_row}",
                                  "all channels of a file need the same number")
-    if time is not None and arrays.shape(_variable(arrays, time, "time"))[0] != n_row:
+    if time is not None and arrays.shape(_variable(arrays, d, time, "time"))[0] != n_row:
         raise InputError(f"{path}, {time}", f"has {arrays.shape(time)[0]} values for {n_row} samples", "give one each")
     yield _own_words(arrays, d, take, {n: float(arrays.rows(n, 0, 1)[0, 0]) for n in single})
     wide = sum(arrays.shape(name)[1] for name, _ in take)
@@ -78,7 +78,7 @@ def _from_arrays(arrays: Arrays, d: Description) -> Iterator:
 
 
 def _one_table(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tuple[str, list[int]]], int]:
-    name = _variable(arrays, wanted, "data")
+    name = _variable(arrays, d, wanted, "data")
     where = f"{arrays.path}, {name}"
     n_row, n_column = arrays.shape(name)
     if n_column > n_row and (d.orientation is None or n_row < FEWEST):
@@ -111,12 +111,12 @@ def _own_words(arrays: Arrays, d: Description, take, single: Mapping[str, float]
     return OwnWords(channels=found, rate_hz=keyed_rate(single))
 
 
-def _variable(arrays: Arrays, wanted: str | int, what: str) -> str:
+def _variable(arrays: Arrays, d: Description, wanted: str | int, what: str) -> str:
     if str(wanted) not in arrays.names:
         unread = next((u for u in arrays.unread if u.split(" ")[0] == str(wanted)), None)
         raise InputError(f"{arrays.path}, {what}",
                          f"there is no variable '{wanted}'" if unread is None else f"{unread} is not read",
-                         f"name it in convert.toml; {nearest(str(wanted), arrays.names[:40])}")
+                         f"{d.column_remedy(what)}; {nearest(str(wanted), arrays.names[:40])}")
     return str(wanted)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import zoneinfo
 from collections.abc import Mapping
@@ -96,6 +97,15 @@ class Description:
     join_pattern: str | None
     decimate: bool
     fill_seconds: float
+
+    def column_remedy(self, what: str) -> str:
+        """Where the name is to be corrected that the files have not; what: a channel, "time" or "data"."""
+        if what not in self.columns:
+            return f"correct {what} in {self.path.name}"
+        if self.columns[what] != what:
+            return f"correct [columns] in {self.path.name}"
+        return (f"correct channel of its [[sensor]] in campaign.toml, or name its column in {self.path.name}: "
+                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...")
 
 
 def read_description(path: str | Path, channels: tuple[str, ...]) -> Description:

@@ -92,10 +92,10 @@ def on_one_clock(
 
     utc: False where the file states local times without their zone. Raises InputError for unequal rates (but for
     `decimate`), channels whose samples lie between each other's, and overlaps that differ."""
-    chosen = {channel: _chosen(found, column, f"{where}, {channel}") for channel, column in d.columns.items()}
+    chosen = {channel: _chosen(found, column, where, d, channel) for channel, column in d.columns.items()}
     stated = {channel: c.stated for channel, c in chosen.items()}
     if d.time not in (None, OWN_TIME):
-        clock = _chosen(found, d.time, f"{where}, time")
+        clock = _chosen(found, d.time, where, d, "time")
         yield OwnWords(channels=stated)
         yield from _row_by_row(clock.segments[0].values, list(chosen.values()), clock.segments[0].size)
         return
@@ -130,12 +130,14 @@ def _index(moments: np.ndarray, utc: bool) -> pd.DatetimeIndex:
     return pd.DatetimeIndex(moments.astype("datetime64[ns]"), tz="UTC" if utc else None)
 
 
-def _chosen(found: Sequence[LoggerChannel], wanted: str | int, where: str) -> LoggerChannel:
+def _chosen(
+    found: Sequence[LoggerChannel], wanted: str | int, where: str, d: Description, what: str
+) -> LoggerChannel:
     same = found[wanted - 1: wanted] if isinstance(wanted, int) else [c for c in found if wanted in c.names]
     if len(same) != 1:
         known = tuple(c.name for c in (same or found)[:40])
-        raise InputError(where, f"{len(same) or 'no'} channels are called '{wanted}'",
-                         f"correct [columns] in convert.toml; {nearest(str(wanted), known)}; files that hold a channel "
+        raise InputError(f"{where}, {what}", f"{len(same) or 'no'} channels are called '{wanted}'",
+                         f"{d.column_remedy(what)}; {nearest(str(wanted), known)}; files that hold a channel "
                          "each are read together by join_pattern")
     return same[0]
 

@@ -104,7 +104,8 @@ def read_uff(path: Path, d: Description) -> Iterator:
             here = ", ".join(dict.fromkeys(n or p for n, p in zip(found.names[:12], found.places[:12], strict=True)))
             raise InputError(f"{path}, {channel}",
                              f"{len(same) or 'no'} records are called '{column}'; there are {here}",
-                             "name each channel's in [columns], as node and axis such as '12:+x', or by number")
+                             f"{d.column_remedy(channel)}; a record's name is its node and axis, such as '12:+x', "
+                             "or its number")
         columns.append(same[0])
     yield OwnWords(channels={c: found.stated[k] for c, k in zip(d.columns, columns, strict=True)})
     time = found.first_s + np.arange(len(found.data)) / found.rate_hz

@@ -153,7 +153,7 @@ def _table_words(path: Path, d: Description, names: list, units: Sequence[str] |
     """Units by their row, else in brackets behind a column's name."""
     found = {}
     for channel, wanted in d.columns.items():
-        k = _column(path, names, wanted, channel)
+        k = _column(path, d, names, wanted, channel)
         text = units[k] if units is not None and k < len(units) else unit_in(str(names[k]))
         found[channel] = Stated(unit=text or None)
     return OwnWords(channels=found, rate_hz=rate)
@@ -216,11 +216,11 @@ def _from_frame(path: Path, d: Description, frame: pd.DataFrame) -> tuple[np.nda
     names = [c.strip() if isinstance(c, str) else c for c in frame.columns]
     data = np.empty((len(frame), len(d.columns)))
     for k, (channel, wanted) in enumerate(d.columns.items()):
-        column = frame.iloc[:, _column(path, names, wanted, channel)]
+        column = frame.iloc[:, _column(path, d, names, wanted, channel)]
         if not pd.api.types.is_numeric_dtype(column):
             column = _numbers(column, d, f"{path}, column {wanted}")
         data[:, k] = column.to_numpy(float, na_value=np.nan)
-    time = None if d.time is None else frame.iloc[:, _column(path, names, d.time, "time")].to_numpy()
+    time = None if d.time is None else frame.iloc[:, _column(path, d, names, d.time, "time")].to_numpy()
     return time, data
 
 
@@ -245,8 +245,8 @@ def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
     return number
 
 
-def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
-    """The number, from 0, of a column that convert.toml names or counts from 1."""
+def _column(path: Path, d: Description, names: Sequence, wanted: str | int, what: str) -> int:
+    """The number, from 0, of a channel's column or that of time, which convert.toml names or counts from 1."""
     if isinstance(wanted, int):
         if not 1 <= wanted <= len(names):
             raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
@@ -257,12 +257,11 @@ def _column(path: Path, names: Sequence, wanted: str | int, what: str) -> int:
         return bare.index(wanted)
     if wanted not in names:
         # without a line of names pandas counts from 0, convert.toml from 1
-        known = tuple(str(n + 1 if isinstance(n, int) else n) for n in names[:40])
+        known = tuple(str(n + 1 if isinstance(n, int) else without_unit(n)) for n in names[:40])
         if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
             raise InputError(f"{path}, {what}",
                              f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
                              f"give its separator in convert.toml: separator = {json.dumps(other)}")
-        key = "time" if what == "time" else "[columns]"
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
-                         f"correct {key} in convert.toml; {nearest(wanted, known)}")
+                         f"{d.column_remedy(what)}; {nearest(wanted, known)}")
     return list(names).index(wanted)

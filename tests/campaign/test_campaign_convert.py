@@ -631,3 +631,19 @@ def test_columns_that_are_not_found_say_why(job):
     said = "there is no column 'whem'; correct time in convert.toml; did you mean 'when'"
     with pytest.raises(InputError, match=said):
         convert(raw, campaign)
+
+
+@pytest.mark.parametrize(("columns", "kind", "said"), [
+    ("", "csv", r"no column 'a-x'; correct channel of its \[\[sensor\]\] in campaign\.toml, or name its column in"),
+    ("", "npz", r"no variable 'a-x'; correct channel of its \[\[sensor\]\] in campaign\.toml, or name its column in"),
+    ('\n[columns]\n"a-x" = "West"', "csv", r"'West'; correct \[columns\] in convert\.toml; did you mean 'west'\?"),
+])
+def test_a_missing_column_is_corrected_where_it_is_named(job, columns, kind, said):
+    """By campaign.toml, where convert.toml gives the channel no other name."""
+    raw, campaign = job(f'files = "*.{kind}"\nstart = "2026-06-01T00:00:00Z"{columns}')
+    if kind == "csv":
+        pd.DataFrame(noise(), columns=["west [m/s2]", "a-y"]).to_csv(raw / "r.csv", index=False)
+    else:
+        np.savez(raw / "r.npz", **{"west": noise()[:, 0], "a-y": noise()[:, 1]})
+    with pytest.raises(InputError, match=said):
+        convert(raw, campaign)
