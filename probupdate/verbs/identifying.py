@@ -97,7 +97,8 @@ def identify(
         chosen, said = _choice_settings(choice, settings), []
     found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
                               jobs=jobs, progress=progress)
-    said = [*sought.notes, *said, *left_out_notes(opened.left_out), *suspected_time(opened)]
+    said = [*sought.lowest_note(found.data.records), *sought.notes, *said, *left_out_notes(opened.left_out),
+            *suspected_time(opened)]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
@@ -151,7 +152,8 @@ def identify_setups(
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
     own = [f"{name}: {text}" for name, one in zip(names, opened, strict=True)
            for text in (*left_out_notes(one.left_out), *suspected_time(one))]
-    return replace(merged, summary="\n".join([merged.summary, *sought.notes, *said, *own]))
+    return replace(merged, summary="\n".join([merged.summary, *sought.lowest_note(merged.data.records),
+                                                         *sought.notes, *said, *own]))
 
 
 def ssi_settings(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.identification.counterparts import further_modes
+from probupdate.identification.criteria import SelectionCriteria
 from probupdate.identification.reference import ReferenceModes
 from probupdate.modal.labels import FAMILY, TURBINE, close_pairs, family, indistinguishable, sensed_character, unseen
-from probupdate.modal.modes import Sensor, mac
+from probupdate.modal.modes import ModeRecord, Sensor, mac
 from probupdate.structure.mode_labels import full_model, mode_labels
 
 if TYPE_CHECKING:
@@ -28,11 +32,29 @@ LOCAL = 0.03
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sought:
     """The modes that identification looks for (None: without a model), the others that were computed to find them
-    (None: no other moves the sensors), and what is to be said of what the sensors see."""
+    (None: no other moves the sensors), and what is to be said of what the sensors see. computed_hz: frequencies of all
+    that were computed; None of a turbine, of which the bending pairs and the torsion are enough."""
 
     modes: ReferenceModes | None
     others: ReferenceModes | None
     notes: tuple[str, ...] = ()
+    computed_hz: np.ndarray | None = None
+
+    def lowest_note(self, records: Sequence[ModeRecord]) -> list[str]:
+        """How many of the lowest modes to look for, where most blocks show all so many and some were not asked for."""
+        further = [one.model_frequency_hz for one in further_modes(records)]
+        if self.modes is None or self.computed_hz is None or not further:
+            return []
+        share = SelectionCriteria().required_share
+        shown = {one.model_frequency_hz for one in records if one.match == "alike" and one.found >= share * one.blocks}
+        model = self.modes if self.others is None else self.modes.joined(self.others)
+        ascending = sorted(zip(model.frequency_hz, model.labels, strict=True))
+        lowest = list(takewhile(lambda mode: mode[0] in shown, ascending))
+        if not lowest or lowest[-1][0] < min(further):
+            return []
+        highest, label = lowest[-1]
+        return [f"`--lowest {np.sum(self.computed_hz <= highest)}` looks for all of the model's modes up to {label} at "
+                f"{highest:.4g} Hz, which most blocks show"]
 
 
 def modes_of_interest(
@@ -72,6 +94,7 @@ def reference_modes(
     return Sought(
         modes=_reference_modes(solution.frequency_hz, shape, labels, chosen),
         others=_reference_modes(solution.frequency_hz, shape, labels, rest) if rest else None,
+        computed_hz=None if families == TURBINE else solution.frequency_hz,
         notes=indistinguishable(tuple(labels[j] for j in wanted), solution.frequency_hz[wanted], shape[:, wanted]),
     )
 

@@ -189,3 +189,23 @@ def test_a_member_s_own_mode_is_no_bending_mode_of_the_tower(jacket, sensor_list
     assert dict(zip(rising.tolist(), labels, strict=True)) == {
         0: "FA1", 1: "SS1", 2: "T1", 3: "FA2", 4: "SS2", 5: "L1", 6: "L2"}
     assert mac(shape[:, [6]], shape[:, [3]])[0, 0] == pytest.approx(1)
+
+
+def test_the_lowest_modes_that_most_blocks_show_are_proposed():
+    """A bridge's V1 and A1 were asked for; the sensors do not move in the model's third mode, at 3 Hz."""
+    wanted = ReferenceModes(labels=("V1", "A1"), frequency_hz=[1.0, 5.0], shape=np.eye(4)[:, :2])
+    others = ReferenceModes(labels=("L1", "T1", "V2"), frequency_hz=[2.0, 4.0, 6.0], shape=np.eye(4)[:, 1:])
+    asked = sought.Sought(modes=wanted, others=others, computed_hz=np.arange(1.0, 7.0))
+
+    def found(*modes):
+        return [ModeRecord(label=label, match="alike", model_label=own, model_frequency_hz=f, found=n, blocks=36)
+                for label, own, f, n in modes]
+
+    records = found(("V1", "V1", 1.0, 36), ("A1", "A1", 5.0, 36), ("3", "L1", 2.0, 30), ("4", "T1", 4.0, 36))
+    (note,) = asked.lowest_note(records)
+    assert note == "`--lowest 5` looks for all of the model's modes up to A1 at 5 Hz, which most blocks show"
+    # T1 in few blocks: up to the mode below it; L1 in few: what was asked for is all
+    (note,) = asked.lowest_note([*records[:3], *found(("4", "T1", 4.0, 9))])
+    assert note.startswith("`--lowest 2` looks for") and "up to L1 at 2 Hz" in note
+    assert not asked.lowest_note([*records[:2], *found(("3", "L1", 2.0, 9)), records[3]])
+    assert not replace(asked, computed_hz=None).lowest_note(records)
