@@ -108,7 +108,11 @@ def _own_words(arrays: Arrays, d: Description, take, single: Mapping[str, float]
         number = numbers[k] if len(take) == 1 else k
         text = units[0] if len(units) == 1 else units[number] if number < len(units) else unit_in(name)
         found[channel] = Stated(unit=text or None)
-    return OwnWords(channels=found, rate_hz=keyed_rate(single))
+    taken = {(name, k) for name, numbers in take for k in numbers}
+    left = [(n, k) for n in arrays.names if n not in single and n != str(d.time) for k in range(arrays.shape(n)[1])
+            if (n, k) not in taken]
+    unused = tuple(n if arrays.shape(n)[1] == 1 else f"{n} {k + 1}" for n, k in left)
+    return OwnWords(channels=found, rate_hz=keyed_rate(single), unused=unused)
 
 
 def _variable(arrays: Arrays, d: Description, wanted: str | int, what: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +31,8 @@ FILE_S = 3600.0
 RECORD = "converted.json"
 # of a source in that file, while it is converted
 UNFINISHED = "unfinished"
+# columns that are named of those not used
+MOST_NAMED = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +81,7 @@ def convert(
     written: list[Path] = []
     kept: list[Path] = []
     notes: list[str] = []
+    unused: Counter[str] = Counter()
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
     above = sources if sources.is_dir() else sources.parent
@@ -105,7 +109,8 @@ def convert(
             continue
         record[name] = {"key": key, "files": [], "samples": 0, "spans": [], UNFINISHED: True}
         _write_record(folder / RECORD, record)
-        outputs, count, said, own = _one_source(paths, name, described, head, folder, key)
+        outputs, count, said, own, left = _one_source(paths, name, described, head, folder, key)
+        unused.update(left)
         _refuse_changed(paths, before, outputs)
         joined = _agreeing(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
                            str(paths[0]))
@@ -117,7 +122,15 @@ def convert(
         notes += [*said, *joined]
         spans += [(a, b, name) for a, b in own]
     progress("converting files", len(found), len(found))
-    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples, notes=tuple(notes))
+    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples, notes=(*notes, *_unused_words(unused)))
+
+
+def _unused_words(unused: Mapping[str, int]) -> list[str]:
+    """One sentence on columns that no [[sensor]] reads, name -> number of files converted now that have it."""
+    some = [f"{name} ({plural(n, 'file')})" for name, n in unused.items()][:MOST_NAMED]
+    more = [f"{len(unused) - len(some)} more"] if len(unused) > len(some) else []
+    words = "columns not used, as no [[sensor]] of campaign.toml has them"
+    return [f"{words}: {', '.join([*some, *more])}"] if some else []
 
 
 def _group_sources(sources: Path, described: Description) -> list[tuple[Path, ...]]:
@@ -246,7 +259,7 @@ def _same_samples(one: Path, other: Path, since, count: int, rate_hz: float) -> 
 
 
 def _one_source(paths: Sequence[Path], name: str, described: Description, head: CampaignHead, folder: Path, key: str):
-    """(files, samples, notes, (start, end) of each): the source's samples on the campaign's clock."""
+    """(files, samples, notes, (start, end) of each, columns not used): the source's samples on the campaign's clock."""
     path = paths[0]
     clock = file_clock(path, described, head.sampling_rate_hz)
     writer = _Writer(folder, name, key, head)
@@ -273,7 +286,7 @@ def _one_source(paths: Sequence[Path], name: str, described: Description, head: 
     notes = [f"{name}: {text}" for text in (*own.notes, *words, *clock.notes())]
     if lost:
         notes.append(f"{name}: {lost} values are lost (NaN)")
-    return outputs, count, notes, spans
+    return outputs, count, notes, spans, own.unused
 
 
 def _factors(path: Path, own: OwnWords, head: CampaignHead, described: Description) -> tuple[np.ndarray, list[str]]:

@@ -3,8 +3,8 @@ interpolated, and decimated only where convert.toml says so."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,17 +93,17 @@ def on_one_clock(
     utc: False where the file states local times without their zone. Raises InputError for unequal rates (but for
     `decimate`), channels whose samples lie between each other's, and overlaps that differ."""
     chosen = {channel: _chosen(found, column, where, d, channel) for channel, column in d.columns.items()}
-    stated = {channel: c.stated for channel, c in chosen.items()}
-    if d.time not in (None, OWN_TIME):
-        clock = _chosen(found, d.time, where, d, "time")
-        yield OwnWords(channels=stated)
+    clock = None if d.time in (None, OWN_TIME) else _chosen(found, d.time, where, d, "time")
+    own = _own_words(found, chosen, clock)
+    if clock is not None:
+        yield own
         yield from _row_by_row(clock.segments[0].values, list(chosen.values()), clock.segments[0].size)
         return
     moments = [c.segments[0].moments for c in chosen.values() if len(c.segments) == 1]
     first = moments[0] if moments else None
     if d.time == OWN_TIME and first is not None and len(moments) == len(chosen) and all(
             m is not None and np.array_equal(m, first) for m in moments):
-        yield OwnWords(channels=stated)
+        yield own
         yield from _row_by_row(lambda a, b: _index(first[a:b], utc), list(chosen.values()), len(first))
         return
     own_start = _refuse_start(where, d, [s for c in chosen.values() for s in c.segments])
@@ -120,10 +120,17 @@ def on_one_clock(
         if step > 1:
             notes.append(f"{name}: decimated {step}:1 with zero phase, flat up to {0.345 * rate_hz:.3g} Hz; {REACH} "
                          "samples at each end and beside each gap are lost to the filter")
-    yield OwnWords(channels=stated, notes=tuple(notes))
+    yield replace(own, notes=tuple(notes))
     order = {c.name: k for k, c in enumerate(chosen.values())}
     for anchor, rows in placed:
         yield from _pieces(anchor if own_start else None, rows, order, steps, rate_hz, d, utc)
+
+
+def _own_words(
+    found: Sequence[LoggerChannel], chosen: Mapping[str, LoggerChannel], clock: LoggerChannel | None
+) -> OwnWords:
+    return OwnWords(channels={channel: c.stated for channel, c in chosen.items()},
+                    unused=tuple(c.name for c in found if c not in (clock, *chosen.values())))
 
 
 def _index(moments: np.ndarray, utc: bool) -> pd.DatetimeIndex:

@@ -107,7 +107,8 @@ def read_uff(path: Path, d: Description) -> Iterator:
                              f"{d.column_remedy(channel)}; a record's name is its node and axis, such as '12:+x', "
                              "or its number")
         columns.append(same[0])
-    yield OwnWords(channels={c: found.stated[k] for c, k in zip(d.columns, columns, strict=True)})
+    left = tuple(n or p for k, (n, p) in enumerate(zip(found.names, found.places, strict=True)) if k not in columns)
+    yield OwnWords(channels={c: found.stated[k] for c, k in zip(d.columns, columns, strict=True)}, unused=left)
     time = found.first_s + np.arange(len(found.data)) / found.rate_hz
     for first in range(0, len(time), PIECE):
         rows = slice(first, first + PIECE)

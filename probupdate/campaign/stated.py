@@ -63,11 +63,13 @@ class Stated:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnWords:
-    """What a file says of itself: of each channel, and its sampling rate. notes: what was done to its samples."""
+    """What a file says of itself: of each channel, and its sampling rate. notes: what was done to its samples; unused:
+    its columns that are no channel's and not time's."""
 
     channels: Mapping[str, Stated] = field(default_factory=dict)
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
 
 
 def known_unit(text: str) -> tuple[str, float] | None:

@@ -152,11 +152,15 @@ def _rate_of(lines: Sequence[str]) -> float | None:
 def _table_words(path: Path, d: Description, names: list, units: Sequence[str] | None, rate: float | None) -> OwnWords:
     """Units by their row, else in brackets behind a column's name."""
     found = {}
+    left = dict(enumerate(str(n + 1 if isinstance(n, int) else n) for n in names))
+    if d.time is not None:
+        left.pop(_column(path, d, names, d.time, "time"))
     for channel, wanted in d.columns.items():
         k = _column(path, d, names, wanted, channel)
+        left.pop(k, None)
         text = units[k] if units is not None and k < len(units) else unit_in(str(names[k]))
         found[channel] = Stated(unit=text or None)
-    return OwnWords(channels=found, rate_hz=rate)
+    return OwnWords(channels=found, rate_hz=rate, unused=tuple(left.values()))
 
 
 def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int], size: int) -> None:

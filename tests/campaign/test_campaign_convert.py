@@ -647,3 +647,33 @@ def test_a_missing_column_is_corrected_where_it_is_named(job, columns, kind, sai
         np.savez(raw / "r.npz", **{"west": noise()[:, 0], "a-y": noise()[:, 1]})
     with pytest.raises(InputError, match=said):
         convert(raw, campaign)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "npz", "matrix"])
+def test_columns_that_no_sensor_reads_are_said_in_one_line(job, kind):
+    columns = '\n[columns]\n"a-x" = 1\n"a-y" = 3' if kind == "matrix" else '\n[columns]\n"a-x" = "east"'
+    ending = "npz" if kind == "matrix" else kind
+    if kind == "parquet":
+        pytest.importorskip("pyarrow")
+    raw, campaign = job(f'files = "*.{ending}"\nstart_pattern = "r(\\\\d+)"\nstart_format = "%Y%m%d%H"\n'
+                        f'zone = "UTC"{columns}')
+    data = np.random.default_rng(1).standard_normal((6000, 3))
+    for hour in (10, 12):
+        path = raw / f"r20260601{hour}.{ending}"
+        frame = pd.DataFrame(data, columns=["east", "b-x [mg]", "a-y"])
+        if kind == "matrix":
+            np.savez(path, y=data, fs=RATE)
+        elif kind == "npz":
+            np.savez(path, **{name: frame[name] for name in frame}, fs=RATE)
+        else:
+            getattr(frame, f"to_{kind}")(path, index=False)
+    name = "y 2" if kind == "matrix" else "b-x [mg]"
+    said = f"columns not used, as no [[sensor]] of campaign.toml has them: {name} (2 files)"
+    assert [n for n in convert(raw, campaign).notes if "not used" in n] == [said]
+
+
+def test_a_conversion_of_all_columns_names_none(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = "east"')
+    table = pd.DataFrame(np.random.default_rng(1).standard_normal((6000, 2)), columns=["east", "a-y [m/s2]"])
+    table.assign(when=[t.isoformat() for t in stamps()]).to_csv(raw / "r.csv", index=False)
+    assert not any("not used" in n for n in convert(raw, campaign).notes)
