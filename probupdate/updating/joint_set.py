@@ -65,6 +65,24 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
     return JointSet(data=joint, ids=ids, notes=(first, *others, *outliers, *scatter))
 
 
+def states_words(data: ModalData, ids: Sequence[str]) -> str:
+    """Where frequencies of modes that have a name step between comparable sets, and which state those of `ids` are of;
+    empty where none does."""
+    from probupdate.updating.outlier_sets import first_after_step
+
+    named = [label for label in data.labels or () if not label.isdigit()]
+    first, sizes = first_after_step(_comparable(data)[0], named or None)
+    if not first:
+        return ""
+    every = [s.id for s in data.sets]
+    later = sum(every.index(one) >= every.index(first) for one in ids)
+    whose = {0: "before it: an update of them is of the state before",
+             len(ids): "after it: an update of them is of the state after"}.get(
+                 later, f"of both states, {len(ids) - later} before it and {later} after: their mean is of neither")
+    return (f"TWO STATES: frequencies step at set {first} ({sizes}), and the sets kept are {whose}. `probupdate "
+            "diagnose` of all sets says what changed, with the parameters before and after")
+
+
 def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:
     """The sets in the conditions of the reference set, or of most sets, and why others are not among them."""
     words = [tuple(sorted((k, v) for k, v in s.environment.items() if isinstance(v, str))) for s in data.sets]

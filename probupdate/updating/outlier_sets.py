@@ -153,31 +153,40 @@ def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> s
     """A sentence where frequencies (of the modes `used`, None: of all) stand at one level up to a set and at another
     from it on: their mean is of neither state; empty where they do not. The sets are in the order of the data, which
     is that of time."""
+    first, sizes = first_after_step(data, used)
+    return first and (f"frequencies step at set {first} ({sizes}): the structure changed there, and parameters "
+                      "from the mean of all sets are of neither state. `probupdate diagnose` says what changed, with "
+                      "the parameters before and after")
+
+
+def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tuple[str, str]:
+    """The first set after the clearest step of a frequency, and by how much each that steps does, in words; both empty
+    where none does."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     frequency = np.array([s.frequency_hz for s in data.sets], float)
     stated = np.array([s.frequency_std_hz for s in data.sets], float) / frequency
-    found = {}
+    changed = {}
     for j, label in enumerate(labels):
-        if used is not None and label not in used:
-            continue
         there = np.flatnonzero(np.isfinite(frequency[:, j]))
-        value, floor = np.log(frequency[there, j]), np.nanmedian([LEAST, *stated[there, j]])
-        steps = [_step(value, at, floor) for at in range(FEWEST_SIDE, len(there) - FEWEST_SIDE + 1)]
-        if steps:
-            at = int(np.argmax([abs(size) / scatter for size, scatter in steps]))
-            found[label] = (*steps[at], data.sets[there[at + FEWEST_SIDE]].id)
-    changed = {label: one for label, one in found.items() if abs(one[0]) >= STEP * one[1]}
+        if len(there) < 2 * FEWEST_SIDE or (used is not None and label not in used):
+            continue
+        size, scatter = _steps(np.log(frequency[there, j]), np.nanmedian([LEAST, *stated[there, j]]))
+        at = int(np.argmax(np.abs(size) / scatter))
+        if abs(size[at]) >= STEP * scatter[at]:
+            changed[label] = (size[at], scatter[at], data.sets[there[at + FEWEST_SIDE]].id)
     if not changed:
-        return ""
+        return "", ""
     clearest = max(changed, key=lambda label: abs(changed[label][0]) / changed[label][1])
-    sizes = ", ".join(f"{label} by {100 * np.expm1(size):+.2g} %" for label, (size, _, _) in changed.items())
-    return (f"frequencies step at set {changed[clearest][2]} ({sizes}): the structure changed there, and parameters "
-            "from the mean of all sets are of neither state. `probupdate diagnose` says what changed, with the "
-            "parameters before and after")
+    return changed[clearest][2], ", ".join(
+        f"{label} by {100 * np.expm1(size):+.2g} %" for label, (size, _, _) in changed.items())
 
 
-def _step(value: np.ndarray, at: int, least: float) -> tuple[float, float]:
-    """What the mean of values from number `at` on is more than that before, and the scatter within both."""
-    before, after = value[:at], value[at:]
-    within = (len(before) * np.var(before) + len(after) * np.var(after)) / (len(value) - 2)
-    return float(after.mean() - before.mean()), max(float(np.sqrt(within)), least)
+def _steps(value: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """For each number of values before a step, FEWEST_SIDE at least on both sides: what the mean of those after is more
+    than that of those before, and the scatter within both."""
+    n, value = len(value), value - value.mean()
+    before = np.arange(FEWEST_SIDE, n - FEWEST_SIDE + 1)
+    total, after = np.cumsum(value)[before - 1], n - before
+    # about a mean of nothing those after have the other's sum, of the other sign
+    within = np.sum(value**2) - total**2 / before - total**2 / after
+    return -total / after - total / before, np.maximum(np.sqrt(np.maximum(within, 0.0) / (n - 2)), least)

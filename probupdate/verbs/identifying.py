@@ -352,12 +352,18 @@ def select(
     thresholds other than the preset's. rated_power_kw: of the turbine, for the states derived
     from `scada`; without, the highest power in it. std_from: see `identification.selection.select`.
     """
-    return select_sets(
-        read_modes(modes), read_scada(scada, rated_power_kw=rated_power_kw) if scada else None,
+    from probupdate.updating.joint_set import states_words
+
+    data = read_modes(modes)
+    chosen = select_sets(
+        data, read_scada(scada, rated_power_kw=rated_power_kw) if scada else None,
         count=count, std_from=std_from,
         criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
         state_rule=StateRule(rated_power_kw=rated_power_kw),
     )
+    passed = [s for s, failed in zip(data.sets, chosen.table["criterion"], strict=True) if not failed]
+    states = states_words(replace(data, sets=tuple(passed), reference_set=None), [s.id for s in chosen.data.sets])
+    return replace(chosen, notes=(states, *chosen.notes), summary=f"{states}\n{chosen.summary}") if states else chosen
 
 
 @names_files("modes")

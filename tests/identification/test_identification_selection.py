@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from one_record import identify_poles
 
+import probupdate
 from probupdate.errors import InputError
 from probupdate.identification.criteria import (
     SelectionCriteria,
@@ -17,7 +18,7 @@ from probupdate.identification.criteria import (
     resolved,
 )
 from probupdate.identification.selection import inconsistency, outlying, select, shape_scatter
-from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes
+from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes, write_modes
 
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
 TRUE_HZ = np.array([0.316, 0.323, 1.29, 1.93, 2.02])
@@ -382,3 +383,26 @@ def jacket_free_record(pair, rng) -> np.ndarray:
         q = signal.lfilter([1.0], [1.0, -value], np.sqrt(1 - abs(value) ** 2) * white)[lead:]
         y += np.outer(q.real, pair.shape[:, j])
     return y + 0.02 * rng.standard_normal(y.shape)
+
+
+def record_with_step(folder, at: int):
+    """modes.json of twelve sets, whose fourth mode is lower from number `at` on."""
+    rng, shape = np.random.default_rng(8), np.linalg.qr(np.random.default_rng(2).standard_normal((18, 5)))[0]
+    hz = TRUE_HZ * (1 + 0.001 * rng.standard_normal((12, 5)))
+    hz[at:, 3] *= 0.97
+    write_modes(data([one_set(k, shape, frequency=hz[k]) for k in range(12)]), folder / "modes.json")
+    return folder / "modes.json"
+
+
+@pytest.mark.parametrize(("at", "count", "whose"), [
+    (8, 3, "before it: an update of them is of the state before"), (4, 3, "after it: an update of them is"),
+    (6, 12, "of both states, 6 before it and 6 after: their mean is of neither")])
+def test_select_says_from_which_state_its_sets_are(tmp_path, at, count, whose):
+    chosen = probupdate.select(record_with_step(tmp_path, at), count=count)
+    onset = read_modes(tmp_path / "modes.json").sets[at].id
+    assert chosen.summary.startswith(f"TWO STATES: frequencies step at set {onset} (FA2 by -3")
+    assert f"the sets kept are {whose}" in chosen.summary and chosen.notes[0] in chosen.summary
+
+
+def test_select_says_nothing_of_states_where_no_frequency_steps(tmp_path):
+    assert "TWO STATES" not in probupdate.select(record_with_step(tmp_path, 12)).summary
