@@ -15,6 +15,8 @@ from probupdate.campaign.reading import Campaign
 
 # blocks that are read again for the advice, evenly over the campaign
 LOOKED_AT = 24
+# how a sentence begins on channels that a model has and the campaign has not, and how many it names
+LACKING, MOST_NAMED = "the campaign has no", 12
 
 
 def leave_out(channels: Sequence[str]) -> str:
@@ -25,6 +27,18 @@ def leave_out(channels: Sequence[str]) -> str:
 def left_out_notes(channels: Sequence[str]) -> list[str]:
     """What a step says of the channels that it was not to use; [] without any."""
     return [f"{', '.join(channels)} left out, as campaign.toml says"] if channels else []
+
+
+def lacking_notes(channels: Sequence[str], campaigns: Sequence[Campaign]) -> list[str]:
+    """What a step says of a model's channels that no [[sensor]] of the campaigns is; [] where each is, or none, as the
+    model's own sensors are then other ones."""
+    known = {name for c in campaigns for name in (*c.channels, *c.left_out)}
+    lacking = [name for name in channels if name not in known]
+    if not 0 < len(lacking) < len(channels):
+        return []
+    more = f" and {len(lacking) - MOST_NAMED} more" if len(lacking) > MOST_NAMED else ""
+    return [f"{LACKING} {', '.join(lacking[:MOST_NAMED])}{more}, of {len(channels)} channels of the model: where it "
+            "was measured, add its [[sensor]] to campaign.toml"]
 
 
 def remedy(campaign: Campaign) -> str:

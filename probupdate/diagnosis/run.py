@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.usable import lacking_notes
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend as extend_model
@@ -121,7 +122,8 @@ def diagnose_files(
             prepared = source.prepared(sensors, data, progress)
             found = _whole(prepared, data=data, seed=seed, extended=extend, sampler=sampler, out=out, runs=runs,
                            parameters_file=source.parameters, progress=progress)
-            found = replace(found, notes=(*found.notes, *_without_tilt(prepared, data)))
+            own = lacking_notes(prepared.small.channels, [campaign]) if campaign is not None else []
+            found = replace(found, notes=(*found.notes, *_without_tilt(prepared, data), *own))
     return _with_tests(found, tests, wrong_rate)
 
 

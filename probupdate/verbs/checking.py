@@ -12,6 +12,7 @@ from probupdate.campaign.blocks import block_starts
 from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.reading import Campaign, read_campaign
+from probupdate.campaign.usable import LACKING
 from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.settings import IdentificationSettings
@@ -68,7 +69,7 @@ def against_model(
         sought = reference_at([campaign], model, where=campaign.path, parameters=parameters, lowest=held)
     chosen, said = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
     held = _shapes_against(campaign, model, parameters, sought, chosen, progress)
-    suspected = [text for text in (*sought.notes, *said) if text.startswith(("suspect", TOO_FEW))]
+    suspected = [text for text in (*sought.notes, *said) if text.startswith(("suspect", TOO_FEW, LACKING))]
     return replace(held, finding="; ".join(filter(None, [*suspected, held.finding])))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from probupdate.campaign.checking import suspected_time
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, read_scada
-from probupdate.campaign.usable import left_out_notes
+from probupdate.campaign.usable import lacking_notes, left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
@@ -38,7 +38,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import implausible
 from probupdate.structure.plausible_size import implausible_extent, other_unit
-from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value
+from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value, stated_channels
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
 
@@ -253,7 +253,8 @@ def reference_at(
     computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
     lowest_first = np.sort(np.hstack(computed))
     odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible(turbine, lowest_first)]
-    return replace(found, notes=(*odd, *far, *found.notes))
+    lacking = lacking_notes(stated_channels(model, turbine), campaigns)
+    return replace(found, notes=(*odd, *far, *lacking, *found.notes))
 
 
 def implausible_places(sensors: Sequence[Sensor]) -> tuple[str, ...]:

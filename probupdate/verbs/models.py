@@ -19,7 +19,7 @@ from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.structure.functions import FunctionModel
-from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
+from probupdate.structure.load import REFERENCE_STATES, load_model, model_sensors, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes, unused_of
 from probupdate.structure.readings import gravity_words
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
@@ -166,6 +166,12 @@ def has_geometry(model: object) -> TypeGuard[str | Path]:
     # what cannot be read is reported by whoever reads it
     return not path.is_file() or path.suffix.lower() == ".dat" or (
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
+
+
+def stated_channels(model: GivenModel, opened: Model) -> tuple[str, ...]:
+    """The channels that a model has of its own: of one with members those of its file, wherever the sensors are that
+    it was opened with."""
+    return tuple(s.channel for s in model_sensors(model_path(model)) or ()) if has_geometry(model) else opened.channels
 
 
 def model_notes(model: str | Path) -> tuple[str, ...]:

@@ -241,3 +241,27 @@ def test_places_in_mm_on_a_model_with_members_are_one_question():
     sensors = tuple(replace(s, position_m=1000 * s.position_m) for s in model_sensors(reference_model("design")))
     with pytest.raises(InputError, match="places are 1000 times the model's: in mm"):
         load_model(reference_model("design"), sensors=sensors)
+
+
+def test_channels_of_the_model_that_campaign_toml_lacks_are_said(building, capsys, monkeypatch):
+    """By check, identify and diagnose; not of a channel that it has and leaves out."""
+    monkeypatch.chdir(building)
+    folder = campaign(building, "four of five")
+    text = (folder / "campaign.toml").read_text()
+    commands = (["check", str(folder), "--model", "model.npz"],
+                ["identify", str(folder), "--model", "model.npz", "--out", "four.json"],
+                ["diagnose", "--model", "model.npz", "--modes", "four.json", "--campaign", str(folder), "--no-extend",
+                 "--out", "lacking.json"])
+    shorter = text[: text.rindex("[[sensor]]")]
+    with h5py.File(folder / "acceleration" / "one.h5", "r+") as file:
+        held = {"data": file["data"][:], **file["data"].attrs}
+        del file["data"]
+        file.create_dataset("data", data=held.pop("data")[:, :-1]).attrs.update(held)
+    (folder / "campaign.toml").write_text(shorter)
+    for command in commands:
+        assert main(command) == 0
+        assert capsys.readouterr().out.count(f"the campaign has no {CHANNELS[-1]}, of 5 channels of the model") == 1
+    left = campaign(building, "five, one left out")
+    (left / "campaign.toml").write_text(f'leave_out = ["{CHANNELS[-1]}"]\n{text}')
+    assert main(["identify", str(left), "--model", "model.npz", "--out", "left_four.json"]) == 0
+    assert "the campaign has no" not in capsys.readouterr().out
