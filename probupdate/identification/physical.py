@@ -562,7 +562,7 @@ def _build_modes(
         basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
         axes = along_axes(basis, sensors) if turns else None
-        shapes, parts = (_resolve_by_nacelle(c, rows, axes, angle, sensors) if axes is not None
+        shapes, parts = (_resolve_by_nacelle(c, rows, axes, angle) if axes is not None
                          else _resolve_by_frequency(c, rows, basis))
         n = len(modes)
         modes += [_Mode(rows=parts[k], shape=shapes[:, k], mate=n + 1 - k, turns=axes is not None) for k in range(2)]
