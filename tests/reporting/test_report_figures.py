@@ -81,7 +81,7 @@ def _built(run) -> dict[str, Figure]:
         "against_conditions": figures.against_conditions(
             modes.labels, block_hz, 0.01 * block_hz, {"wind speed [m/s]": np.arange(len(block_hz), dtype=float)}),
         "predictive_frequencies": figures.predictive_frequencies(
-            update.labels, update.measured_hz, update.measured_std_hz, posterior.frequency_hz, update.initial_hz),
+            update.labels, update.measured_hz, update.measured_std_hz, posterior.frequency_hz),
     }
 
 
