@@ -531,6 +531,8 @@ def _sizes(record: UpdateRecord):
     yield "schemes", tuple(s.key for s in record.schemes), tuple(SCHEME_NAMES)
     for name in ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_hz", "map_mac"):
         yield name, getattr(record, name).shape, (n_mode,)
+    if record.identified_std_hz is not None:
+        yield "identified_std_hz", record.identified_std_hz.shape, (n_mode,)
     for name in ("map_theta", "map_resolution", "map_at_bound"):
         yield name, getattr(record, name).shape, (n_param,)
     yield "map_covariance", record.map_covariance.shape, (n_param, n_param)

@@ -66,7 +66,7 @@ def test_a_shard_leaves_it_to_the_run_of_all(ran):
 
 @pytest.mark.parametrize("text, said", [
     (JOINT + "[joint]\n", "names no parameter"),
-    (JOINT + '[joint]\ncommon = ["k1"]\nvarying = ["k1"]\n', "common and varying"),
+    (JOINT + '[joint]\ncommon = ["k1"]\nvarying = ["k1"]\n', "under common and under varying"),
     (JOINT + '[joint]\nvaryng = ["k1"]\n', "varyng"),
     (JOINT.replace('"select", ', "").replace("[select]\npreset = \"structure\"\ncount = 2\n", "")
      + '[joint]\ncommon = ["k1"]\n', "needs 'select'"),
