@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -14,6 +14,7 @@ from probupdate.diagnosis.adequacy import (
     FREQUENCIES,
     SHAPES,
     adequacy,
+    explains,
     frequencies_off,
     shapes_off,
     span_left,
@@ -126,8 +127,8 @@ def examine(
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
-    explored, findings = _exclude_chance(explored, seed)
-    findings, own_response = _add_elementary_parts(prepared, explored, findings, runs)
+    explored, findings, refuted = _exclude_chance(explored, seed)
+    findings, own_response = _add_elementary_parts(prepared, explored, findings, refuted, runs)
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -188,7 +189,7 @@ def _open_questions(verdict: str, prepared: Prepared, fitted: Fit) -> list[str]:
 
 
 def _add_elementary_parts(
-    prepared: Prepared, explored: Explored, findings: list[Finding], runs: Executor
+    prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int], runs: Executor
 ) -> tuple[list[Finding], OwnResponse | None]:
     """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
     is more probable than what the catalogue says of them, and than any part in place of findings."""
@@ -205,7 +206,7 @@ def _add_elementary_parts(
     most = max((evidence + prior for found in instead.values() for _, evidence, prior in found), default=-np.inf)
     responses = [one for one in own_responses(explored) if one.log_evidence + one.log_prior > most]
     if responses or any(instead.values()):
-        findings = findings_of(explored, instead, responses)
+        findings = findings_of(explored, instead, refuted, responses)
     return findings, _own_response(findings, responses)
 
 
@@ -285,23 +286,30 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
     return replace(scaled, blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
-def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding]]:
+def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
-    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures."""
+    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
+    Chance is no explanation where what it leaves is none while the finding explains it, as what theory does not know is
+    part of that test too: such findings' numbers are the last value."""
+    refuted: set[int] = set()
     while True:
-        best, findings = explored.hypotheses[0], findings_of(explored)
+        best, findings = explored.hypotheses[0], findings_of(explored, refuted=refuted)
         chance = [sum(a.posterior_probability for a in f.alternatives if a.cause == CHANCE) - f.posterior_probability
                   for f in findings]
         if not findings or max(chance) <= 0:
-            return explored, findings
+            return explored, findings, refuted
         problem, out = explored.problem, int(np.argmax(chance))
         rest = key_of(problem, [k for number, k in enumerate(best.candidates) if number != out])
         row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
         if row is None:
-            return explored, findings
+            return explored, findings, refuted
         # crosstalks may have been taken up after it
         there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
+        if not explains(problem, there.fitted, found, seed) and explains(problem, best.fitted, explored.last, seed):
+            refuted.add(out)
+            continue
+        refuted = set()
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, one_more=False,
@@ -311,11 +319,12 @@ def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findi
 def findings_of(
     explored: Explored,
     instead: Mapping[tuple[int, ...], Sequence[tuple[Effect | Alternative, float, float]]] = MappingProxyType({}),
-    responses: Sequence[OwnResponse] = (),
+    refuted: Collection[int] = (), responses: Sequence[OwnResponse] = (),
 ) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
     effect alone. `instead`: what else may be meant by the effects of these numbers, with ln evidence and ln prior
-    relative to them; `responses`: what channels may show instead."""
+    relative to them; `responses`: what channels may show instead. `refuted`: numbers of effects in whose place nothing
+    at all explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
@@ -327,6 +336,10 @@ def findings_of(
         for numbers, parts in instead.items():
             for other, apart, before in parts if number in numbers else ():
                 others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
+        if number in refuted and None in others:
+            nothing = others.index(None)
+            for row in (others, evidence, prior):
+                del row[nothing]
         own_error = model_error_dispersion(z, error_scale(n.effect))
         dispersion = max(left / directions, own_error, _shared_error_share(problem, best, number))
         explains = [value / dispersion for value in evidence]
