@@ -654,7 +654,7 @@ def test_columns_that_no_sensor_reads_are_said_in_one_line(job, kind):
     columns = '\n[columns]\n"a-x" = 1\n"a-y" = 3' if kind == "matrix" else '\n[columns]\n"a-x" = "east"'
     ending = "npz" if kind == "matrix" else kind
     if kind == "parquet":
-        pytest.importorskip("pyarrow")
+        pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     raw, campaign = job(f'files = "*.{ending}"\nstart_pattern = "r(\\\\d+)"\nstart_format = "%Y%m%d%H"\n'
                         f'zone = "UTC"{columns}')
     data = np.random.default_rng(1).standard_normal((6000, 3))
