@@ -81,7 +81,7 @@ class ShapeTable:
         return alike
 
     def log_ratio(self, s: int, j: int, others: np.ndarray) -> tuple[float, float]:
-        """ln of the density of set s as an outlier by the shape of mode j over that as one of the others (n_set,), and
+        """ln of the density of set s as an outlier by the shape of mode j over that as one of the others, and
         its MAC with what they span; -inf where a shape says nothing."""
         number = np.flatnonzero(others)
         left, own = self.residual(j, number, others), self.residual(j, np.array([s]), others)
