@@ -17,14 +17,15 @@ from probupdate.runtime.arrays import frozen_array
 # keys a rigid rotor-nacelle assembly is made of
 NACELLE = ("NacMass", "NacCMxn", "NacCMyn", "NacCMzn", "NacYIner", "YawBrMass", "Twr2Shft", "OverHang", "ShftTilt",
            "HubMass", "HubIner", "HubCM", "NumBl", "TipRad", "HubRad")
-PLATFORM = ("PtfmMass", "PtfmCMxt", "PtfmCMyt", "PtfmCMzt", "PtfmRIner", "PtfmPIner", "PtfmYIner", "PtfmXYIner",
+PLATFORM = ("PtfmMass", "PtfmRIner", "PtfmPIner", "PtfmYIner", "PtfmCMxt", "PtfmCMyt", "PtfmCMzt", "PtfmXYIner",
             "PtfmXZIner", "PtfmYZIner")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tower:
     """From base to top, heights above ground or mean sea level in m; fraction (n,) of the height between, mass_kgpm,
-    stiffness_fa_nm2 and stiffness_ss_nm2 (n,) with the file's factors on them."""
+    stiffness_fa_nm2 and stiffness_ss_nm2 (n,) with the file's factors on them. point_mass (n_point, 2): fraction of the
+    height and kg of concentrated masses."""
 
     base_m: float
     top_m: float
@@ -32,6 +33,7 @@ class Tower:
     mass_kgpm: np.ndarray
     stiffness_fa_nm2: np.ndarray
     stiffness_ss_nm2: np.ndarray
+    point_mass: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,24 +103,35 @@ class _Keys:
         return tuple(dict.fromkeys(note for file in self.files
                                    for note in unused(file.lines, str(file.path), file.used)))
 
-    def table(self, count: str, first: str, columns: int) -> np.ndarray:
-        """The rows below the line of names that begins with `first`, leading `columns` numbers."""
-        n = int(self.number(count))
+    def not_negative(self, name: str) -> float:
+        """A number that must not be negative, 0 where it is not given."""
+        value = self.number(name, 0.0)
+        if value < 0:
+            raise InputError(f"{self.path}, line {self.word(name)[0]}", f"{name} is {value:g}", "give zero or more")
+        return value
+
+    def stations(self, count: str, first: str, columns: int) -> np.ndarray:
+        """The table whose line of names begins with `first`, a fraction that rises from 0 to 1."""
         start = next((k for k, line in enumerate(self.lines) if line.split()[:1] == [first]), None)
         if start is None:
             raise InputError(str(self.path), f"no table begins with {first}", "check the file")
-        rows = []
+        table = self.rows(start, count, columns)
+        if len(table) < 2 or np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(
+                table[-1, 0] - 1) > 1e-6:
+            raise InputError(f"{self.path}, line {start + 3}", f"{first} does not rise from 0 to 1",
+                             "correct the column")
+        return table
+
+    def rows(self, start: int, count: str, columns: int) -> np.ndarray:
+        """The rows below a line of names, the `start`-th from zero, and one of units, leading `columns` numbers."""
+        n, rows = int(self.number(count)), []
         for k in range(start + 2, start + 2 + n):
             values = [number(w) for w in words(self.lines[k])] if k < len(self.lines) else []
             if len(values) < columns or None in values[:columns]:
                 raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not "
                                  f"{columns} numbers", "complete it, or correct the count")
             rows.append(values[:columns])
-        table = np.array(rows)
-        if np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(table[-1, 0] - 1) > 1e-6:
-            raise InputError(f"{self.path}, line {start + 3}", f"{first} does not rise from 0 to 1",
-                                 "correct the column")
-        return table
+        return np.array(rows)
 
 
 def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
@@ -154,10 +167,8 @@ def _refuse_furling(keys: _Keys) -> None:
 def _platform(keys: _Keys) -> RigidBody | None:
     """The rigid platform on SubDyn's interface. Products of inertia (newer files) are the tensor's own entries,
     -int x y dm."""
-    mass, x, y, z, roll, pitch, yaw, xy, xz, yz = (keys.number(name, 0.0) for name in PLATFORM)
-    for name, value in zip(("PtfmMass", "PtfmRIner", "PtfmPIner", "PtfmYIner"), (mass, roll, pitch, yaw), strict=True):
-        if value < 0:
-            raise InputError(f"{keys.path}, line {keys.word(name)[0]}", f"{name} is {value:g}", "give zero or more")
+    mass, roll, pitch, yaw = (keys.not_negative(name) for name in PLATFORM[:4])
+    x, y, z, xy, xz, yz = (keys.number(name, 0.0) for name in PLATFORM[4:])
     inertia = np.array([[roll, xy, xz], [xy, pitch, yz], [xz, yz, yaw]])
     if not mass and not inertia.any():
         return None
@@ -177,7 +188,7 @@ def _blade_key(keys: _Keys, blade: int) -> str:
 
 def _tower(keys: _Keys) -> Tower:
     file = keys.opened("TwrFile")
-    table = file.table("NTwInpSt", "HtFract", 4)
+    table = file.stations("NTwInpSt", "HtFract", 4)
     factors = [file.number(name, 1.0) for name in ("AdjTwMa", "AdjFASt", "AdjSSSt")]
     base, top = keys.number("TowerBsHt"), keys.number("TowerHt")
     if not base < top:
@@ -187,13 +198,27 @@ def _tower(keys: _Keys) -> Tower:
             raise InputError(str(file.path), f"{name} is not above zero everywhere", "correct the column")
     mass, fore_aft, side_side = (frozen_array(table[:, k + 1] * factors[k]) for k in range(3))
     return Tower(base_m=base, top_m=top, fraction=frozen_array(table[:, 0]), mass_kgpm=mass,
-                 stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)
+                 stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side, point_mass=_point_masses(file))
+
+
+def _point_masses(file: _Keys) -> np.ndarray:
+    """The tower file's concentrated masses (newer files), below the line of their number."""
+    if not file.not_negative("NTwCMass"):
+        return np.zeros((0, 2))
+    line = file.word("NTwCMass")[0]
+    table = file.rows(line, "NTwCMass", 2)
+    if np.any((table < 0) | (table > [1, np.inf])):
+        raise InputError(f"{file.path}, line {line + 3}", "a concentrated mass of the tower is below zero, or its "
+                         "height not between 0 and 1 of the tower's", "correct its row")
+    return frozen_array(table)
 
 
 def _rotor_nacelle(keys: _Keys) -> RigidBody:
     """Nacelle, yaw bearing, hub and blades as particles, with the inertia the file states about its axes; the rotor
     does not turn about its shaft, and what is on the fast shaft is left out."""
     v = {name: keys.number(name) for name in NACELLE}
+    for name in ("NacMass", "YawBrMass", "HubMass", "HubIner", "TipRad", "HubRad"):
+        keys.not_negative(name)
     tilt = math.radians(v["ShftTilt"])
     shaft, up = np.array([math.cos(tilt), 0.0, math.sin(tilt)]), np.array([-math.sin(tilt), 0.0, math.cos(tilt)])
     apex = np.array([0.0, 0.0, v["Twr2Shft"]]) + v["OverHang"] * shaft
@@ -201,11 +226,16 @@ def _rotor_nacelle(keys: _Keys) -> RigidBody:
     points, masses = [nacelle, np.zeros(3), apex + v["HubCM"] * shaft], [v["NacMass"], v["YawBrMass"], v["HubMass"]]
     own = v["HubIner"] * np.outer(shaft, shaft)
     # about the yaw axis, so that what its mass has there comes off
-    own[2, 2] += max(0.0, v["NacYIner"] - v["NacMass"] * (nacelle[0] ** 2 + nacelle[1] ** 2))
+    least = v["NacMass"] * (nacelle[0] ** 2 + nacelle[1] ** 2)
+    if v["NacYIner"] < least:
+        raise InputError(f"{keys.path}, line {keys.word('NacYIner')[0]}", f"NacYIner is {v['NacYIner']:g}, below the "
+                         f"{least:g} kg m2 of NacMass at NacCMxn and NacCMyn", "give it about the yaw axis; ElastoDyn "
+                         "refuses it too")
+    own[2, 2] += v["NacYIner"] - least
     count = int(v["NumBl"])
     for blade in range(1, count + 1):
         file = keys.opened(_blade_key(keys, blade))
-        table = file.table("NBlInpSt", "BlFract", 3) if _column(file, "StrcTwst") == 1 else file.table(
+        table = file.stations("NBlInpSt", "BlFract", 3) if _column(file, "StrcTwst") == 1 else file.stations(
             "NBlInpSt", "BlFract", 4)[:, [0, 1, 3]]
         density = table[:, 2] * file.number("AdjBlMs", 1.0)
         cone = math.radians(keys.number(f"PreCone({blade})"))
@@ -219,7 +249,7 @@ def _rotor_nacelle(keys: _Keys) -> RigidBody:
                 radius = v["HubRad"] + (a + share * (b - a)) * length
                 points.append(apex + radius * along)
                 masses.append(weight * (da + share * (db - da)) * (b - a) * length)
-        tip = keys.number(f"TipMass({blade})", 0.0)
+        tip = keys.not_negative(f"TipMass({blade})")
         points.append(apex + v["TipRad"] * along)
         masses.append(tip)
     points, masses = np.array(points), np.array(masses)

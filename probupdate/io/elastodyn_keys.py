@@ -33,9 +33,9 @@ _NAMES = """
     TwSSDOF2 PtfmSgDOF PtfmSwDOF PtfmHvDOF PtfmRDOF PtfmPDOF PtfmYDOF OoPDefl IPDefl BlPitch TeetDefl Azimuth RotSpeed
     TTDspFA TTDspSS Delta3 AzimB1Up ShftGagL NcIMUxn NcIMUyn NcIMUzn PtfmRefxt PtfmRefyt PtfmRefzt BldNodes TeetDmpP
     TeetDmp TeetCDmp TeetSStP TeetHStP TeetSSSp TeetHSSp YawFrctMod M_CSmax M_FCSmax M_MCSmax M_CD M_FCD M_MCD sig_v
-    sig_v2 OmgCut GBoxEff GBRatio DTTorSpr DTTorDmp FurlFile TwrNodes SumPrint OutFile TabDelim OutFmt TStart DecFact
-    NTwGages TwrGagNd NBlGages BldGagNd OutList BldNd_BladesOut BldNd_BlOutNd TwFADmp TwSSDmp TwFAM1Sh TwFAM2Sh TwSSM1Sh
-    TwSSM2Sh CalcTMode BldFlDmp BldEdDmp FlStTunr AdjFlSt AdjEdSt BldFl1Sh BldFl2Sh BldEdgSh CalcBMode
+    sig_v2 OmgCut GBoxEff GBRatio DTTorSpr DTTorDmp FurlFile TwrNodes SumPrint OutFile OutFileFmt TabDelim OutFmt TStart
+    DecFact NTwGages TwrGagNd NBlGages BldGagNd OutList BldNd_BladesOut BldNd_BlOutNd TwFADmp TwSSDmp TwFAM1Sh TwFAM2Sh
+    TwSSM1Sh TwSSM2Sh CalcTMode BldFlDmp BldEdDmp FlStTunr AdjFlSt AdjEdSt BldFl1Sh BldFl2Sh BldEdgSh CalcBMode
 """
 WITHOUT_EFFECT = frozenset(_NAMES.split())
 # a line of a value, its name and, behind a hyphen, what it means
@@ -52,7 +52,8 @@ def unused(lines: Sequence[str], where: str, used: Collection[str]) -> Iterator[
         found = words(line)
         for column in set(found) & set(UNUSED_COLUMNS):
             yield f"{where}, line {at}: column {column} is not used: {UNUSED_COLUMNS[column]}"
-        if len(found) < 3 or not NAME.match(found[1]) or not found[2].startswith("-") or not _is_value(found[0]):
+        if len(found) < 2 or not NAME.match(found[1]) or not _is_value(found[0]) or (
+                found[2:] and not found[2].startswith("-")):
             continue
         name = re.sub(r"\(\d+\)$", "", found[1]).lower()
         if found[1].lower() in used or name in used or name in passive or name in said:

@@ -7,6 +7,7 @@ Source of the layout: OpenFAST's SubDyn manual, section input files, and its rea
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +19,8 @@ from probupdate.io.files import resolve_path
 from probupdate.io.fortran_text import integer, logical, number, read_lines, unquoted, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
+# in the first line of files that are easily taken for SubDyn's
+OTHER_MODULE = re.compile(r"\b(?:(?:Elasto|Hydro|Beam|Aero|Servo|Moor|Soil)Dyn|SeaState|InflowWind|OpenFAST)\b", re.I)
 JOINT_KINDS = {1: "cantilever", 2: "universal", 3: "revolute", 4: "ball"}
 MEMBER_KINDS = {"1": "circular", "1c": "circular", "1r": "rectangular", "-1": "rectangular", "2": "cable", "3": "rigid",
                 "4": "arbitrary", "5": "spring"}
@@ -129,7 +132,15 @@ def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
     """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or
     below."""
     path = Path(path)
-    return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line, root))
+    lines = read_lines(path)
+    try:
+        return parse_subdyn(lines, str(path), lambda name, line: _read_soil(path, name, line, root))
+    except InputError:
+        other = OTHER_MODULE.search(lines[0])
+        if other is None or "subdyn" in lines[0].lower():
+            raise
+        raise InputError(f"{path}, line 1", f"is an input file of {other[0]}, not of SubDyn", "give the file that "
+                         "SubFile names in the .fst; ElastoDyn's goes under [tower] of a TOML beside it") from None
 
 
 def _read_soil(path: Path, name: str, line: int, root: Path | None) -> SsiFile:

@@ -65,7 +65,7 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
         raise InputError(f"{where}: tower.fraction", "does not rise from 0 to 1", "correct it")
     if entry.top_m <= base_m:
         raise InputError(f"{where}: tower.top_m", f"{entry.top_m:g} is not above the foot, {base_m:g}", "correct it")
-    return Tower(base_m=base_m, top_m=entry.top_m, **{
+    return Tower(base_m=base_m, top_m=entry.top_m, point_mass=np.zeros((0, 2)), **{
         name: np.array(getattr(entry, name))
         for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
 
@@ -106,8 +106,12 @@ def mounted(
     sets = tuple(Row(id=number + k, values=values, line=foot.line)
                  for k, values in enumerate(_sections(entry, tower, n)))
     mass = _mass(joints[-1], body, np.array(joints[-1].position_m))
+    # on the nearest joint, not on that of rotor and nacelle, whose mass is a group of its own
+    bearing = (foot, *joints[:-1]) if n > 1 else joints
+    points = (_point_mass(bearing, (x, y, tower.base_m + share * height), kg) for share, kg in tower.point_mass)
     whole = replace(
-        file, joints=(*file.joints, *joints), members=(*file.members, *members), masses=(*file.masses, mass),
+        file, joints=(*file.joints, *joints), members=(*file.members, *members),
+        masses=(*file.masses, *points, mass),
         sets={**file.sets, "arbitrary": (*file.sets["arbitrary"], *sets)},
     )
     return Mounted(file=whole, members=tuple(m.id for m in members), mass=mass.id)
@@ -119,6 +123,13 @@ def _mass(joint: Joint, body: RigidBody, origin_m: np.ndarray) -> Row:
     return Row(id=joint.id, line=joint.line, values=(
         body.mass_kg, *(float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
         *(float(c) for c in offset)))
+
+
+def _point_mass(joints: Sequence[Joint], place: tuple[float, float, float], kg: float) -> Row:
+    """A mass at a place, carried by the nearest of the joints."""
+    nearest = min(joints, key=lambda joint: abs(joint.position_m[2] - place[2]))
+    body = RigidBody(mass_kg=kg, centre_m=np.zeros(3), inertia_kgm2=np.zeros((3, 3)))
+    return _mass(nearest, body, np.array(place))
 
 
 def _foot(file: SubDynFile, id: int, tower: Tower, where: str) -> Joint:

@@ -37,10 +37,11 @@ def jacket(folder, *, rows=(), interface=(5,), tops=False):
                                               mass=rows))
 
 
-def model(folder, joint=5):
+def model(folder, joint=5, elements=8):
     stands = "" if joint is None else f"joint = {joint}\n"
     path = folder / "model.toml"
-    path.write_text(f'[subdyn]\nfile = "jacket.dat"\n[tower]\nelastodyn = "ElastoDyn.dat"\n{stands}elements = 8\n'
+    path.write_text(f'[subdyn]\nfile = "jacket.dat"\n[tower]\nelastodyn = "ElastoDyn.dat"\n{stands}'
+                    f"elements = {elements}\n"
                     "youngs_modulus_pa = 2.1e11\nshear_modulus_pa = 8.08e10\ndensity_kgpm3 = 8500.0\n")
     return probupdate.model_modes(path, 8)
 
@@ -117,11 +118,40 @@ def test_the_nacelle_looks_where_nacyaw_says(tmp_path):
     assert one.labels[:2] != two.labels[:2] and any("NacYaw turns" in note for note in two.notes)
 
 
+def test_the_towers_concentrated_masses_are_where_the_file_has_them(tmp_path):
+    """Beside the same masses as a short thick piece of the tower."""
+    jacket(tmp_path)
+    point = "--- CONCENTRATED ---\n2 NTwCMass - number\nHtFract TwCMass\n(-) (kg)\n0.42 60000\n1.0 0.0\n"
+    # 60 t on 1 % of 67.45 m, and as little again where it begins and ends
+    bump = "".join(f"{f} {4160 + extra} 3.9e11 4.0e11\n" for f, extra in (
+        (0.4149, 0), (0.4151, 88955), (0.4249, 88955), (0.4251, 0)))
+    found = {}
+    for name, tower in (("bare", TOWER), ("point", TOWER + point), ("piece", TOWER.replace(
+            "2 NTwInpSt", "6 NTwInpSt").replace("1.0 3000.0", bump + "1.0 3000.0"))):
+        write(tmp_path, tower=tower.replace("6.0e11 6.1e11", "3.9e11 4.0e11").replace("1.0e11 1.1e11", "3.9e11 4.0e11"))
+        found[name] = model(tmp_path, elements=60).frequency_hz[:6]
+    np.testing.assert_allclose(found["point"], found["piece"], rtol=2e-3)
+    assert np.abs(found["point"] / found["bare"] - 1).max() > 0.05
+    write(tmp_path, tower=TOWER + point.replace("0.42", "1.42"))
+    with pytest.raises(InputError, match="not between 0 and 1"):
+        read_elastodyn(tmp_path / "ElastoDyn.dat")
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("240000.0 NacMass", "-1.0 NacMass", "NacMass is -1"),
+    ("2.6e6 NacYIner", "1e5 NacYIner", "below the 540000 kg m2"),
+])
+def test_masses_of_no_body_are_refused(tmp_path, old, new, said):
+    with pytest.raises(InputError, match=said):
+        read_elastodyn(write(tmp_path, main=MAIN.replace(old, new)))
+
+
 @pytest.mark.parametrize(("line", "said"), [
     ("534.116 GenIner - kg m2", "GenIner (534.116) is not used: the shaft is held"),
     ("1.2 FAStTunr(1) - factor", "FAStTunr(1) (1.2) is not used"),
     ("3.0 PtfmHeave - m", "PtfmHeave (3.0) is not used"),
     ("17.0 NewMass - kg", "NewMass (17.0) is not known here and not used"),
+    ("17.0 NewMass", "NewMass (17.0) is not known here and not used"),
     ("False SomeFlag - later than this reader", "SomeFlag (False) is not known here and not used"),
 ])
 def test_a_key_that_is_not_used_is_said_with_its_effect(tmp_path, line, said):

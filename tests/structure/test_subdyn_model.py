@@ -489,6 +489,12 @@ def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
         assert captured.out == "" and name in captured.err and captured.err.count("\n") == 1
 
 
+def test_an_input_of_another_module_is_named(tmp_path):
+    (tmp_path / "water.dat").write_text("------- HydroDyn Input File -----\na jacket\nFalse Echo\n")
+    with pytest.raises(InputError, match="HydroDyn, not of SubDyn; give the file that SubFile names"):
+        probupdate.model_modes(tmp_path / "water.dat")
+
+
 @pytest.mark.parametrize(("verb", "problem"), [("update", "no parameters to update"),
                                                ("diagnose", "no parameters, so that")])
 def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys, verb, problem):
