@@ -7,6 +7,8 @@ BIN = $(VENV)/bin
 # one BLAS thread each: the work is parallel over processes, and threads on small matrices only cost
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
+# hundreds of processes of the tests read the package compiled, also where the caller compiles each time
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test docs lock clean
 

@@ -15,34 +15,19 @@ if TYPE_CHECKING:
     from probupdate.identification.settings import IdentificationSettings
     from probupdate.updating.discrepancy import LikelihoodSettings
     from probupdate.updating.settings import SamplerSettings, UpdateSettings
-    from probupdate.verbs import (
-        check,
-        check_setups,
-        compare,
-        compare_runs,
-        convert,
-        diagnose,
-        explore,
-        export,
-        figures,
-        identify,
-        identify_setups,
-        identify_shard,
-        inform,
-        matrices,
-        model_modes,
-        open_model,
-        regress,
-        report,
-        sample,
-        select,
-        sets,
-        simulate,
-        stresses,
-        template,
-        update,
-    )
-    from probupdate.verbs import model_modes as modes
+    from probupdate.verbs.checking import check
+    from probupdate.verbs.comparing_runs import compare_runs
+    from probupdate.verbs.estimating import compare, inform, sample, sets, update
+    from probupdate.verbs.exploring import explore
+    from probupdate.verbs.finishing import diagnose, export, figures, report
+    from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
+    from probupdate.verbs.lifetime_steps import stresses
+    from probupdate.verbs.models import model_modes, open_model
+    from probupdate.verbs.models import model_modes as modes
+    from probupdate.verbs.program_matrices import matrices
+    from probupdate.verbs.records import check_setups, convert
+    from probupdate.verbs.templates import template
+    from probupdate.virtual.simulation import simulate
 
 __version__ = "0.1.0"
 

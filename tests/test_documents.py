@@ -513,8 +513,8 @@ NAMES = re.compile(r"^_?(told|tells|slabs?|courses?|departures?|rivals?|likeness
 def test_names_of_the_code_use_the_field_s_words():
     found = set()
     for path in (ROOT / "probupdate").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [getattr(node, "id", ""), getattr(node, "name", ""), getattr(node, "arg", "")]
-            found |= {f"{path.name}: {n}" for n in names if isinstance(n, str) and NAMES.match(n)}
+        names = {name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                 for key in ("id", "name", "arg") if isinstance(name := node.__dict__.get(key), str)}
+        found |= {f"{path.name}: {name}" for name in names if NAMES.match(name)}
     assert not found, sorted(found)
     assert NAMES.match("ln_deviation") and NAMES.match("told") and not NAMES.match("tolled")

@@ -5,7 +5,10 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -29,19 +32,42 @@ def room(path: Path) -> str:
     return relative.parts[0].removesuffix(".py")
 
 
-def imported_rooms(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+class Function(NamedTuple):
+    """One of a module; lines without the docstring, lines and branches of those within another counted with it."""
+
+    name: str
+    lines: int
+    branches: int
+    arguments: int
+
+
+class Source(NamedTuple):
+    """What the tests ask of a module, which is parsed once. imports: (module, names imported from it or none)."""
+
+    imports: tuple[tuple[str, tuple[str, ...]], ...]
+    functions: tuple[Function, ...]
+    writes: tuple[str, ...]
+
+
+@cache
+def source(path: Path) -> Source:
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    return Source(tuple(imports(nodes)), tuple(functions(nodes)), tuple(writes(nodes)))
+
+
+def imports(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    for node in nodes:
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            yield from ((alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path.name}: relative import in line {node.lineno}"
-            names = [node.module or ""]
-            if node.module == "probupdate":
-                names = [f"probupdate.{alias.name}" for alias in node.names]
-        else:
-            continue
-        found |= {name.split(".")[1] for name in names if name.startswith("probupdate.")}
+            assert node.level == 0, f"relative import of {node.module} in line {node.lineno}"
+            yield node.module or "", tuple(alias.name for alias in node.names)
+
+
+def imported_rooms(path: Path) -> set[str]:
+    names = [f"probupdate.{name}" for module, inner in source(path).imports if module == "probupdate" for name in inner]
+    names += [module for module, _ in source(path).imports]
+    found = {name.split(".")[1] for name in names if name.startswith("probupdate.")}
     return found & (set(FLOOR) | {room(p) for p in MODULES})
 
 
@@ -71,17 +97,19 @@ def module_name(path: Path) -> str:
 def imported_names(path: Path, modules: set[str]) -> set[tuple[str, str]]:
     """(module of the package, name imported from it or "") for every import, those inside functions included."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {(a.name.removeprefix("probupdate."), "") for a in node.names if a.name.startswith("probupdate.")}
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "probupdate":
-            source = node.module.removeprefix("probupdate").removeprefix(".")
-            for alias in node.names:
-                inner = f"{source}.{alias.name}".removeprefix(".")
-                found.add((inner, "") if inner in modules else (source, alias.name))
+    for imported, names in source(path).imports:
+        if imported.split(".")[0] != "probupdate":
+            continue
+        module = imported.removeprefix("probupdate").removeprefix(".")
+        if not names and module:
+            found.add((module, ""))
+        for name in names:
+            inner = f"{module}.{name}".removeprefix(".")
+            found.add((inner, "") if inner in modules else (module, name))
     return found
 
 
+@cache
 def public_names(room: str) -> list[str]:
     """`__all__` of a room, as it is written."""
     for node in ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")).body:
@@ -119,10 +147,10 @@ def test_no_modules_import_one_another_in_a_circle():
 def test_a_room_says_what_is_public_of_it(room):
     public = public_names(room)
     assert public and public == sorted(public), f"probupdate/{room}/__init__.py needs __all__, in order"
-    source = (PACKAGE / room / "__init__.py").read_text(encoding="utf-8")
-    assert ast.get_docstring(ast.parse(source)), f"probupdate/{room} does not say what it is for"
-    own = {alias.asname or alias.name for node in ast.parse(source).body if isinstance(node, ast.ImportFrom)
-           for alias in node.names} | {n.name for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}
+    tree = ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), f"probupdate/{room} does not say what it is for"
+    own = {alias.asname or alias.name for node in tree.body if isinstance(node, ast.ImportFrom)
+           for alias in node.names} | {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
     assert not [name for name in public if name not in own and f"{room}.{name}" not in NAMES]
 
 
@@ -150,24 +178,16 @@ def test_tests_import_public_names_only():
     """What a test needs of a module has a name that others may use, or is tested through one."""
     private = []
     for path in (PACKAGE.parent / "tests").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("probupdate"):
-                private += [f"{path.name}: {one.name}" for one in node.names if one.name.startswith("_")]
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        private += [f"{path.name}: {name}" for module, names in imports(nodes)
+                    if module.startswith("probupdate") for name in names if name.startswith("_")]
     assert not private, f"{private}: import a public name, or test through one"
 
 
 def test_arviz_is_imported_in_one_module_only():
-    users = set()
-    for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [node.module or ""]
-            if any(name.split(".")[0] == "arviz" for name in names):
-                users.add(path.relative_to(PACKAGE).as_posix())
-    assert users <= {"updating/posterior_file.py"}
+    users = {path.relative_to(PACKAGE).as_posix() for path in MODULES
+             if any(module.split(".")[0] == "arviz" for module, _ in source(path).imports)}
+    assert users == {"updating/posterior_file.py"}
 
 
 # what writes or opens a file for writing; `io.files` alone may, so that every file is whole or as it was
@@ -175,14 +195,13 @@ WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "
            "to_parquet", "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
 
 
-def writes(path: Path) -> list[str]:
-    """Calls in a module that write a file in its own place rather than under a name of `io.files.written_whole`."""
+def writes(nodes: list[ast.AST]) -> list[str]:
+    """"line call" of what writes a file in its own place rather than under a name of `io.files.written_whole`."""
     found = []
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    parts = {item.optional_vars.id for node in ast.walk(tree) if isinstance(node, ast.With) for item in node.items
+    parts = {item.optional_vars.id for node in nodes if isinstance(node, ast.With) for item in node.items
              if isinstance(item.context_expr, ast.Call)
              and getattr(item.context_expr.func, "id", "") == "written_whole"}
-    for node in ast.walk(tree):
+    for node in nodes:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
@@ -195,22 +214,23 @@ def writes(path: Path) -> list[str]:
             "shutil", "np", "json", "pickle")
         in_memory = any(k.arg == "backing_store" for k in node.keywords) or (name == "to_netcdf" and not node.args)
         if not in_memory and (opens or (method and name in WRITING and not of_array)) and not inside:
-            found.append(f"{path.relative_to(PACKAGE)}:{node.lineno} {name}")
+            found.append(f"{node.lineno} {name}")
     return found
 
 
 def test_every_file_is_written_whole():
-    found = [text for path in MODULES if path != PACKAGE / "io" / "files.py" for text in writes(path)]
+    found = [f"{path.relative_to(PACKAGE)}:{text}" for path in MODULES if path != PACKAGE / "io" / "files.py"
+             for text in source(path).writes]
     assert not found, f"write through probupdate.io.files, whole or not at all: {found}"
 
 
-def test_a_write_in_place_is_found(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
+def test_a_write_in_place_is_found(tmp_path):
     (tmp_path / "a.py").write_text(
         "path.write_text('x')\nopen(p, 'w')\nframe.to_csv(out)\nnp.savez(out, a=1)\nh5py.File(out, 'w')\n"
         "with written_whole(path) as part, h5py.File(part, 'w') as file:\n    pass\n"
         "open(p)\nh5py.File(p, 'r')\na.copy()\n")
-    assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
+    found = source(tmp_path / "a.py").writes
+    assert [text.split()[1] for text in found] == ["write_text", "open", "to_csv", "savez", "File"]
 
 
 def test_no_line_is_longer_than_120_characters():
@@ -242,37 +262,33 @@ def test_import_of_the_package_stays_light():
     assert answer.stdout.strip() == "[]"
 
 
-def functions(path: Path):
-    """(name, lines without the docstring, branches) of every function, those within another counted with it."""
+def functions(nodes: list[ast.AST]) -> Iterator[Function]:
+    """Every `Function` among the nodes of a module."""
     branching = (ast.If, ast.For, ast.While, ast.ExceptHandler, ast.comprehension, ast.match_case)
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0]
             documented = first.end_lineno - first.lineno + 1 if ast.get_docstring(node) is not None else 0
-            yield (node.name, node.end_lineno - node.lineno + 1 - documented,
-                   1 + sum(isinstance(inner, branching) for inner in ast.walk(node)))
+            yield Function(node.name, node.end_lineno - node.lineno + 1 - documented,
+                           1 + sum(isinstance(inner, branching) for inner in ast.walk(node)),
+                           len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]))
 
 
 def test_functions_are_short_enough_to_be_read_at_once():
     """60 lines and 20 branches (McCabe's number, comprehensions among them) at most."""
-    found = [f"{module_name(path)}.{name}: {lines} lines, {branches} branches" for path in MODULES
-             for name, lines, branches in functions(path) if lines > 60 or branches > 20]
+    found = [f"{module_name(path)}.{one.name}: {one.lines} lines, {one.branches} branches" for path in MODULES
+             for one in source(path).functions if one.lines > 60 or one.branches > 20]
     assert not found, f"split where a reader gains: {found}"
 
 
 def test_functions_take_few_arguments():
     """Ten at most of a step, whose options are values that it shares with its command; twelve elsewhere."""
-    found = []
-    for path in MODULES:
-        most = 10 if room(path) == "verbs" else 12
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef):
-                count = len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs])
-                found += [f"{module_name(path)}.{node.name}: {count}"] if count > most else []
+    found = [f"{module_name(path)}.{one.name}: {one.arguments}" for path in MODULES for one in source(path).functions
+             if one.arguments > (10 if room(path) == "verbs" else 12)]
     assert not found, found
 
 
 def test_lines_and_branches_are_counted(tmp_path):
     (tmp_path / "a.py").write_text(
         'def f(x):\n    """Says\n    it."""\n    if x:\n        return [y for y in x]\n    return 1\n')
-    assert list(functions(tmp_path / "a.py")) == [("f", 4, 3)]
+    assert source(tmp_path / "a.py").functions == (("f", 4, 3, 1),)

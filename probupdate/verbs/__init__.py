@@ -1,58 +1,45 @@
-"""The steps of the command line as functions: each reads files, returns one frozen result that can write itself."""
+"""The steps of the command line as functions: each reads files, returns one frozen result that can write itself.
 
-from probupdate.verbs.checking import check
-from probupdate.verbs.comparing_runs import compare_runs
-from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
-from probupdate.verbs.exploring import explore
-from probupdate.verbs.finishing import diagnose, export, figures, report
-from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
-from probupdate.verbs.lifetime_steps import stresses
-from probupdate.verbs.models import model_modes, model_path, open_model
-from probupdate.verbs.program_matrices import matrices
-from probupdate.verbs.records import check_setups, convert
-from probupdate.verbs.sought import modes_of_interest
-from probupdate.verbs.templates import template
-from probupdate.virtual.simulation import simulate
+A step's module is loaded when it is first asked for: no command waits for what another one uses.
+"""
+
+from importlib import import_module
 
 __all__ = [
-    "check",
-    "check_setups",
     "checking",
-    "compare",
-    "compare_runs",
     "comparing_runs",
-    "convert",
-    "diagnose",
     "estimating",
-    "explore",
     "exploring",
-    "export",
-    "figures",
     "finishing",
-    "identify",
-    "identify_setups",
-    "identify_shard",
     "identifying",
-    "inform",
     "lifetime_steps",
-    "matrices",
-    "model_modes",
-    "model_path",
     "models",
-    "modes_of_interest",
-    "open_model",
     "program_matrices",
     "records",
-    "regress",
-    "report",
-    "sample",
-    "select",
-    "sets",
-    "simulate",
     "sought",
-    "stresses",
-    "template",
     "templates",
-    "unmatched",
-    "update",
 ]
+_STEPS = {
+    "verbs.checking": ("check",),
+    "verbs.comparing_runs": ("compare_runs",),
+    "verbs.estimating": ("compare", "inform", "sample", "sets", "unmatched", "update"),
+    "verbs.exploring": ("explore",),
+    "verbs.finishing": ("diagnose", "export", "figures", "report"),
+    "verbs.identifying": ("identify", "identify_setups", "identify_shard", "regress", "select"),
+    "verbs.lifetime_steps": ("stresses",),
+    "verbs.models": ("model_modes", "model_path", "open_model"),
+    "verbs.program_matrices": ("matrices",),
+    "verbs.records": ("check_setups", "convert"),
+    "verbs.sought": ("modes_of_interest",),
+    "verbs.templates": ("template",),
+    "virtual.simulation": ("simulate",),
+}
+_MODULE = {name: module for module, names in _STEPS.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name in __all__:
+        return import_module(f"probupdate.verbs.{name}")
+    if name not in _MODULE:
+        raise AttributeError(f"module 'probupdate.verbs' has no attribute '{name}'")
+    return getattr(import_module(f"probupdate.{_MODULE[name]}"), name)
