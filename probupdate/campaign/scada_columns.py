@@ -43,6 +43,10 @@ FEW = 3
 TURNED, SAME, NORTH = 90.0, 45.0, 75.0
 # the nacelle follows the wind within this, while it runs
 FOLLOWS = 45.0
+# a heading that takes so many values is not one at which the nacelle stood, nor rounded to whole degrees near north
+DIFFERENT = 8
+# air warmer than this in the middle of the rows (C) is rarer than degrees Fahrenheit
+WARM_C = 33.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,7 +72,7 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
             notes.append(f"suspect: {sentence}; the column is not used")
-    notes += _heading_beside_wind(table, rated_power_kw)
+    notes += [*_compass_unit(table, rated_power_kw), *_temperature_unit(table)]
     return Columns(table=table, notes=tuple(notes))
 
 
@@ -107,6 +111,12 @@ def _difference(a, b):
     return (np.asarray(a) - np.asarray(b) + 180.0) % 360.0 - 180.0
 
 
+def _typical_difference(a: np.ndarray, b: np.ndarray) -> float:
+    """Median of the angle between a and b; infinite where nowhere both are known."""
+    apart = np.abs(_difference(a, b))
+    return float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else np.inf
+
+
 def _check_angle_means(table: pd.DataFrame, column: str) -> list[str]:
     """A mean of 359 and 1 that is 180: its own extremes lie on both sides of north, or it is far from the rows around
     it, which are north. Such a row has no angle."""
@@ -129,6 +139,24 @@ def _check_angle_means(table: pd.DataFrame, column: str) -> list[str]:
             "look north: averaged across north by the logger, taken as missing"]
 
 
+def _compass_unit(table: pd.DataFrame, rated_power_kw: float | None) -> list[str]:
+    """Headings in radians: all of them within one turn of radians though they change, which is a window of a few
+    degrees about north, unless the other compass column says that it is just that window."""
+    known = {c: table[c].to_numpy(float) for c in COMPASS if c in table and np.isfinite(table[c]).sum() >= FEW}
+    narrow = [c for c, v in known.items() if np.nanmax(np.abs(v)) <= 2 * np.pi + 0.01 and len(np.unique(
+        v[np.isfinite(v)])) >= DIFFERENT]
+    found, runs = [], _runs(table, rated_power_kw)
+    rows = runs if runs.sum() >= FEW else np.ones(len(table), bool)
+    for name in narrow:
+        other = [v for c, v in known.items() if c not in narrow]
+        apart = [_typical_difference(f * known[name][rows], v[rows]) for v in other for f in (1.0, 180 / np.pi)]
+        if not other or apart[1] < min(FOLLOWS, apart[0]):
+            found.append(f"suspect: {name} in SCADA stays between {np.nanmin(known[name]):.3g} and "
+                         f"{np.nanmax(known[name]):.3g}{' beside the other' if other else ''}: is it in radians? "
+                         + _stating(name, 180 / np.pi))
+    return found or _heading_beside_wind(table, rated_power_kw)
+
+
 def _heading_beside_wind(table: pd.DataFrame, rated_power_kw: float | None) -> list[str]:
     if not set(COMPASS) <= set(table.columns):
         return []
@@ -138,12 +166,6 @@ def _heading_beside_wind(table: pd.DataFrame, rated_power_kw: float | None) -> l
     apart = apart[np.isfinite(apart)]
     if len(apart) < FEW or not np.median(np.abs(apart)) > FOLLOWS:
         return []
-    known = np.isfinite(heading) & np.isfinite(wind)
-    for name, column, other in (("nacelle_heading_deg", heading, wind), ("wind_direction_deg", wind, heading)):
-        if np.ptp(column[known]) > 0 and np.abs(column[known]).max() <= 2 * np.pi + 0.01 and np.median(
-                np.abs(_difference(np.degrees(column), other)[known])) < FOLLOWS:
-            return [f"suspect: {name} in SCADA is in radians beside the other: state [scada] factor = "
-                    f"{{ {name} = 57.29578 }} in campaign.toml"]
     offset = float(np.degrees(np.angle(np.mean(np.exp(1j * np.radians(apart))))))
     return [f"suspect: while the turbine runs, nacelle_heading_deg in SCADA is {offset:+.0f} deg from "
             "wind_direction_deg in the mean: another zero or another sense of one of them?"]
@@ -258,3 +280,14 @@ def _pitch_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
     middle = float(np.median(pitch[at]))
     return [("pitch_deg", f"pitch_deg in SCADA is {middle:.3g} where the turbine idles, at which blades are feathered: "
              f"is it in radians? {_stating('pitch_deg', 180 / np.pi)}")]
+
+
+def _temperature_unit(table: pd.DataFrame) -> list[str]:
+    """Nothing else in the table knows how warm it was: what no climate has in the middle of day and night is asked."""
+    known = _column(table, "air_temperature_c")
+    known = known[np.isfinite(known)]
+    if len(known) < FEW or np.median(known) <= WARM_C:
+        return []
+    middle = float(np.median(known))
+    return [f"suspect: air_temperature_c in SCADA is {middle:.3g} in the middle of its rows: is it in degrees "
+            f"Fahrenheit ({(middle - 32) / 1.8:.3g} C)? If so, write (value - 32) / 1.8"]

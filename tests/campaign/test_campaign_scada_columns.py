@@ -126,10 +126,28 @@ def test_a_nacelle_that_turns_by_half_a_turn_is_no_mean(tmp_path):
     assert found["nacelle_heading_deg"].notna().all()
 
 
-def test_radians_beside_degrees_are_said(tmp_path):
+@pytest.mark.parametrize(("both", "turned"), [(True, 4.0), (False, 4.0), (False, 184.0)])
+def test_a_heading_in_radians_is_said_with_and_without_wind(tmp_path, both, turned):
     wind = np.linspace(20, 300, N)
-    found = read(tmp_path, scada(wind_direction_deg=wind, nacelle_heading_deg=np.radians(wind + 4)))
-    assert any("nacelle_heading_deg in SCADA is in radians" in n for n in found.attrs["notes"])
+    table = scada(wind_direction_deg=wind, nacelle_heading_deg=np.radians((wind + turned) % 360))
+    found = read(tmp_path, table if both else table.drop(columns="wind_direction_deg"))
+    assert ["nacelle_heading_deg" in n and "is it in radians" in n and "57.2958" in n for n in found.attrs["notes"]
+            ] == [True]
+
+
+def test_wind_and_heading_that_stay_north_are_no_radians(tmp_path):
+    gust = np.sin(np.arange(N))
+    table = scada(wind_direction_deg=(3 + 5 * gust) % 360, nacelle_heading_deg=3 + 2 * gust)
+    assert read(tmp_path, table).attrs["notes"] == ()
+    # of whole degrees there are few, and a nacelle that stands has one heading
+    assert read(tmp_path, scada(nacelle_heading_deg=np.round(3 + 3 * gust))).attrs["notes"] == ()
+    assert read(tmp_path, scada(nacelle_heading_deg=4.0)).attrs["notes"] == ()
+
+
+@pytest.mark.parametrize(("low", "high", "said"), [(33.0, 50.0, True), (-5.0, 31.0, False), (22.0, 36.0, False)])
+def test_air_that_no_climate_has_is_asked_for_fahrenheit(tmp_path, low, high, said):
+    notes = read(tmp_path, scada(air_temperature_c=np.linspace(low, high, N))).attrs["notes"]
+    assert any("Fahrenheit" in n and "(value - 32) / 1.8" in n for n in notes) == said == bool(notes)
 
 
 def test_an_empty_row_before_the_good_one_is_filled_from_it(tmp_path):
