@@ -18,9 +18,11 @@ from scipy import linalg
 from probupdate.diagnosis.noise import SMALLEST_LOG, SMALLEST_SHAPE, Noise, usual
 from probupdate.runtime.arrays import frozen_array
 
-# groups of modes that are found in fewer of the blocks stay by themselves: blocks that lack one say nothing of the
-# joint directions
-COMMON = 0.7
+# groups of modes that are found in fewer of the blocks stay by themselves; a block says something of the joint
+# directions where it has more than this share of their numbers
+COMMON, MOST_MISSING = 0.7, 0.5
+# steps towards the covariance of numbers of which some are missing, and what less of a change ends them
+MOST_STEPS, SETTLED = 50, 1e-3
 # differences of successive blocks asked for, for each frequency of a joint covariance: with fewer its least eigenvalue
 # may be a third of what it estimates (Marchenko & Pastur 1967: (1 - sqrt(1 / 6))^2 = 0.35)
 DIFFERENCES_A_FREQUENCY = 6
@@ -31,7 +33,8 @@ class Directions:
     """turn (n_number, n_response): the numbers of the responses of all groups in a row, and `back`, its inverse; weight
     (n_block, n_number) of each number, relative to its median, zero where it was not measured; least (n_number,)
     variance that none is believed to repeat better than; group_of (n_response,); `frequency`, `real` and `imaginary`
-    parts: the numbers of ln f, their mean first, and of each group those of its shapes."""
+    parts: the numbers of ln f, their mean first, and of each group those of its shapes. joint: responses of ln f of
+    which a block may lack some, `covariance` theirs; used (n_group, n_block)."""
 
     turn: np.ndarray
     back: np.ndarray
@@ -41,16 +44,24 @@ class Directions:
     frequency: np.ndarray
     real: tuple[np.ndarray, ...]
     imaginary: tuple[np.ndarray, ...]
+    joint: np.ndarray
+    covariance: np.ndarray
+    used: np.ndarray
 
     def of(self, rest: Sequence[np.ndarray]) -> np.ndarray:
         """(n_block, n_number) of residuals per group (n_block, n_response)."""
-        return np.where(self.weight > 0, np.hstack(rest) @ self.turn.T, 0.0)
+        responses = np.hstack(rest)
+        responses[:, self.joint] = filled(responses[:, self.joint], self.used[self.group_of[self.joint]].T,
+                                          self.covariance)[0]
+        return np.where(self.weight > 0, responses @ self.turn.T, 0.0)
 
     def where(self, used: Sequence[np.ndarray]) -> Directions:
-        """Of only the blocks in which all groups of a number are `used` (n_block,)."""
+        """Of only the blocks in which all groups of a number are `used` (n_block,), of joint ones enough of them."""
         there = np.array(used)[self.group_of].T
+        there[:, self.joint] |= _enough(there[:, self.joint])[:, None]
         missing = (~there).astype(float) @ (np.abs(self.turn.T) > 0)
-        return replace(self, weight=frozen_array(np.where(missing > 0, 0.0, self.weight)))
+        return replace(self, used=frozen_array(used, bool),
+                       weight=frozen_array(np.where(missing > 0, 0.0, self.weight)))
 
 
 def independent_directions(rest: Sequence[np.ndarray], noise: Noise, sizes: Sequence[int]) -> Directions:
@@ -64,34 +75,40 @@ def independent_directions(rest: Sequence[np.ndarray], noise: Noise, sizes: Sequ
     weight, least = np.zeros((len(rest[0]), start[-1])), np.zeros(start[-1])
     kinds: dict[str, list[np.ndarray]] = {"frequency": [], "real": [], "imaginary": []}
 
-    def add(kind: str, columns: np.ndarray, own: np.ndarray, vectors: np.ndarray, groups: Sequence[int]) -> None:
+    def add(kind: str, columns: np.ndarray, own: np.ndarray, vectors: np.ndarray, of_blocks: np.ndarray) -> None:
         nonlocal number
         rows = np.arange(number, number + len(columns))
         turn[np.ix_(rows, columns)] = vectors
-        weight[:, rows] = _weights(vectors, own, np.array([noise.weight[q] for q in groups]))
+        weight[:, rows] = _weights(vectors, own, of_blocks)
         smallest = SMALLEST_LOG if kind == "frequency" else SMALLEST_SHAPE
         least[rows] = smallest**2 * np.sum(vectors**2, axis=1)
         kinds[kind].append(rows)
         number += len(columns)
 
-    common, covariance = _frequencies(rest, noise, n_log)
-    for groups in [list(common), *([q] for q in range(len(sizes)) if q not in common)]:
-        if groups:
-            own = covariance if groups == list(common) else noise.covariance[groups[0]][: n_log[groups[0]],
-                                                                                         : n_log[groups[0]]]
-            add("frequency", np.concatenate([start[q] + np.arange(n_log[q]) for q in groups]), own,
-                _mean_first(own, np.concatenate([[1.0, 1.0, 0.0][: n_log[q]] for q in groups])),
-                [q for q in groups for _ in range(n_log[q])])
+    common = np.flatnonzero(np.mean(np.array(noise.weight) > 0, axis=1) >= COMMON)
+    joint = np.concatenate([[], *(start[q] + np.arange(n_log[q]) for q in common)]).astype(int)
+    of_group = np.array([noise.weight[q] for q in group_of[joint]]).reshape(-1, len(rest[0])).T
+    levels, joint_weight = np.hstack(rest)[:, joint], _joint_weights(of_group)
+    between = _covariance_of_incomplete(levels, of_group > 0)
+    covariance = _scatter(filled(levels, of_group > 0, between)[0], joint_weight,
+                          linalg.block_diag(*(noise.covariance[q][: n_log[q], : n_log[q]] for q in common)))
+    alone = [(start[q] + np.arange(n_log[q]), noise.covariance[q][: n_log[q], : n_log[q]],
+              np.tile(noise.weight[q], (n_log[q], 1))) for q in range(len(sizes)) if q not in common]
+    for columns, own, of_blocks in [(joint, covariance, joint_weight.T)] * bool(len(joint)) + alone:
+        unit = np.concatenate([[1.0, 1.0, 0.0][: n_log[q]] for q in np.unique(group_of[columns])])
+        add("frequency", columns, own, _mean_first(own, unit), of_blocks)
     for q, (own, n) in enumerate(zip(noise.covariance, n_log, strict=True)):
         middle = (lengths[q] + n) // 2
         for kind, part in (("real", slice(n, middle)), ("imaginary", slice(middle, None))):
             block = own[part, part]
             if len(block):
-                add(kind, start[q] + np.arange(lengths[q])[part], block, np.linalg.eigh(block)[1].T, [q] * len(block))
+                add(kind, start[q] + np.arange(lengths[q])[part], block, np.linalg.eigh(block)[1].T,
+                    np.tile(noise.weight[q], (len(block), 1)))
     return Directions(turn=frozen_array(turn), back=frozen_array(np.linalg.inv(turn)), weight=frozen_array(weight),
                       least=frozen_array(least), group_of=frozen_array(group_of, int),
                       frequency=np.concatenate(kinds["frequency"]), real=tuple(kinds["real"]),
-                      imaginary=tuple(kinds["imaginary"]))
+                      imaginary=tuple(kinds["imaginary"]), joint=joint, covariance=frozen_array(between),
+                      used=frozen_array(np.array(noise.weight) > 0, bool))
 
 
 def _mean_first(covariance: np.ndarray, unit: np.ndarray) -> np.ndarray:
@@ -118,16 +135,59 @@ def _weights(vectors: np.ndarray, covariance: np.ndarray, weight: np.ndarray) ->
     return np.where(complete, np.round(relative, 9), 0.0).T
 
 
-def _frequencies(rest: Sequence[np.ndarray], noise: Noise, n_log: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Groups found in most blocks and the covariance of their numbers of frequencies: by differences of successive
-    blocks of weight one where these are enough, within each group otherwise."""
-    weight = np.array(noise.weight)
-    common = np.flatnonzero(np.mean(weight > 0, axis=1) >= COMMON)
-    rows = np.flatnonzero(np.all(weight[common] > 0, axis=0))
-    if len(rows) - 1 < DIFFERENCES_A_FREQUENCY * sum(n_log[q] for q in common):
-        return common, linalg.block_diag(*(noise.covariance[q][: n_log[q], : n_log[q]] for q in common))
+# Modes that a block lacks --------------------------------------------------------------------------------------------
+
+
+def _enough(there: np.ndarray) -> np.ndarray:
+    """(n_block,) whether a block has enough of the joint numbers, there (n_block, n)."""
+    return np.sum(there, axis=1) > MOST_MISSING * there.shape[1]
+
+
+def _joint_weights(weight: np.ndarray) -> np.ndarray:
+    """Weights (n_block, n) of joint numbers; those that a block lacks have the mean of those it has, zero where it has
+    too few."""
+    there = weight > 0
+    mean = np.sum(weight, axis=1) / np.maximum(np.sum(there, axis=1), 1)
+    return np.where(_enough(there)[:, None], np.where(there, weight, mean[:, None]), 0.0)
+
+
+def filled(values: np.ndarray, there: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n_block, n) of mean zero with those not `there` as expected beside those that are, by their covariance,
+    and the sum over blocks of the covariance (n, n) of what was filled. What all share is in the others; what is a
+    mode's own stays zero, which makes its changes smaller, and its scatter by as much."""
+    result, open_ = np.array(values), np.zeros_like(covariance)
+    patterns, of_block = np.unique(there, axis=0, return_inverse=True)
+    for k, known in enumerate(patterns):
+        if known.all():
+            continue
+        rows = np.flatnonzero(of_block.ravel() == k)
+        cross = covariance[np.ix_(~known, known)]
+        onto = np.linalg.solve(covariance[np.ix_(known, known)], cross.T).T
+        result[np.ix_(rows, ~known)] = values[np.ix_(rows, known)] @ onto.T
+        open_[np.ix_(~known, ~known)] += len(rows) * (covariance[np.ix_(~known, ~known)] - onto @ cross.T)
+    return result, open_
+
+
+def _covariance_of_incomplete(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(n, n) of numbers (n_block, n) of mean zero of which only those `there` are known: expectation and maximisation
+    (Dempster, Laird & Rubin 1977)."""
+    n = np.maximum(np.sum(there, axis=0), 1)
+    least = SMALLEST_LOG**2 * np.eye(len(n))
+    covariance = np.diag(np.sum(np.where(there, values, 0.0) ** 2, axis=0) / n) + least
+    for _ in range(MOST_STEPS if not there.all() else 0):
+        complete, open_ = filled(values, there, covariance)
+        before, covariance = covariance, (complete.T @ complete + open_) / max(len(values), 1) + least
+        if np.max(np.abs(covariance - before) / np.sqrt(np.outer(*[np.diag(before)] * 2))) < SETTLED:
+            break
+    return covariance
+
+
+def _scatter(values: np.ndarray, weight: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of joint numbers (n_block, n): by differences of successive blocks where these are enough,
+    `within` each group otherwise."""
+    rows = np.flatnonzero(np.all(weight > 0, axis=1))
+    if len(rows) - 1 < DIFFERENCES_A_FREQUENCY * values.shape[1]:
+        return within
     before, after = rows[:-1], rows[1:]
-    columns = [(rest[q][after, : n_log[q]] - rest[q][before, : n_log[q]])
-               / np.sqrt(1 / weight[q][before] + 1 / weight[q][after])[:, None] for q in common]
-    difference = usual(np.hstack(columns))
-    return common, difference.T @ difference / len(difference) + SMALLEST_LOG**2 * np.eye(difference.shape[1])
+    difference = usual((values[after] - values[before]) / np.sqrt(1 / weight[before] + 1 / weight[after]))
+    return difference.T @ difference / len(difference) + SMALLEST_LOG**2 * np.eye(difference.shape[1])

@@ -9,20 +9,23 @@ import pytest
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 
-FREQUENCY_HZ = np.array([15.57, 44.69, 70.70, 87.33])
+FREQUENCY_HZ = np.array([15.57, 44.69, 70.70, 87.33, 104.2, 121.5, 139.8])
 START = datetime.datetime(2024, 5, 1)
 
 
-def wandering(seed, n=70, change_percent=(0.0, 0.0, 0.0, 0.0), at=40):
-    """n sets of four frequencies with a common first-order autoregression of 0.17 %, 0.03 % of their own and a step."""
+def wandering(seed, n=70, change_percent=(0.0, 0.0, 0.0, 0.0), at=40, lost=0.0):
+    """n sets of as many frequencies as changes, with a common first-order autoregression of 0.17 %, 0.03 % of their
+    own and a step; each is missing from a set by chance in a share of `lost`."""
     rng = np.random.default_rng(seed)
     common = np.zeros(n)
     for i in range(1, n):
         common[i] = 0.7 * common[i - 1] + 0.0012 * rng.standard_normal()
     step = 0.01 * np.outer(np.arange(n) >= at, change_percent)
-    frequency = FREQUENCY_HZ * (1 + common[:, None] + 3e-4 * rng.standard_normal((n, 4)) + step)
-    nothing = {"damping_ratio": np.full(4, np.nan), "frequency_std_hz": np.full(4, np.nan), "shape": np.zeros((0, 4)),
-               "shape_std": np.zeros((0, 4))}
+    m = len(change_percent)
+    frequency = FREQUENCY_HZ[:m] * (1 + common[:, None] + 3e-4 * rng.standard_normal((n, m)) + step)
+    frequency[rng.random(frequency.shape) < lost] = np.nan
+    nothing = {"damping_ratio": np.full(m, np.nan), "frequency_std_hz": np.full(m, np.nan), "shape": np.zeros((0, m)),
+               "shape_std": np.zeros((0, m))}
     return ModalData(channels=(), sets=tuple(ModalSet(id=name_of(i), frequency_hz=f, **nothing)
                                              for i, f in enumerate(frequency)))
 
@@ -39,6 +42,25 @@ def test_a_step_below_the_common_scatter_is_found(seed, change_percent, at, n, v
     found = diagnose_without_model(wandering(seed, n, change_percent, at))
     row.count(found.verdict == "unexplained" and [c["since"] for c in found.details["changes"]] == [name_of(at)], 1, 1,
               case=(found.verdict, found.details["changes"]))
+
+
+@pytest.mark.parametrize("lost", [0.15, 0.28])
+def test_a_step_is_found_where_sets_lack_modes(lost, validation):
+    """Of seven modes with 28 % of each missing a set in ten has all; any two are together in half."""
+    row = validation(what="without a model, steps of 0.2 % where seven modes wander together and are missing from 15 "
+                          "or 28 % of the sets: found within a set",
+                     reference="what was hidden")
+    since = [diagnose_without_model(wandering(seed, 70, (0.0, 0.23, -0.2, 0.0, 0.0, 0.0, 0.0), 30, lost)).details[
+        "changes"] for seed in range(50, 56)]
+    found = [[c["since"] for c in one] in ([name_of(29)], [name_of(30)], [name_of(31)]) for one in since]
+    row.count(sum(found), 6, 5, case=since)
+
+
+@pytest.mark.parametrize("lost", [0.15, 0.28])
+def test_missing_modes_are_no_change(lost):
+    silent = [diagnose_without_model(wandering(seed, change_percent=(0.0,) * 7, lost=lost)).verdict == "none"
+              for seed in range(120, 126)]
+    assert sum(silent) >= 5
 
 
 def test_the_change_of_a_ratio_is_stated_with_its_size(validation):
