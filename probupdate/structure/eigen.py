@@ -41,9 +41,11 @@ EQUAL = 1e-9
 
 
 def lowest_modes(
-    K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model", *, refused: float = REFUSED_ERROR
+    K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model", *, refused: float = REFUSED_ERROR,
+    shift: float = 0.0
 ):
-    """Eigenvalues lambda (n_mode,) ascending and shapes phi (n_dof, n_mode) of K phi = lambda M phi, phi^T M phi = 1.
+    """Eigenvalues lambda (n_mode,) ascending and shapes phi (n_dof, n_mode) of K phi = lambda M phi, phi^T M phi = 1;
+    with a `shift` of K + shift M, to the digits that K and M have of their own.
 
     Shift-invert Lanczos at zero with one symmetric-ordering factorisation and a fixed start vector, or, for small
     matrices, a dense solution; solved again by subspace iteration where that is not accurate. Raises InputError where
@@ -59,6 +61,11 @@ def lowest_modes(
     # powers of four: exact, and no product overflows in whatever units the matrices are
     scales = _power_of_four(K, where, "stiffness"), _power_of_four(M, where, "mass")
     K, M = K / scales[0], M / scales[1]
+    extended = K
+    if shift:
+        shift = shift * (scales[1] / scales[0])
+        # entries of the sum are rounded, as the digits of K are not
+        extended, K = K.astype(np.longdouble) + shift * M.astype(np.longdouble), K + shift * M
     if dense:
         value, phi = _dense(K, M, n_mode, where)
         solve = _cholesky(K)
@@ -68,7 +75,7 @@ def lowest_modes(
         solve = factor.solve
     value, phi = _normalise(value, phi, M)
     _refuse_rounding(K, value, phi, where)
-    value, phi = _accurate(K, M, value, phi, solve, where, refused)
+    value, phi = _accurate(extended, M, value, phi, solve, where, refused)
     largest = np.argmax(np.abs(phi), axis=0)
     with np.errstate(over="ignore"):
         value, phi = value * (scales[0] / scales[1]), phi * np.sign(phi[largest, np.arange(n_mode)]) / scales[1] ** 0.5
@@ -93,7 +100,7 @@ def modes_with_free_motions(K: sparse.csc_array, M: sparse.csc_array, n_mode: in
     shift, size = SOFT * stiffest, abs(K)
     # the first modes only say where the lowest eigenvalue above zero is
     for refused in (np.inf, REFUSED_ERROR):
-        value, phi = lowest_modes(sparse.csc_array(K + shift * M), M, n_mode, where, refused=refused)
+        value, phi = lowest_modes(K, M, n_mode, where, refused=refused, shift=shift)
         rounding = np.maximum(_rounding_error(size, phi), FREE * shift)
         value = value - shift
         if value[0] < -rounding[0]:
@@ -122,10 +129,9 @@ def _accurate(K, M, value, phi, solve, where: str, refused: float):
     fineness. Corrected with residuals in extended precision it is not, and neither is a Rayleigh-Ritz step on solutions
     y of K y = M phi, which needs no product with K: y^T K y = y^T M phi.
     """
-    extended = None
     for _ in range(REPEATS):
         force = value * (M @ phi)
-        y, extended = _solve_refined(K, force, solve, extended)
+        y, K = _solve_refined(K, force, solve)
         error = _change(M, phi, y)
         if np.all(error < ACCURATE):
             return value, phi
@@ -151,10 +157,10 @@ def _change(M, phi, y) -> np.ndarray:
     return np.sqrt(beyond**2 + np.sum(np.tril(shared - np.eye(phi.shape[1])) ** 2, axis=0))
 
 
-def _solve_refined(K, force, solve, extended):
+def _solve_refined(K, force, solve):
     """x (n, k) of K x = force, corrected until nothing is left to correct, and K in extended precision."""
     x = solve(force)
-    extended = K.astype(np.longdouble) if extended is None else extended
+    extended = K.astype(np.longdouble, copy=False)
     before = np.inf
     for _ in range(CORRECTIONS):
         step = solve(np.asarray(force - extended @ x.astype(np.longdouble), float))

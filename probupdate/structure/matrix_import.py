@@ -81,8 +81,10 @@ class Check(Table):
 
 
 class Groups(Table):
-    """groups.toml: channels, parameters with their runs, and frequencies to compare with."""
+    """groups.toml: channels, parameters with their runs, frequencies to compare with, and how many metres the program's
+    unit of length is (nodes' places are written in m)."""
 
+    unit_of_length_m: Positive = 1.0
     channel: tuple[ChannelRow, ...] = ()
     parameter: tuple[GroupRow, ...] = ()
     check: Check | None = None
@@ -201,7 +203,7 @@ def write_matrices(
     write_text(beside, table)
     place = arrays.get("node_position_m", np.zeros((1, 3)))
     if said := implausible_size(float(found[0]), float(np.max(np.ptp(place, axis=0)))):
-        notes.append(said)
+        notes.append(said + ("; set unit_of_length_m in groups.toml" if "nodes' places" in said else ""))
     return ImportedMatrices(
         files=(out, beside), n_row=base.stiffness.shape[0], channels=tuple(str(c) for c in arrays["channel"]),
         parameters=tuple(name for name, *_ in terms), frequency_hz=frozen_array(found), printed_hz=printed,
@@ -369,10 +371,15 @@ def _drop_roundoff(change: sparse.csc_array, base: sparse.csc_array) -> sparse.c
 def _channels_and_places(asked: Groups, base: ProgramMatrices, where: str, notes: list[str]) -> dict[str, np.ndarray]:
     """The arrays of a model beside its matrices; those of a model.npz stay where groups.toml names no channels."""
     own = base.model_arrays
+    arrays = dict(_geometry(base, notes) if own is None else own)
+    if "node_position_m" in arrays:
+        arrays["node_position_m"] = asked.unit_of_length_m * np.asarray(arrays["node_position_m"], float)
+    elif asked.unit_of_length_m != 1:
+        raise InputError(f"{where}: unit_of_length_m", "there are no nodes' places", "leave it out")
     if own is not None and not asked.channel:
-        return own
+        return arrays
     names, rows, signs = _channels(asked, base, where, notes)
-    places = _geometry(base, notes) if own is None else {k: v for k, v in own.items() if not k.startswith("channel")}
+    places = {k: v for k, v in arrays.items() if not k.startswith("channel")}
     return {"channel": np.array(names), "channel_dof": rows, "channel_sign": signs, **places}
 
 

@@ -97,6 +97,15 @@ def test_a_floating_beam_has_two_free_motions_and_its_own(length, unit, stub, va
     row.error(frequency(value[2:]) / expected - 1, below=1e-6)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-3], ids=["m-N-kg", "mm-N-t"])
+def test_a_floating_beam_of_a_fine_mesh_keeps_eight_digits(unit, validation):
+    row = validation(what="floating beam of 500 elements: lowest frequency above 0", reference="free-free beam",
+                     why="rounding of the entries of K")
+    value, _, free = modes_with_free_motions(*beam(500, unit=unit, top=0.0, clamped=False), 3)
+    assert free == 2
+    row.error(frequency(value[2]) / ((4.730040744862704 / 100) ** 2 * np.sqrt(EI / MU) / (2 * np.pi)) - 1, below=1e-8)
+
+
 def test_free_motions_alone_are_found_where_no_more_are_asked():
     value, _, free = modes_with_free_motions(*beam(60, top=0.0, clamped=False), 2)
     assert free == 2 and not value.any()

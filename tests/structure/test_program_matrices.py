@@ -128,7 +128,7 @@ def test_every_form_gives_the_programs_frequencies(tmp_path, form, validation):
         np.max(np.abs(result.frequency_hz / frequencies(K, M)[: len(result.frequency_hz)] - 1)), below=1e-8)
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1, ""), (1000, "places in mm? they are to be in m"),
+@pytest.mark.parametrize(("factor", "said"), [(1, ""), (1000, "they are to be in m; set unit_of_length_m"),
                                              (0.001, "a thousandth of m?")])
 def test_places_in_another_unit_are_asked_about(tmp_path, factor, said):
     """The frequencies are right, so that they alone show nothing."""
@@ -138,6 +138,26 @@ def test_places_in_another_unit_are_asked_about(tmp_path, factor, said):
     notes = probupdate.matrices(tmp_path / "job.sti", tmp_path / "out" / "model.npz").notes
     odd = [note for note in notes if note.startswith("implausible")]
     assert len(odd) == bool(said) and all(said in note for note in odd)
+
+
+@pytest.mark.parametrize("form", ["deck", "npz"])
+def test_places_are_written_in_metres_where_the_unit_is_stated(tmp_path, form):
+    calculix_files(tmp_path, "job", *chain())
+    nodes = "".join(f"{n}, {1000 * (n - 1.0)}, 0., 0.\n" for n in range(1, N + 2))
+    (tmp_path / "job.inp").write_text(f"*NODE, NSET=ALL\n{nodes}")
+    (tmp_path / "groups.toml").write_text("unit_of_length_m = 0.001\n")
+    source, unit = tmp_path / "job.sti", tmp_path / "groups.toml"
+    if form == "npz":
+        probupdate.matrices(source, tmp_path / "mm" / "model.npz")
+        source = tmp_path / "mm" / "model.npz"
+    notes = probupdate.matrices(source, tmp_path / "m" / "model.npz", parameters=unit).notes
+    assert not any(note.startswith("implausible") for note in notes)
+    with np.load(tmp_path / "m" / "model.npz") as written:
+        assert np.ptp(written["node_position_m"][:, 0]) == pytest.approx(N - 1)
+    # matrices alone have no places to scale
+    np.savez(tmp_path / "km.npz", **dict(zip("KM", chain(), strict=True)))
+    with pytest.raises(InputError, match="there are no nodes' places"):
+        probupdate.matrices(tmp_path / "km.npz", tmp_path / "none" / "model.npz", parameters=unit)
 
 
 def test_held_rows_of_zeros_and_of_penalties_are_left_out(tmp_path):
