@@ -15,14 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.noise import SMALLEST_LOG, SMALLEST_SHAPE, Noise, usual
+from probupdate.diagnosis.noise import MOST_FACTORINGS, SMALLEST_LOG, SMALLEST_SHAPE, Noise, usual
 from probupdate.runtime.arrays import frozen_array
 
-# groups of modes that are found in fewer of the blocks stay by themselves; a block says something of the joint
-# directions where it has more than this share of their numbers
-COMMON, MOST_MISSING = 0.7, 0.5
-# steps towards the covariance of numbers of which some are missing, and what less of a change ends them
-MOST_STEPS, SETTLED = 50, 1e-3
+# groups of modes that are found in fewer of the blocks stay by themselves
+COMMON = 0.7
 # differences of successive blocks asked for, for each frequency of a joint covariance: with fewer its least eigenvalue
 # may be a third of what it estimates (Marchenko & Pastur 1967: (1 - sqrt(1 / 6))^2 = 0.35)
 DIFFERENCES_A_FREQUENCY = 6
@@ -139,8 +136,8 @@ def _weights(vectors: np.ndarray, covariance: np.ndarray, weight: np.ndarray) ->
 
 
 def _enough(there: np.ndarray) -> np.ndarray:
-    """(n_block,) whether a block has enough of the joint numbers, there (n_block, n)."""
-    return np.sum(there, axis=1) > MOST_MISSING * there.shape[1]
+    """(n_block,) whether a block has more than half of the joint numbers, there (n_block, n)."""
+    return 2 * np.sum(there, axis=1) > there.shape[1]
 
 
 def _joint_weights(weight: np.ndarray) -> np.ndarray:
@@ -174,10 +171,11 @@ def _covariance_of_incomplete(values: np.ndarray, there: np.ndarray) -> np.ndarr
     n = np.maximum(np.sum(there, axis=0), 1)
     least = SMALLEST_LOG**2 * np.eye(len(n))
     covariance = np.diag(np.sum(np.where(there, values, 0.0) ** 2, axis=0) / n) + least
-    for _ in range(MOST_STEPS if not there.all() else 0):
+    for _ in range(0 if there.all() else MOST_FACTORINGS):
         complete, open_ = filled(values, there, covariance)
         before, covariance = covariance, (complete.T @ complete + open_) / max(len(values), 1) + least
-        if np.max(np.abs(covariance - before) / np.sqrt(np.outer(*[np.diag(before)] * 2))) < SETTLED:
+        std = np.sqrt(np.diag(before))
+        if np.allclose(covariance / std / std[:, None], before / std / std[:, None], rtol=0, atol=1e-3):
             break
     return covariance
 
