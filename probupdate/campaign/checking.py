@@ -38,7 +38,7 @@ from probupdate.campaign.spectra import CrossSpectra, cross_spectra, in_accelera
 from probupdate.campaign.usable import leave_out, left_out_notes, uncovered
 from probupdate.io.files import sha256, write_json, write_table
 from probupdate.io.result_table import plural, with_units
-from probupdate.modal.conditions import COLUMNS, SIMILAR, misnamed
+from probupdate.modal.conditions import COLUMNS, OF_TURBINES, SIMILAR, misnamed, of_turbine
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -327,11 +327,12 @@ def _quantities(campaign: Campaign) -> list[str]:
 
 
 def _scada_findings(campaign: Campaign) -> list[str]:
+    turbine = campaign.rated_power_kw is not None or is_upright(campaign.sensors)
     if campaign.scada is None:
-        turbine = campaign.rated_power_kw is not None or is_upright(campaign.sensors)
         return ["no scada.csv: nothing is known of wind and temperature"
                 + (", nor of a turbine's operation (states, harmonics)" if turbine else "")]
-    missing = [c for c in COLUMNS if c not in campaign.scada]
+    turbine = turbine or of_turbine(campaign.scada.columns)
+    missing = [c for c in COLUMNS if c not in campaign.scada and (turbine or c not in OF_TURBINES)]
     similar = misnamed(campaign.scada.columns, SIMILAR)
     found = [*campaign.scada.attrs.get("notes", ())]
     found += [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]

@@ -21,8 +21,8 @@ from probupdate.identification.criteria import (
 )
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
-from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, misnamed
-from probupdate.modal.labels import is_bending
+from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, misnamed, of_turbine
+from probupdate.modal.labels import TURBINE, family, is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step
 
@@ -103,6 +103,10 @@ def select(
     required = required_modes(data.labels, data.n_mode, criteria, data.sets)
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
     tests, notes = condition_tests(sets, criteria)
+    families = {family(t) for t in labels}
+    # named as what has no nacelle; modes by number may be a turbine's
+    if families - {""} and families.isdisjoint(TURBINE[:2]) and not any(of_turbine(s.environment) for s in sets):
+        notes = []
     if scada is not None:
         notes += [f"SCADA has no {known}{renaming(given)}" for known, given in misnamed(scada.columns, SIMILAR).items()]
     seldom = [label for j, label in enumerate(labels) if j not in required]

@@ -46,8 +46,9 @@ def summarise(
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
-    if campaign.scada is None and not of_turbine:
-        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
+    if not of_turbine and (campaign.scada is None or "rotor_speed_rpm" not in campaign.scada):
+        lines.append(f"no {'SCADA' if campaign.scada is None else 'rotor_speed_rpm in SCADA'}: lines of a rotating machine "
+                     "were not looked for, and may be among the modes")
     elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     lines += campaign.scada.attrs.get("notes", []) if campaign.scada is not None else []
@@ -102,8 +103,8 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
 def _scada_notes(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
     """Turbine states, rated power and what fore-aft is."""
     lines = []
-    if campaign.scada is not None or of_turbine:
-        states = Counter(str(s.environment["state"]) for s in data.sets)
+    states = Counter(str(s.environment["state"]) for s in data.sets)
+    if of_turbine or set(states) - {"unknown"}:
         lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
         lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")

@@ -9,9 +9,16 @@ COLUMNS = (
     "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
 )
+# what only a turbine has
+OF_TURBINES = ("power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg", "yaw_rate_degps")
 KNOWN_COLUMNS = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
 # similarity of names from which one is a slip of the pen for the other, and from which it may be the same thing
 MISSPELT, SIMILAR = 0.88, 0.6
+
+
+def of_turbine(columns: Iterable[str]) -> bool:
+    """Whether any is a turbine's, or a statistic of one."""
+    return any(str(c).startswith(OF_TURBINES) for c in columns)
 
 
 def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:

@@ -27,6 +27,7 @@ from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.identification.setups import identify_setups as identify_campaigns
+from probupdate.modal.conditions import of_turbine
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
 from probupdate.modal.matching import reading
@@ -46,8 +47,6 @@ from probupdate.verbs.sought import Sought, reference_modes
 GIVEN = IdentificationSettings()
 # fewest parts of a block that give standard deviations: known to 40 % then
 LEAST_PARTS = 4
-# columns of SCADA that only a turbine has
-OF_TURBINES = ("power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg", "yaw_rate_degps")
 # cosine of the angle between directions that are one: sensors are mounted to a few degrees
 ALONG = 0.98
 # share of a model's size, and metres at least, from which a sensor sits elsewhere than the node that is read
@@ -216,7 +215,7 @@ def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSett
 
 def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, ...]:
     """What bending is called: fore-aft and side-side of a turbine, by its model or by what was recorded of it."""
-    recorded = any(c.scada is not None and not set(OF_TURBINES).isdisjoint(c.scada.columns) for c in campaigns)
+    recorded = any(c.scada is not None and of_turbine(c.scada.columns) for c in campaigns)
     return TURBINE_LABELS if recorded or has_geometry(model) else NEUTRAL
 
 

@@ -132,6 +132,8 @@ def test_what_scada_lacks_is_said_and_not_asked(jacket):
     half = [replace(one_set(k, jacket.shape), environment={k: v for k, v in QUIET.items() if "yaw" not in k})
             for k in range(4)]
     assert select(data(half)).notes == ()  # the heading still tells yawing
+    # of a bridge nothing of a rotor or a nacelle was to be asked
+    assert select(replace(data(bare), labels=("H1", "V1", "V2", "H2", "T1"))).notes == ()
 
 
 def test_no_block_passing_is_an_error_that_counts_the_reasons(jacket):
