@@ -341,11 +341,28 @@ def _profile(bending: _Bending, sensors) -> list[Suspicion]:
         return found
     typical = {v: np.sqrt(mean["x", v] * mean["y", v]) for v in both}
     for level in both[1:-1]:
-        wanted = _wanted(both, typical, height, level)
-        if wanted and not 0.5 < typical[level] / wanted < 2.0:
+        least, most = _bounds(both, typical, height, level)
+        if not least / 2 < typical[level] < 2 * most:
             names = (*reach["x", level], *reach["y", level])
-            found.append(Suspicion(kind=LEVEL_SCALED, channels=names, size=float(typical[level] / wanted)))
+            size = typical[level] / (most if typical[level] > most else least)
+            found.append(Suspicion(kind=LEVEL_SCALED, channels=names, size=float(size)))
     return found
+
+
+def _bounds(order, reach, height, level) -> tuple[float, float]:
+    """Least and most reach of a level between others. A cantilever's first mode bends to one side: below the straight
+    line of the two neighbours, above the one below it and above lines through two levels on one side, however soft
+    what stands on it is."""
+    k = order.index(level)
+
+    def line(a, b) -> float:
+        slope = (reach[b] - reach[a]) / max(height[b] - height[a], 1e-9)
+        return reach[a] + slope * (height[level] - height[a])
+
+    beyond = [line(*order[i : i + 2]) for i in (k - 2, k + 1) if 0 <= i < len(order) - 1]
+    most = line(order[k - 1], order[k + 1])
+    # others that contradict one another, as one of them is wrong, ask no more than the straight line
+    return min(max(reach[order[k - 1]], *beyond), most), most
 
 
 def _reach(bending: _Bending, sensors) -> tuple[dict[tuple[str, str], dict[str, float]], dict[str, dict[str, float]]]:

@@ -455,7 +455,8 @@ def _grouped(
     What has the direction of a heavier one, or lies in its plane, and half its weight at most is its double, from noise
     or from waves; so has what does not keep its distance to it from block to block, as a mode does, however often it
     comes back, and that is asked of two and three channels too, whose directions alone say little. What shares hardly a
-    block with a heavier one is the same mode before or after a change. turns: where a nacelle looks is known.
+    block with a heavier one is the same mode before or after a change; further off, in a run of blocks that the heavier
+    one is not in, it is kept, for `joined_modes` to say. turns: where a nacelle looks is known.
     """
     groups: list[list[_Cluster]] = []
     doubles: list[tuple[_Cluster, _Cluster]] = []
@@ -474,7 +475,7 @@ def _grouped(
             if away <= SAME_MODE and (first.plane or one.plane or _apart_in_time(c, first, one)):
                 home = group
                 break
-            if one.weight < 0.5 * first.weight and not one.plane:
+            if one.weight < 0.5 * first.weight and not one.plane and not _instead(c, first, one):
                 twin = first
                 break
         if home is not None:
@@ -535,6 +536,13 @@ def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_
 def _apart_in_time(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
     first, second = set(c.block[heavy.rows].tolist()), set(c.block[light.rows].tolist())
     return len(first & second) <= 0.2 * len(second)
+
+
+def _instead(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
+    """Whether it comes in some blocks on end in which the heavier one hardly is."""
+    blocks, others = np.unique(c.block[light.rows]), np.unique(c.block[heavy.rows])
+    between = (others >= blocks[0]) & (others <= blocks[-1])
+    return len(blocks) > 1 and bool(between.sum() <= 0.2 * len(blocks))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

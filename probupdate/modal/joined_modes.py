@@ -115,7 +115,7 @@ def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
 def _instead(first: np.ndarray, second: np.ndarray) -> int | None:
     """The set from which on the second of two modes is found in place of the first, of both (n_set,) bool; None where
     it is not so."""
-    n, fewest = len(first), max(3, int(np.ceil(0.1 * len(first))))
+    n, fewest = len(first), max(2, int(np.ceil(0.1 * len(first))))
     k = np.arange(fewest, n - fewest + 1)
     share = []
     for one in (first, second):

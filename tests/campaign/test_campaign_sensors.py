@@ -457,3 +457,19 @@ def test_blocks_shorter_than_a_row_of_scada_are_looked_at(three_hours):
     short = replace(campaign, block_minutes=5.0)
     scores = [line_scores(read_block(short, start, touching), campaign.scada) for start, touching in files.items()]
     assert sum(map(len, scores)) > 8 and max(map(len, scores)) == 1
+
+
+@pytest.mark.parametrize(("gain", "said"), [(1.0, False), (9.80665, True), (1 / 9.80665, True)])
+def test_a_soft_tower_on_a_stiff_jacket_is_no_wrong_unit(tmp_path, gain, said):
+    """At 10 m a line from -9 to 65 m would have 0.19, a clamped cantilever's curve 0.08: it moves 0.06."""
+    rng, levels = np.random.default_rng(3), [(-9.0, 0.02), (10.0, 0.06 * gain), (65.0, 0.7), (82.0, 1.0)]
+    shape = np.kron([[size] for _, size in levels], np.eye(2))
+    sensors = [Sensor(channel=f"z{z:.0f}{axis}", position_m=(0.0, 0.0, z), level="any",
+                      direction=tuple(float(axis == k) for k in "xyz")) for z, _ in levels for axis in "xy"]
+    folder = written(tmp_path / "c", sensors, modal_record(rng, shape, 24000, frequency=(0.3, 0.31)))
+    head = (folder / "campaign.toml").read_text()
+    for z, _ in levels:
+        head = head.replace('level = "any"', f'level = "{z:.0f} m"', 2)
+    (folder / "campaign.toml").write_text(head)
+    found = check(read_campaign(folder)).findings
+    assert any("levels around them suggest: wrong unit" in f for f in found) == said, found

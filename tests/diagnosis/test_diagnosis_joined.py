@@ -83,6 +83,8 @@ def test_modes_that_come_and_go_or_have_names_or_are_elsewhere_stay_two(record):
     for sets in (coming, [s.of_modes([0, -1] if k < 20 else [-1, 2]) for k, s in enumerate(data.sets)]):
         two = ModalData(channels=data.channels, sets=tuple(sets), labels=("1", "2"))
         assert join_modes(two) == (two, [])
+    late = replace(data, sets=split(data, 6, (0, 1)).sets[:8], labels=(), records=())
+    assert join_modes(late)[0].n_mode == 4
     few = replace(data, sets=tuple(s.of_modes([0, -1] if k < 3 else [-1, 0]) for k, s in enumerate(data.sets[:6])),
                   labels=())
     assert join_modes(few) == (few, [])
