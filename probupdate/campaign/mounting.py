@@ -362,7 +362,7 @@ def _bounds(order, reach, height, level) -> tuple[float, float]:
     beyond = [line(*order[i : i + 2]) for i in (k - 2, k + 1) if 0 <= i < len(order) - 1]
     most = line(order[k - 1], order[k + 1])
     # others that contradict one another, as one of them is wrong, ask no more than the straight line
-    return min(max(reach[order[k - 1]], *beyond), most), most
+    return min(max([reach[order[k - 1]], *beyond]), most), most
 
 
 def _reach(bending: _Bending, sensors) -> tuple[dict[tuple[str, str], dict[str, float]], dict[str, dict[str, float]]]:
