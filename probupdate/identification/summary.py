@@ -47,8 +47,8 @@ def summarise(
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
     if not of_turbine and (campaign.scada is None or "rotor_speed_rpm" not in campaign.scada):
-        lines.append(f"no {'SCADA' if campaign.scada is None else 'rotor_speed_rpm in SCADA'}: lines of a rotating machine "
-                     "were not looked for, and may be among the modes")
+        lacks = "SCADA" if campaign.scada is None else "rotor_speed_rpm in SCADA"
+        lines.append(f"no {lacks}: lines of a rotating machine were not looked for, and may be among the modes")
     elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     lines += campaign.scada.attrs.get("notes", []) if campaign.scada is not None else []
