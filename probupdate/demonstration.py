@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate import __version__, verbs
-from probupdate.diagnosis.wording import found_words
+from probupdate.diagnosis.wording import words_of_findings
 from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.io.result_table import table_of
@@ -180,7 +180,7 @@ def hidden_and_found_words(hidden: str, diagnosis) -> str:
     effects = [hidden_words(e) for e in tomllib.loads(hidden).get("effect", ())]
     if not effects:
         return "hidden in this campaign: nothing"
-    found = found_words(diagnosis.content()) or ["nothing with a name"]
+    found = words_of_findings(diagnosis.content()) or ["nothing with a name"]
     return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
                       *(f"  {f}" for f in found)])
 
@@ -216,7 +216,7 @@ def _diagnose(
     return f"{diagnosis.summary}\n{hidden_and_found_words(hidden, diagnosis)}"
 
 
-def _timed(step: Callable[..., str], *arguments) -> tuple[str, float]:
+def _timed_step(step: Callable[..., str], *arguments) -> tuple[str, float]:
     """What a step says, and its seconds."""
     begun = time.monotonic()
     return step(*arguments), time.monotonic() - begun
@@ -261,7 +261,7 @@ class _Steps:
             for step, task in work.items():
                 with self.of(step) as wanted:
                     if wanted:
-                        self._say(_timed(*task, progress)[0])
+                        self._say(_timed_step(*task, progress)[0])
             return
         for step in first:
             if step not in others:
@@ -273,7 +273,7 @@ class _Steps:
             ended[step] = result
             self._state.finish(step)
 
-        with processes_beside(*((_timed, *work[step]) for step in others)) as waiting:
+        with processes_beside(*((_timed_step, *work[step]) for step in others)) as waiting:
 
             def watching(what: str, done: int, total: int) -> None:
                 for step, future in zip(others, waiting, strict=True):
@@ -281,7 +281,7 @@ class _Steps:
                         end(step, future.result())
                 progress(what, done, total)
 
-            end(last, _timed(*work[last], watching))
+            end(last, _timed_step(*work[last], watching))
             for step, future in zip(others, waiting, strict=True):
                 if step not in ended:
                     end(step, future.result())
@@ -294,7 +294,7 @@ def _head(step: str) -> str:
     return f"[{list(STEPS).index(step) + 1}/{len(STEPS)}] {step}"
 
 
-def _finished(path: Path) -> dict:
+def _read_if_finished(path: Path) -> dict:
     found = read_json(path, "give an empty directory, or delete this one")
     if not isinstance(found, dict) or not isinstance(found.get("finished"), list):
         raise InputError(str(path), "is no demonstration's", "give an empty directory, or delete this one")
@@ -312,7 +312,7 @@ class RunState:
             "start": start, **settings, "finished": [],
         }
         if self._path.exists():
-            found = _finished(self._path)
+            found = _read_if_finished(self._path)
             differ = [k for k in self._content if k not in ("finished", "model") and found.get(k) != self._content[k]]
             if differ:
                 key = differ[0]

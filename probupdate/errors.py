@@ -31,14 +31,14 @@ class InputError(ProbupdateError):
 
     def __init__(self, where: str, problem: str, remedy: str):
         self.where, self.problem, self.remedy = where, problem, remedy
-        super().__init__(": ".join((_one_line(where), f"{_one_line(problem)}; {_one_line(remedy)}")))
+        super().__init__(": ".join((_to_one_line(where), f"{_to_one_line(problem)}; {_to_one_line(remedy)}")))
 
     def __reduce__(self):
         # so that it comes whole out of another process
         return type(self), (self.where, self.problem, self.remedy)
 
 
-def _one_line(text: str) -> str:
+def _to_one_line(text: str) -> str:
     """What other packages say of a file may run over several lines; values from files may be long or hold escapes that
     a terminal obeys."""
     text = str(text)

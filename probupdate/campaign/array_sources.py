@@ -15,7 +15,7 @@ import numpy as np
 from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import nearest
-from probupdate.campaign.stated import UNIT_KEYS, OwnWords, Stated, keyed_rate, texts_of, unit_in
+from probupdate.campaign.stated import UNIT_KEYS, ChannelStatement, OwnWords, keyed_rate, texts_of, unit_in
 from probupdate.campaign.table_sources import PIECE
 from probupdate.errors import InputError, parsing
 from probupdate.io.hdf5_file import open_hdf5
@@ -58,7 +58,7 @@ def _from_arrays(arrays: Arrays, d: Description) -> Iterator:
     single = [n for n in arrays.names if arrays.shape(n) == (1, 1)]
     many = [n for n in arrays.names if n not in single and n != time]
     if d.data is not None or (len(many) == 1 and not set(d.columns.values()) & {*arrays.names}):
-        take, n_row = _one_table(arrays, d, d.data or many[0])
+        take, n_row = _table_parts(arrays, d, d.data or many[0])
     else:
         take = [(_variable(arrays, d, column, channel), [0]) for channel, column in d.columns.items()]
         n_row = arrays.shape(take[0][0])[0]
@@ -68,7 +68,7 @@ def _from_arrays(arrays: Arrays, d: Description) -> Iterator:
                                  "all channels of a file need the same number")
     if time is not None and arrays.shape(_variable(arrays, d, time, "time"))[0] != n_row:
         raise InputError(f"{path}, {time}", f"has {arrays.shape(time)[0]} values for {n_row} samples", "give one each")
-    yield _own_words(arrays, d, take, {n: float(arrays.rows(n, 0, 1)[0, 0]) for n in single})
+    yield _file_statements(arrays, d, take, {n: float(arrays.rows(n, 0, 1)[0, 0]) for n in single})
     wide = sum(arrays.shape(name)[1] for name, _ in take)
     piece = max(min(PIECE, LARGEST_PIECE // (8 * max(wide, 1))), 1)
     for first in range(0, n_row, piece):
@@ -77,7 +77,7 @@ def _from_arrays(arrays: Arrays, d: Description) -> Iterator:
         yield (None if time is None else arrays.rows(time, first, last)[:, 0]), data
 
 
-def _one_table(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tuple[str, list[int]]], int]:
+def _table_parts(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tuple[str, list[int]]], int]:
     name = _variable(arrays, d, wanted, "data")
     where = f"{arrays.path}, {name}"
     n_row, n_column = arrays.shape(name)
@@ -99,7 +99,7 @@ def _one_table(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tuple[
     return [(name, numbers)], n_row
 
 
-def _own_words(arrays: Arrays, d: Description, take, single: Mapping[str, float]) -> OwnWords:
+def _file_statements(arrays: Arrays, d: Description, take, single: Mapping[str, float]) -> OwnWords:
     """A rate among the single numbers; units from a text (or one a column) of that name, or in a variable's name."""
     units = next((list(t) for name, t in arrays.texts.items() if re.split(r"[./]", name)[-1].lower() in UNIT_KEYS), [])
     found = {}
@@ -107,7 +107,7 @@ def _own_words(arrays: Arrays, d: Description, take, single: Mapping[str, float]
         name, numbers = take[0] if len(take) == 1 else take[k]
         number = numbers[k] if len(take) == 1 else k
         text = units[0] if len(units) == 1 else units[number] if number < len(units) else unit_in(name)
-        found[channel] = Stated(unit=text or None)
+        found[channel] = ChannelStatement(unit=text or None)
     taken = {(name, k) for name, numbers in take for k in numbers}
     left = [(n, k) for n in arrays.names if n not in single and n != str(d.time) for k in range(arrays.shape(n)[1])
             if (n, k) not in taken]
@@ -124,7 +124,7 @@ def _variable(arrays: Arrays, d: Description, wanted: str | int, what: str) -> s
     return str(wanted)
 
 
-def _two_sizes(size: Sequence[int], turned: bool) -> tuple[int, int]:
+def _sample_and_channel_count(size: Sequence[int], turned: bool) -> tuple[int, int]:
     """(n_sample, n_channel) of an array of one or two dimensions; a single row is a vector lying down."""
     if len(size) < 2 or 1 in size:
         return math.prod(size), 1
@@ -200,7 +200,7 @@ class _Members:
             (self.heads if of_numbers else self.words)[name] = size, dtype, fortran
 
     def shape(self, name: str) -> tuple[int, int]:
-        return _two_sizes(self.heads[name][0], self.turned)
+        return _sample_and_channel_count(self.heads[name][0], self.turned)
 
     def rows(self, name: str, first: int, last: int) -> np.ndarray:
         size, dtype, fortran = self.heads[name]
@@ -328,4 +328,4 @@ def _mat73(path: Path, d: Description) -> Iterator:
                 return np.asarray(dataset[first:last] if turned else dataset[:, first:last].T, float)
 
         yield from _from_arrays(Arrays(path=path, names=tuple(sizes), rows=rows, texts=texts, unread=tuple(unread),
-                                       shape=lambda name: _two_sizes(sizes[name], not turned)), d)
+                                       shape=lambda name: _sample_and_channel_count(sizes[name], not turned)), d)

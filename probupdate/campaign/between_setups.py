@@ -120,7 +120,7 @@ def compare_setups(
         return SetupComparison(references=references, peaks_hz=np.zeros(0), findings=(), uses=(
             *notes, "references of setups cannot be compared: no peak is common to them"))
     shapes = [_shapes(names[k], campaigns[k], parts[k], peaks, references) for k in kept]
-    found, notes_of = _judged(shapes, references)
+    found, notes_of = _judge_references(shapes, references)
     frequency = parts[kept[0]].frequency_hz[peaks]
     uses = (*notes, f"references {', '.join(references)} of {len(kept)} setups compared at {len(peaks)} peaks from "
             f"{frequency[0]:.3g} to {frequency[-1]:.3g} Hz", *notes_of)
@@ -232,7 +232,7 @@ def _explained_share(density: np.ndarray, rows: Sequence[int]) -> float:
 # Judged -------------------------------------------------------------------------------------------------------------
 
 
-def _judged(
+def _judge_references(
     shapes: list[SetupShapes], references: Sequence[str]
 ) -> tuple[list[SensorFinding], list[str]]:
     gains: list[dict[str, float]] = [{} for _ in shapes]
@@ -301,7 +301,7 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list
         now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
         # of all references but one, as a shape has no size
         open_to = [[i for i, c in enumerate(references) if c not in g and len(g) < len(references) - 1] for g in gains]
-        tried = [_against_others(now, k, references, free) for k, free in enumerate(open_to)]
+        tried = [_explanations_by_others(now, k, references, free) for k, free in enumerate(open_to)]
         named = [chosen([t.log for t in own], [t.kind == "gain" for t in own]) if own else [] for own in tried]
         if not any(named):
             break
@@ -318,7 +318,7 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list
     return sorted(found, key=lambda c: c.setup)
 
 
-def _against_others(
+def _explanations_by_others(
     shapes: Sequence[SetupShapes], setup: int, references: Sequence[str], free: Sequence[int]
 ) -> list[Explanation]:
     """What explains a setup's references beside the others' median shape of every peak, by those that are `free`."""

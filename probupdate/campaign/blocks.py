@@ -124,14 +124,14 @@ def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Tim
     return {pd.Timestamp(start, tz="UTC"): tuple(touching[start]) for start in sorted(touching)}
 
 
-def held_blocks(recording: Recording, length: int) -> int:
+def count_held_blocks(recording: Recording, length: int) -> int:
     """Blocks of `length` ns from its start on, the last of which may lack a second."""
     return (recording.end.value - recording.start.value + BREAK_NS) // length
 
 
 def _origin(recording: Recording, length: int) -> int:
     """From where blocks of this length are counted, in ns of the clock: 0, or the recording's start."""
-    start, end, held = recording.start.value, recording.end.value, held_blocks(recording, length)
+    start, end, held = recording.start.value, recording.end.value, count_held_blocks(recording, length)
     on_clock = max((end + BREAK_NS) // length + (BREAK_NS - start) // length, 0)
     return start if held and 2 * on_clock <= held else 0
 
@@ -248,20 +248,20 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     notes += _unmeasured_notes(campaign.channels, missing, repeated, line)
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
-        data=_sealed(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
+        data=_make_read_only(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
         repeated=frozen_array(repeated), filled=frozen_array(line), notes=tuple(notes),
-        excluded=_excluded(campaign, covered, 1 - missing - repeated - line),
+        excluded=_exclusion_reason(campaign, covered, 1 - missing - repeated - line),
     )
 
 
 def _mark_not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """(n_sample, n_channel) bool each: samples that repeat the one before, and those on lines drawn over gaps."""
     again, drawn = np.zeros_like(lost), np.zeros_like(lost)
-    repeating, straight = gaps.suspected(data)
+    repeating, straight = gaps.suspected_columns(data)
     for c in repeating:
-        again[:, c] = gaps.repeated(np.ascontiguousarray(data[:, c]), rate_hz)
+        again[:, c] = gaps.find_repeated(np.ascontiguousarray(data[:, c]), rate_hz)
     for c in straight:
-        drawn[:, c] = gaps.filled(np.ascontiguousarray(data[:, c]))
+        drawn[:, c] = gaps.find_filled(np.ascontiguousarray(data[:, c]))
     return again, drawn
 
 
@@ -278,7 +278,7 @@ def _unmeasured_notes(channels: tuple[str, ...], *shares: np.ndarray) -> list[st
     return notes
 
 
-def _excluded(campaign: Campaign, covered: np.ndarray, measured: np.ndarray) -> str:
+def _exclusion_reason(campaign: Campaign, covered: np.ndarray, measured: np.ndarray) -> str:
     """Why a block cannot be used: it is but a part of one, or a channel was hardly measured in it."""
     there = np.flatnonzero(covered)
     n_sample, rate = len(covered), campaign.sampling_rate_hz
@@ -292,7 +292,7 @@ def _excluded(campaign: Campaign, covered: np.ndarray, measured: np.ndarray) -> 
     return f"gaps: only {100 * measured[bad].min():.2g} % of the samples were measured in {who}"
 
 
-def _sealed(data: np.ndarray) -> np.ndarray:
+def _make_read_only(data: np.ndarray) -> np.ndarray:
     """Read-only without a copy: nobody else holds it."""
     data.setflags(write=False)
     return data

@@ -14,7 +14,7 @@ from probupdate.campaign.blocks import LEAST_MEASURED, PART, Block, block_files,
 from probupdate.campaign.clocks import Delays, delays, drifts, put_in_time
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
-    Compared,
+    ComparedBlock,
     channel_findings,
     clock_findings,
     mounting_findings,
@@ -28,17 +28,17 @@ from probupdate.campaign.heading import Sway, block_sway
 from probupdate.campaign.mounting import is_upright, lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
-from probupdate.campaign.rigid_bodies import levelled
+from probupdate.campaign.rigid_bodies import name_levels
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, renaming, turning_range, with_rated_power
 from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import CrossSpectra, cross_spectra, in_acceleration, most_channels
-from probupdate.campaign.usable import leave_out, left_out_notes, uncovered
+from probupdate.campaign.spectra import CrossSpectra, comparable_channels, convert_to_acceleration, cross_spectra
+from probupdate.campaign.usable import leave_out, left_out_notes, no_block_remedy
 from probupdate.io.files import sha256, write_json, write_table
 from probupdate.io.result_table import plural, with_units
-from probupdate.modal.conditions import COLUMNS, OF_TURBINES, SIMILAR, misnamed, of_turbine
+from probupdate.modal.conditions import COLUMNS, OF_TURBINES, SIMILAR, find_misnamed, of_turbine
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -141,7 +141,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings),
                 *time_findings(timed, campaign.scada))
     uses = (*_uses(campaign, head, table), *able)
-    most = most_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
+    most = comparable_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
     if len(campaign.sensors) > most:
         uses = (*uses, f"channels were not compared with one another: {len(campaign.sensors)} are more than the {most} "
                 "whose spectra memory holds; leave_out in campaign.toml takes some away")
@@ -164,7 +164,7 @@ def _summary(head: str, findings: Sequence[str], uses: Sequence[str]) -> str:
 def compare_block(
     campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame, *, pieces: int = 0,
     n_compared: int = MOST_COMPARED,
-) -> Compared | None:
+) -> ComparedBlock | None:
     """One block's channels against one another; None where the block's samples do not allow it. Channels of which
     more than half is lost, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0:
     none), as one of n_compared blocks."""
@@ -173,8 +173,8 @@ def compare_block(
     if usable.sum() < 2:
         return None
     rate = block.sampling_rate_hz
-    sensors = levelled([s for s, ok in zip(campaign.sensors, usable, strict=True) if ok])
-    in_time = _in_time(block.data[:, usable], rate, sensors, _rotor_bands(conditions))
+    sensors = name_levels([s for s, ok in zip(campaign.sensors, usable, strict=True) if ok])
+    in_time = _check_in_time(block.data[:, usable], rate, sensors, _rotor_bands(conditions))
     if in_time is None:
         return None
     data, spectra, clocks = np.full(block.data.shape, np.nan), in_time.spectra, np.full((3, n), np.nan)
@@ -187,9 +187,9 @@ def compare_block(
     elif pieces:
         kept = tuple(parts_of_block(block.id, data, rate, campaign.sensors, usable, pieces,
                                     lines_kept(n, n_compared * pieces)))
-    return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
-                    delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], pieces=kept,
-                    lowest_hz=np.nan if lowest is None else lowest)
+    return ComparedBlock(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
+                         delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], pieces=kept,
+                         lowest_hz=np.nan if lowest is None else lowest)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -205,14 +205,14 @@ class _InTime:
     drift: np.ndarray
 
 
-def _in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], avoid_hz: np.ndarray) -> _InTime | None:
+def _check_in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], avoid_hz: np.ndarray) -> _InTime | None:
     """Signs, gains and places are judged beside right clocks; None where the samples do not allow it."""
 
     def compared(moved: np.ndarray) -> tuple[CrossSpectra, Delays] | None:
         spectra = cross_spectra(moved, rate, 0.4 * rate)
         if spectra is None:
             return None
-        spectra = in_acceleration(spectra, sensors)
+        spectra = convert_to_acceleration(spectra, sensors)
         return spectra, delays(spectra, sensors, avoid_hz)
 
     if (found := compared(data)) is None:
@@ -243,7 +243,7 @@ def _rotor_bands(conditions: Mapping) -> np.ndarray:
     return np.array([[n * low / 60 - 0.05, n * high / 60 + 0.05] for n in (1, *range(3, 19, 3))])
 
 
-def _suspicions_by_channel(campaign: Campaign, found: Compared | None) -> list[str]:
+def _suspicions_by_channel(campaign: Campaign, found: ComparedBlock | None) -> list[str]:
     """(n_channel,) what one block suspects of each channel."""
     if found is None:
         return [""] * len(campaign.sensors)
@@ -292,7 +292,7 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
         found.append(f"{span - len(starts)} of {span} blocks between the first and the last have no record")
     part = head["excluded"].str.startswith(PART)
     gone = (head["excluded"] != "") & ~part
-    if advice := uncovered(campaign):
+    if advice := no_block_remedy(campaign):
         found.append(f"no record covers a whole block: {advice}")
     elif gone.any():
         found.append(f"{plural(int(gone.sum()), 'block')} in which a channel was hardly measured, not used: "
@@ -333,7 +333,7 @@ def _scada_findings(campaign: Campaign) -> list[str]:
                 + (", nor of a turbine's operation (states, harmonics)" if turbine else "")]
     turbine = turbine or of_turbine(campaign.scada.columns)
     missing = [c for c in COLUMNS if c not in campaign.scada and (turbine or c not in OF_TURBINES)]
-    similar = misnamed(campaign.scada.columns, SIMILAR)
+    similar = find_misnamed(campaign.scada.columns, SIMILAR)
     found = [*campaign.scada.attrs.get("notes", ())]
     found += [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index

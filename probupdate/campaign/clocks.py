@@ -67,7 +67,7 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
     if not matrix:
         return Delays(delay_s=frozen_array(delay), std_s=frozen_array(std), group=frozen_array(group, int))
     rows, values, weights = np.array(matrix), np.array(value), np.array(weight)
-    for number, members in enumerate(_connected(rows)):
+    for number, members in enumerate(_connected_groups(rows)):
         mine = np.any(rows[:, members] != 0, axis=1)
         normal = (rows[mine].T * weights[mine]) @ rows[mine]
         inverse = np.linalg.pinv(normal[np.ix_(members, members)], hermitian=True)
@@ -200,7 +200,7 @@ def _steepest(double: np.ndarray, frequency: np.ndarray) -> float:
     return float(time[k])
 
 
-def _connected(rows: np.ndarray) -> list[np.ndarray]:
+def _connected_groups(rows: np.ndarray) -> list[np.ndarray]:
     """Channels joined by pairs, as index arrays, largest set first."""
     number, label = csgraph.connected_components(sparse.csr_array(np.abs(rows).T @ np.abs(rows)), directed=False)
     sets = [np.flatnonzero(label == k) for k in range(number)]

@@ -17,8 +17,8 @@ from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import WAIT, CampaignHead, channels_attribute, read_head
-from probupdate.campaign.sources import opened
-from probupdate.campaign.stated import OwnWords, Stated, channel_factor, refuse_other_rate
+from probupdate.campaign.sources import open_source
+from probupdate.campaign.stated import ChannelStatement, OwnWords, channel_factor, refuse_other_rate
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
@@ -109,7 +109,7 @@ def convert(
             continue
         record[name] = {"key": key, "files": [], "samples": 0, "spans": [], UNFINISHED: True}
         _write_record(folder / RECORD, record)
-        outputs, count, said, own, left = _one_source(paths, name, described, head, folder, key)
+        outputs, count, said, own, left = _read_source(paths, name, described, head, folder, key)
         unused.update(left)
         _refuse_changed(paths, before, outputs)
         joined = _agreeing(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
@@ -228,7 +228,7 @@ def _agreeing(
                 if count < 1:
                     continue
                 since = (begin - start, begin - pd.Timestamp(a))
-                if "overlap" not in overruled and not _same_samples(path, folder / file, since, count, rate_hz):
+                if "overlap" not in overruled and not _hold_same_samples(path, folder / file, since, count, rate_hz):
                     for written in outputs:
                         written.unlink()
                     raise InputError(source, f"overlaps {other} by {count} samples from {begin:%Y-%m-%dT%H:%M:%S.%fZ} "
@@ -239,7 +239,7 @@ def _agreeing(
     return [f"{source} and {other} overlap by {count} samples, {words}" for other, count in said.items()]
 
 
-def _same_samples(one: Path, other: Path, since, count: int, rate_hz: float) -> bool:
+def _hold_same_samples(one: Path, other: Path, since, count: int, rate_hz: float) -> bool:
     """Whether two records hold the same, a lost sample being like any; since: from the start of each."""
     first = [round(s.total_seconds() * rate_hz) for s in since]
     if abs((since[0] - since[1]).total_seconds() * rate_hz - (first[0] - first[1])) > OFFSET:
@@ -258,12 +258,12 @@ def _same_samples(one: Path, other: Path, since, count: int, rate_hz: float) -> 
 # One source ---------------------------------------------------------------------------------------------------------
 
 
-def _one_source(paths: Sequence[Path], name: str, described: Description, head: CampaignHead, folder: Path, key: str):
+def _read_source(paths: Sequence[Path], name: str, described: Description, head: CampaignHead, folder: Path, key: str):
     """(files, samples, notes, (start, end) of each, columns not used): the source's samples on the campaign's clock."""
     path = paths[0]
     clock = file_clock(path, described, head.sampling_rate_hz)
     writer = _Writer(folder, name, key, head)
-    own, pieces = opened(path, described, rate_hz=head.sampling_rate_hz, joined=paths[1:])
+    own, pieces = open_source(path, described, rate_hz=head.sampling_rate_hz, joined=paths[1:])
     refuse_other_rate(str(path), own, head.sampling_rate_hz, described.overrule)
     factor, words = _factors(path, own, head, described)
     lost, markers = 0, [v for v in described.lost if not isinstance(v, str)]
@@ -291,7 +291,8 @@ def _one_source(paths: Sequence[Path], name: str, described: Description, head: 
 
 def _factors(path: Path, own: OwnWords, head: CampaignHead, described: Description) -> tuple[np.ndarray, list[str]]:
     """(n_channel,) what the samples are multiplied with, and what the file's own words changed."""
-    found = [channel_factor(str(path), s, own.channels.get(s.channel, Stated()), described.factor.get(s.channel),
+    found = [channel_factor(str(path), s, own.channels.get(s.channel, ChannelStatement()),
+                            described.factor.get(s.channel),
                             described.overrule) for s in head.sensors]
     return np.array([f for f, _ in found]), [text for _, text in found if text is not None]
 

@@ -22,7 +22,7 @@ from probupdate.campaign.logger_files import (
 )
 from probupdate.campaign.reading import BLANK
 from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
-from probupdate.campaign.stated import UNITS, Stated, heading_rate, known_unit, unit_in, without_unit
+from probupdate.campaign.stated import UNITS, ChannelStatement, heading_rate, parse_unit, unit_in, without_unit
 from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, row_cells, table_layout
 from probupdate.campaign.uff_file import read_uff_records
 from probupdate.campaign.universal import Translation
@@ -41,7 +41,7 @@ class _FileChannel:
     """A channel as its file calls it: column of convert.toml, rate and start where the file has them."""
 
     column: str | int
-    stated: Stated
+    stated: ChannelStatement
     rate_hz: float | None
     start: str | None
 
@@ -131,7 +131,7 @@ def _table_channels(paths: Sequence[Path], found: TableLayout) -> list[_FileChan
             continue
         name = without_unit(column) if isinstance(column, str) else column
         unit = found.units[k] if found.units else unit_in(str(column))
-        seen.append(_FileChannel(column=name, stated=Stated(unit=unit or None), rate_hz=rate, start=None))
+        seen.append(_FileChannel(column=name, stated=ChannelStatement(unit=unit or None), rate_hz=rate, start=None))
     return seen
 
 
@@ -220,7 +220,7 @@ def _campaign_text(raw: Path, seen: Sequence[_FileChannel], rates: Sequence[str]
              f"name = {json.dumps(raw.stem)}", f"sampling_rate_hz = {rate}{unequal}",
              f'block_minutes = "{BLANK}"  # such as 30']
     for s in seen:
-        unit = known_unit(s.stated.unit) if s.stated.unit else None
+        unit = parse_unit(s.stated.unit) if s.stated.unit else None
         quantity = s.stated.quantity or (unit[0] if unit else None)
         own = next((u for u, size in UNITS.get(quantity or "", {}).items()
                     if unit and abs(size / unit[1] - 1) < 1e-9), None)

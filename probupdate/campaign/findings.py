@@ -16,7 +16,7 @@ from probupdate.campaign.gain_steps import Piece, gain_steps, parts_of_campaign
 from probupdate.campaign.heading import Sway, heading_findings, heading_offset
 from probupdate.campaign.mounting import Suspicion
 from probupdate.campaign.reading import Campaign
-from probupdate.campaign.rigid_bodies import campaign_gains, levelled
+from probupdate.campaign.rigid_bodies import campaign_gains, name_levels
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.stated import UNITS
@@ -54,7 +54,7 @@ GRAVITY_SPREAD = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Compared:
+class ComparedBlock:
     """One block whose channels were compared: its suspicions, delays (n_channel,) with their standard deviations, in s,
     drifts (s per s; zero where a delay was followed without), the frequency of its lowest motion and its cross-spectra
     in one or several pieces."""
@@ -92,11 +92,11 @@ def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str
         found.append(f"all channels lack {100 * common:.1f} % of their samples: the records do not cover the blocks")
     for sensor in sensors:
         rows = table[table["channel"] == sensor.channel]
-        found += _own_samples(sensor.channel, rows, n_block, common)
+        found += _sample_findings(sensor.channel, rows, n_block, common)
     return found + _wandering(table, sensors, n_block) + _compare_neighbours(table, sensors)
 
 
-def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
+def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
     found = []
     if rows["flat"].any():
         found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
@@ -159,7 +159,7 @@ def _wandering(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> 
 def _compare_neighbours(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
     """Channels of one level, direction and quantity, by the size of their motion."""
     rms = table.groupby("channel")["rms"].median()
-    found, sensors = [], levelled(sensors)
+    found, sensors = [], name_levels(sensors)
     for k, sensor in enumerate(sensors):
         like = [s.channel for i, s in enumerate(sensors) if i != k and s.level == sensor.level
                 and s.quantity == sensor.quantity and abs(float(s.direction @ sensor.direction)) > 0.9]
@@ -174,7 +174,7 @@ def _compare_neighbours(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[
 # Channels against one another ---------------------------------------------------------------------------------------
 
 
-def mounting_findings(compared: Sequence[Compared], mentioned: Sequence[str]) -> list[str]:
+def mounting_findings(compared: Sequence[ComparedBlock], mentioned: Sequence[str]) -> list[str]:
     """Suspicions that return; `mentioned` sentences are not said again."""
     seen: dict[tuple, list[tuple[int, Suspicion]]] = {}
     for number, block in enumerate(compared):
@@ -231,7 +231,7 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
 
 
 def sensor_findings(
-    campaign: Campaign, compared: Sequence[Compared], sways: Sequence[Sway], mentioned: Sequence[str]
+    campaign: Campaign, compared: Sequence[ComparedBlock], sways: Sequence[Sway], mentioned: Sequence[str]
 ) -> tuple[list[SensorFinding], list[str]]:
     """What sensors say of one another over the whole campaign: gains that change, gains by rigid parts, the nacelle's
     heading; and what these comparisons can show. Channels that a sentence of `mentioned` names are judged by that."""
@@ -257,7 +257,7 @@ def sensor_findings(
 # Clocks and rates ---------------------------------------------------------------------------------------------------
 
 
-def runaway_clocks(compared: Sequence[Compared], channels: Sequence[str]) -> dict[str, tuple[float, str]]:
+def runaway_clocks(compared: Sequence[ComparedBlock], channels: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Channel -> (s a day that its clock loses, the last block in which that was followed), of clocks whose drift over
     the campaign is beyond the range in which delays are sought: by the drifts within blocks, or the steps between
     neighbouring ones, which delays that are lost or found at a wrong period do not spoil."""
@@ -286,7 +286,7 @@ def runaway_clocks(compared: Sequence[Compared], channels: Sequence[str]) -> dic
     return found
 
 
-def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tuple[list[str], str | None]:
+def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -> tuple[list[str], str | None]:
     """Sentences on late channels, and one on what the comparison can resolve (None where nothing was compared)."""
     if not compared:
         return [], None

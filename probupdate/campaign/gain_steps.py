@@ -14,7 +14,7 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
-from probupdate.campaign.rigid_bodies import same_place
+from probupdate.campaign.rigid_bodies import groups_at_one_place
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import (
     MOST_FREQUENCIES,
@@ -120,12 +120,12 @@ def gain_steps(
     that change together by one factor are one finding: their logger's. A change that lasts from a piece to another is
     found as two.
     """
-    prepared = _prepared(pieces, lowest_hz)
+    prepared = _scaled_densities(pieces, lowest_hz)
     if prepared is None:
         return [], None
     ids, density, known = prepared
     steps: list[_Change] = []
-    place = same_place([sensors[k] for k in known], range(len(known)))
+    place = groups_at_one_place([sensors[k] for k in known], range(len(known)))
     series, weight = _gains(density)
     able = np.all(np.isfinite(series), axis=0)
     judged = [int(c) for c in np.flatnonzero(able)]
@@ -167,14 +167,14 @@ def parts_of_campaign(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Mean cross-spectra (n_part, n_line, n, n) of parts of the campaign, every piece and line with one vote, and the
     channels (n,) that they hold; None where there are too few pieces."""
-    prepared = _prepared(pieces, lowest_hz)
+    prepared = _scaled_densities(pieces, lowest_hz)
     if prepared is None:
         return None
     _, density, known = prepared
     return np.array([part.mean(axis=0) for part in np.array_split(density, n_part)]), known
 
 
-def _prepared(
+def _scaled_densities(
     pieces: Sequence[Piece], lowest_hz: float
 ) -> tuple[list[str], np.ndarray, np.ndarray] | None:
     """(ids, density (n_piece, n_line, n, n) scaled, channels): pieces of one length, whole in the channels that most
@@ -198,7 +198,7 @@ def _prepared(
     return [p.id for p in pieces], density / power[:, :, None, None], known
 
 
-def _regressed(mean: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _regress_on_others(mean: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every channel by all others at one line, regressed on the mean (n, n): its own power (n,), and in every piece of
     density (n_piece, n, n) what it has in common with its prediction and the prediction's power (n_piece, n)."""
     own = np.real(mean.diagonal())
@@ -221,7 +221,7 @@ def _gains(density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     top, bottom, noise = np.zeros((3, len(density), n))
     best = np.zeros(n)
     for q in range(n_line):
-        own, together, predicted = _regressed(mean[q], density[:, q])
+        own, together, predicted = _regress_on_others(mean[q], density[:, q])
         left = np.einsum("bcc->bc", density[:, q]).real - 2 * together + predicted
         usual = left.mean(axis=0)
         best = np.maximum(best, 1 - usual / own)

@@ -35,9 +35,9 @@ def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edge[::2], edge[1::2]
 
 
-def suspected(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of data (n, n_channel) worth a look by `repeated` and by `filled`, in one quick pass each; a twelfth of a
-    record is enough to see whether any samples lie on lines."""
+def suspected_columns(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of data (n, n_channel) worth a look by `find_repeated` and by `find_filled`, in one quick pass each; a
+    twelfth of a record is enough to see whether any samples lie on lines."""
     again = np.count_nonzero(data[1:] == data[:-1], axis=0) >= FEWEST
     kink = np.abs(data[2::EACH] - 2 * data[1:-1:EACH] + data[:-2:EACH])
     return np.flatnonzero(again), np.flatnonzero((kink <= ROUNDING * np.abs(data[1:-1:EACH])).any(axis=0))
@@ -92,7 +92,7 @@ def _has_repeated_jumps(known: np.ndarray, value: float, middle: float) -> bool:
                 and np.median(np.abs(before - middle)) < NEAR * abs(value - middle))
 
 
-def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
+def find_repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
     """(n,) bool: samples that only repeat the one before; column (n,), NaN where lost.
 
     Steps of zero are held against those of the smallest size there is: a coarse converter has both. What stands at the
@@ -111,7 +111,7 @@ def repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:
     return same
 
 
-def filled(column: np.ndarray) -> np.ndarray:
+def find_filled(column: np.ndarray) -> np.ndarray:
     """(n,) bool: samples on the straight line between their neighbours, beyond chance; column (n,), NaN where lost."""
     none = np.zeros(len(column), bool)
     if len(column) < 3:
@@ -154,7 +154,7 @@ def zero_filled(piece: np.ndarray) -> np.ndarray:
     return np.where(known, centred, 0.0) / share
 
 
-def interpolated(data: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+def fill_short_gaps(data: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
     """data (n, n_channel) with straight lines over gaps of up to `longest` samples, values held at the ends; and
     (n_channel,) the longest gap left, 0 for none. For what needs a whole record and says so."""
     found, left = np.array(data), np.zeros(data.shape[1], int)

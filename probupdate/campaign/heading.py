@@ -19,7 +19,7 @@ from probupdate.campaign.mounting import LOWEST_HZ, is_upright
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.modal.modes import Sensor
-from probupdate.modal.sensor_places import at_one_height
+from probupdate.modal.sensor_places import sensors_by_height
 
 # blocks whose rotor turns faster (rpm) and whose heading moves less (deg) are used, and so many are needed
 SLOWEST_RPM, MOST_TURNED_DEG, FEWEST_BLOCKS = 4.0, 5.0, 5
@@ -86,7 +86,7 @@ def block_sway(block: Block, sensors: Sequence[Sensor], usable: np.ndarray, cond
 
 def _top(sensors: Sequence[Sensor], usable: np.ndarray) -> tuple[list[int], np.ndarray] | None:
     """Channels of the highest place that see both horizontal directions, and the matrix (2, n) that gives them."""
-    for level in reversed(at_one_height(sensors)):
+    for level in reversed(sensors_by_height(sensors)):
         rows = [i for i in level if usable[i]]
         flat = [i for i in rows if abs(sensors[i].direction[2]) < 0.05]
         # level sensors know nothing of the vertical; oblique ones need all three directions
@@ -160,7 +160,7 @@ def _band(sway: Sway, lowest_hz: float) -> np.ndarray:
     return sway.motion[(sway.frequency_hz > low) & (sway.frequency_hz < high)].astype(complex)
 
 
-def _binned(values: np.ndarray, n_bin: int) -> np.ndarray:
+def _bin_values(values: np.ndarray, n_bin: int) -> np.ndarray:
     n_bin = min(n_bin, len(values))
     return np.array([part.sum() for part in np.array_split(values, n_bin)])
 
@@ -168,8 +168,8 @@ def _binned(values: np.ndarray, n_bin: int) -> np.ndarray:
 def _plane(motion: np.ndarray) -> complex:
     """Weighted mean over bins of exp(4 i angle of the principal axis) about x; weight the square of anisotropy."""
     x, y = motion.T
-    a = _binned(0.5 * (np.abs(x) ** 2 - np.abs(y) ** 2), PLANE_BINS)
-    c = _binned((x.conj() * y).real, PLANE_BINS)
+    a = _bin_values(0.5 * (np.abs(x) ** 2 - np.abs(y) ** 2), PLANE_BINS)
+    c = _bin_values((x.conj() * y).real, PLANE_BINS)
     total = float(np.sum(np.abs(motion) ** 2)) / 2
     return complex(np.sum(((a + 1j * c) / total) ** 2)) if total > 0 else 0j
 
@@ -190,8 +190,8 @@ def _widths(sways: Sequence[Sway], angle: np.ndarray, lowest_hz: float) -> tuple
     found = []
     for sway, a in zip(sways, angle, strict=True):
         x, y = _band(sway, lowest_hz).T
-        power = [_binned(np.abs(v) ** 2, WIDTH_BINS) for v in (np.cos(a) * x + np.sin(a) * y,
-                                                               np.cos(a) * y - np.sin(a) * x)]
+        power = [_bin_values(np.abs(v) ** 2, WIDTH_BINS) for v in (np.cos(a) * x + np.sin(a) * y,
+                                                                   np.cos(a) * y - np.sin(a) * x)]
         width = [float(p.sum() ** 2 / np.sum(p**2)) for p in power]
         found.append(np.log(width[0] / width[1]))
     return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found)))

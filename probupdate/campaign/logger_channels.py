@@ -12,7 +12,7 @@ import pandas as pd
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.reading import nearest
-from probupdate.campaign.stated import SAME_RATE, OwnWords, Stated
+from probupdate.campaign.stated import SAME_RATE, ChannelStatement, OwnWords
 from probupdate.campaign.table_sources import PIECE
 from probupdate.errors import InputError
 from probupdate.io.result_table import plural
@@ -47,7 +47,7 @@ class LoggerChannel:
     """names: in full, then shorter ones that may not be the only ones; segments in the order of the file."""
 
     names: tuple[str, ...]
-    stated: Stated
+    stated: ChannelStatement
     segments: tuple[Segment, ...]
 
     @property
@@ -85,7 +85,7 @@ class _Run:
         return found
 
 
-def on_one_clock(
+def read_on_one_clock(
     found: Sequence[LoggerChannel], d: Description, rate_hz: float, where: str, *, utc: bool = True
 ) -> Iterator:
     """OwnWords, then pieces of (times or None, data (n, n_channel)) of the channels that convert.toml names.
@@ -94,7 +94,7 @@ def on_one_clock(
     `decimate`), channels whose samples lie between each other's, and overlaps that differ."""
     chosen = {channel: _chosen(found, column, where, d, channel) for channel, column in d.columns.items()}
     clock = None if d.time in (None, OWN_TIME) else _chosen(found, d.time, where, d, "time")
-    own = _own_words(found, chosen, clock)
+    own = _channel_statements(found, chosen, clock)
     if clock is not None:
         yield own
         yield from _row_by_row(clock.segments[0].values, list(chosen.values()), clock.segments[0].size)
@@ -111,11 +111,11 @@ def on_one_clock(
     even = {c.name: [e for s in c.segments for e in _even(c.name, s, d, rate_hz)] for c in chosen.values()}
     steps = _decimation(where, even, d, rate_hz)
     runs = [r for name, segments in even.items()
-            for r in _joined(name, segments, steps[name] * rate_hz, d.overrule, notes)]
+            for r in _join_segments(name, segments, steps[name] * rate_hz, d.overrule, notes)]
     recordings = _recordings(runs, steps, rate_hz)
     if not own_start and len(recordings) > 1:
         raise InputError(where, "has gaps, which its own times place", f'write time = "{OWN_TIME}" in convert.toml')
-    placed = [_placed(where, recording, steps, rate_hz, d, notes) for recording in recordings]
+    placed = [_place_runs(where, recording, steps, rate_hz, d, notes) for recording in recordings]
     for name, step in steps.items():
         if step > 1:
             notes.append(f"{name}: decimated {step}:1 with zero phase, flat up to {0.345 * rate_hz:.3g} Hz; {REACH} "
@@ -126,7 +126,7 @@ def on_one_clock(
         yield from _pieces(anchor if own_start else None, rows, order, steps, rate_hz, d, utc)
 
 
-def _own_words(
+def _channel_statements(
     found: Sequence[LoggerChannel], chosen: Mapping[str, LoggerChannel], clock: LoggerChannel | None
 ) -> OwnWords:
     return OwnWords(channels={channel: c.stated for channel, c in chosen.items()},
@@ -228,7 +228,7 @@ def _decimation(where: str, even: dict[str, list[Segment]], d: Description, rate
 # Runs without a gap -------------------------------------------------------------------------------------------------
 
 
-def _joined(
+def _join_segments(
     name: str, segments: Sequence[Segment], rate_hz: float, overruled: Sequence[str], notes: list[str]
 ) -> list[_Run]:
     """Segments of a channel, at rate_hz, in the order of their starts; what two of them hold once."""
@@ -287,7 +287,7 @@ def _recordings(runs: Sequence[_Run], steps: dict[str, int], rate_hz: float) -> 
     return found
 
 
-def _placed(
+def _place_runs(
     where: str, recording: Sequence[_Run], steps: dict[str, int], rate_hz: float, d: Description, notes: list[str]
 ):
     """(start_ns, [(run, its first sample in steps of its own rate)]); the samples of channels that are not decimated
@@ -321,14 +321,15 @@ def _pieces(anchor: int | None, rows, order, steps, rate_hz: float, d: Descripti
         data = np.full((last - first, len(order)), np.nan)
         for run, place in rows:
             step = steps[run.channel]
-            found = _thinned(run, place, step, first, last, d) if step > 1 else run.values(first - place, last - place)
+            found = _decimate_run(run, place, step, first, last, d) if step > 1 else run.values(first - place,
+                                                                                                last - place)
             column = data[:, order[run.channel]]
             np.copyto(column, found, where=np.isfinite(found))
         since = np.round(np.arange(first, last) * (1e9 / rate_hz)).astype(np.int64)
         yield (None if anchor is None else _index(anchor + since, utc)), data
 
 
-def _thinned(run: _Run, place: int, step: int, first: int, last: int, d: Description) -> np.ndarray:
+def _decimate_run(run: _Run, place: int, step: int, first: int, last: int, d: Description) -> np.ndarray:
     """Every step-th sample of the run, low-pass filtered by a symmetric filter; NaN where it reaches what is lost."""
     from scipy import signal
 

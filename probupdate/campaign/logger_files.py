@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.logger_channels import LoggerChannel, Segment
-from probupdate.campaign.stated import Stated
+from probupdate.campaign.stated import ChannelStatement
 from probupdate.errors import InputError, parsing
 
 # what is read whole, as eight-byte numbers
@@ -79,7 +79,7 @@ def _tdms_channel(path: Path, channel, said: Sequence[str]) -> LoggerChannel:
 
     one = Segment(path=path, size=len(channel), values=values, start_ns=start, rate_hz=1 / step if step > 0 else None)
     return LoggerChannel(names=(f"{channel.group_name}/{channel.name}", channel.name), segments=(one,),
-                         stated=Stated(unit=str(unit) if unit else None))
+                         stated=ChannelStatement(unit=str(unit) if unit else None))
 
 
 def _numbers(values: np.ndarray, path: Path, name: str) -> np.ndarray:
@@ -160,7 +160,7 @@ def _mdf_channel(path: Path, file, group: int, index: int, channel, moments: np.
 
     one = Segment(path=path, size=len(moments), values=values, moments=moments)
     return LoggerChannel(names=(f"{group + 1}/{channel.name}", channel.name), segments=(one,),
-                         stated=Stated(unit=str(channel.unit or "").strip() or None))
+                         stated=ChannelStatement(unit=str(channel.unit or "").strip() or None))
 
 
 # miniSEED -----------------------------------------------------------------------------------------------------------
@@ -186,7 +186,8 @@ def miniseed_channels(paths: Sequence[Path]) -> list[LoggerChannel]:
                     values=lambda a, b, data=data: data[a:b].astype(float)))
                 counts[record.sourceid] = counts.get(record.sourceid, False) or data.dtype.kind in "iu"
     return [LoggerChannel(names=(name, *_short_identifier(name)), segments=tuple(found),
-                          stated=Stated(unit="counts" if counts[name] else None)) for name, found in segments.items()]
+                          stated=ChannelStatement(unit="counts" if counts[name]
+                                                  else None)) for name, found in segments.items()]
 
 
 def _short_identifier(name: str) -> tuple[str, ...]:
@@ -200,14 +201,15 @@ def _short_identifier(name: str) -> tuple[str, ...]:
 # of the header of 632 bytes: words of 4 bytes, then text; -12345 is not given
 SAC_HEAD, SAC_NONE = 632, -12345
 # kinds of ordinate; SAC keeps motion in nanometres
-SAC_KINDS = {6: Stated(quantity="displacement", unit="nm"), 7: Stated(quantity="velocity", unit="nm/s"),
-             8: Stated(quantity="acceleration", unit="nm/s2"), 50: Stated(unit="V")}
+SAC_KINDS = {6: ChannelStatement(quantity="displacement", unit="nm"),
+             7: ChannelStatement(quantity="velocity", unit="nm/s"),
+             8: ChannelStatement(quantity="acceleration", unit="nm/s2"), 50: ChannelStatement(unit="V")}
 
 
 def sac_channels(paths: Sequence[Path]) -> list[LoggerChannel]:
     """Channels 'XX.TP.00.HNX' (network, station, location, component as far as given) of evenly sampled SAC files,
     version 6 or 7, of either byte order."""
-    found: dict[str, tuple[Stated, list[Segment]]] = {}
+    found: dict[str, tuple[ChannelStatement, list[Segment]]] = {}
     for path in paths:
         name, stated, segment = _sac(path)
         known = found.setdefault(name, (stated, []))
@@ -226,7 +228,7 @@ def sac_order(head: bytes) -> str | None:
     return next((o for o in "<>" if struct.unpack(f"{o}i", head[304:308])[0] in (6, 7)), None)
 
 
-def _sac(path: Path) -> tuple[str, Stated, Segment]:
+def _sac(path: Path) -> tuple[str, ChannelStatement, Segment]:
     with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
         head = file.read(SAC_HEAD)
         file.seek(0, 2)
@@ -257,7 +259,7 @@ def _sac(path: Path) -> tuple[str, Stated, Segment]:
     return name, SAC_KINDS.get(int(whole[16]), NOTHING), one
 
 
-NOTHING = Stated()
+NOTHING = ChannelStatement()
 
 
 def _sac_start(path: Path, date: np.ndarray, begins: float) -> int | None:
@@ -294,7 +296,7 @@ def wav_channels(path: Path) -> list[LoggerChannel]:
     kind = data.dtype
     scale = 1.0 if kind.kind == "f" else 2.0 ** (1 - 8 * kind.itemsize)
     zero = 128.0 if kind == np.uint8 else 0.0
-    stated = NOTHING if kind.kind == "f" else Stated(unit=FULL_SCALE)
+    stated = NOTHING if kind.kind == "f" else ChannelStatement(unit=FULL_SCALE)
     return [LoggerChannel(names=(str(k + 1),), stated=stated, segments=(Segment(
         path=path, size=len(data), rate_hz=float(rate),
         values=lambda a, b, k=k: (_floats(data[a:b, k]) - zero) * scale),)) for k in range(data.shape[1])]

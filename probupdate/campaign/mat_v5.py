@@ -34,7 +34,7 @@ def refuse_damaged(path: Path) -> int:
             start = file.tell()
             kind, length, content = _tag(path, file, order)
             if kind not in (MATRIX, PACKED) or content + length > size:
-                raise _damaged(path, start)
+                raise _damage_error(path, start)
             if kind == PACKED:
                 total += _refuse_wrongly_packed(path, file, length)
             else:
@@ -49,7 +49,7 @@ def _tag(path: Path, file: BinaryIO, order: str) -> tuple[int, int, int]:
     start = file.tell()
     raw = file.read(8)
     if len(raw) < 8:
-        raise _damaged(path, start)
+        raise _damage_error(path, start)
     first, second = struct.unpack(order + "II", raw)
     if first >> 16:
         return first & 0xFFFF, first >> 16, start + 4
@@ -63,7 +63,7 @@ def _refuse_unknown_values(path: Path, file: BinaryIO, order: str, end: int, dep
         kind, length, content = _tag(path, file, order)
         unknown = number >= BEFORE_VALUES and of_numbers and kind not in NUMBER_TYPES
         if content + length > end or unknown or (number == 0 and length < 4) or depth > DEEPEST:
-            raise _damaged(path, start)
+            raise _damage_error(path, start)
         if number >= BEFORE_VALUES and kind == MATRIX and length:
             # fields and cells are arrays again
             file.seek(content)
@@ -86,11 +86,11 @@ def _refuse_wrongly_packed(path: Path, file: BinaryIO, length: int) -> int:
                 total += len(unpacked.decompress(packed, PIECE))
                 packed = unpacked.unconsumed_tail
     except zlib.error:
-        raise _damaged(path, start) from None
+        raise _damage_error(path, start) from None
     if not unpacked.eof:
-        raise _damaged(path, start)
+        raise _damage_error(path, start)
     return total
 
 
-def _damaged(path: Path, at: int) -> InputError:
+def _damage_error(path: Path, at: int) -> InputError:
     return InputError(str(path), f"is damaged at byte {at}, where .mat v5 has no such content", "copy or save it again")

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from probupdate.campaign.rigid_bodies import RIGID_SHARE, broken, levelled, motions, rigid_motions
+from probupdate.campaign.rigid_bodies import RIGID_SHARE, broken, motions, name_levels, rigid_motions
 from probupdate.campaign.sensor_lines import reversed_in_line, whole_line
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.evidence.gains import outside_share
@@ -57,10 +57,10 @@ class Suspicion:
 def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspicion]:
     """What one block says against its channels; all of one quantity. Nothing where nothing can be said. Levels are
     those of the sensors' positions, whatever their names."""
-    sensors = levelled(sensors)
+    sensors = name_levels(sensors)
     power = np.einsum("fii->i", np.real(spectra.density))
     alive = [i for i in range(len(sensors)) if power[i] > 0]
-    set_aside = [*_dead(spectra, sensors, alive), *_copied(spectra, sensors, alive)]
+    set_aside = [*_dead(spectra, sensors, alive), *_find_copies(spectra, sensors, alive)]
     alive = [i for i in alive if sensors[i].channel not in {c for s in set_aside for c in s.channels}]
     lowest = lowest_motion_hz(spectra, sensors, alive)
     if lowest is None:
@@ -157,7 +157,7 @@ def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) 
             for i, c in zip(alive, highest, strict=True) if c < DEAD_COHERENCE]
 
 
-def _copied(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
+def _find_copies(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
     """Pairs that are one signal, whatever its scale; size: the first's over the second's."""
     power = np.einsum("fii->i", np.real(spectra.density))
     found = []
@@ -266,10 +266,10 @@ def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bendi
     # of a singular covariance rounding may leave less than nothing
     std_deg = np.degrees(np.sqrt(np.maximum((1 - explained) * total * spread, 0.0) / (n_free * size)))
     along = np.where(((explained > FOLLOWING) & (std_deg < DIRECTION_STD_DEG))[:, None], along, np.nan)
-    return _Bending(members=list(alive), along=along, expected=_expected(sensors, alive), reference=level)
+    return _Bending(members=list(alive), along=along, expected=_expected_directions(sensors, alive), reference=level)
 
 
-def _expected(sensors, alive) -> np.ndarray:
+def _expected_directions(sensors, alive) -> np.ndarray:
     """(n_channel, 2) direction of motion of the whole that drives each channel positively: a horizontal one its own; a
     vertical one off the axis moves down where the structure leans to its side."""
     centre = {level: np.mean(np.unique([sensors[i].position_m[:2] for i in members], axis=0), axis=0)
@@ -411,7 +411,7 @@ def _scaled_level(reach, mean, usual: list[str], height, level: str, off: float)
     among the `usual` levels say."""
     away = {}
     for axis in ("x", "y"):
-        wanted = _wanted(usual, {v: mean[axis, v] for v in usual}, height, level)
+        wanted = _expected_reach(usual, {v: mean[axis, v] for v in usual}, height, level)
         away[axis] = abs(np.log(mean[axis, level] / wanted)) if wanted else 0.0
     axis = "x" if away["x"] >= away["y"] else "y"
     sure = abs(away["x"] - away["y"]) > 0.5 * abs(off)
@@ -420,7 +420,7 @@ def _scaled_level(reach, mean, usual: list[str], height, level: str, off: float)
                      ambiguous_with=() if sure else tuple(other))
 
 
-def _wanted(order, reach, height, level) -> float | None:
+def _expected_reach(order, reach, height, level) -> float | None:
     """Reach of a level by its neighbours': midway between a straight line and a clamped cantilever's curve; at the top
     the straight line of the two below it goes on."""
     order = [v for v in order if v in reach]

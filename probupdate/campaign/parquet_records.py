@@ -22,7 +22,7 @@ HEAD_KEYS = ("start", "sampling_rate_hz")
 def parquet_head(path: Path, sensors: Sequence[Sensor]) -> tuple[str, str, int]:
     """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a
     number or the package pyarrow is missing."""
-    with _opened(path) as file:
+    with _open_file(path) as file:
         import pyarrow
 
         channels = [s.channel for s in sensors]
@@ -56,7 +56,7 @@ def _text(metadata: dict | None) -> dict[str, str]:
 def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> tuple[str, np.ndarray]:
     """The file's start as it is written, and rows `first` to `last` (n, n_channel) of the channels, from the row groups
     that have some of them; NaN for null."""
-    with _opened(path) as file:
+    with _open_file(path) as file:
         start = _text(file.schema_arrow.metadata).get("start", "")
         ends = np.cumsum([file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)])
         begins = ends - np.diff(ends, prepend=0)
@@ -69,7 +69,7 @@ def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> 
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_file(path: Path) -> Iterator[Any]:
     try:
         from pyarrow import parquet
     except ImportError:

@@ -337,14 +337,14 @@ def _read_mat(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
     with parsing(str(s.path), "cannot be read as .mat of version 5 to 7", "save it in MATLAB with -v7"):
         found: dict[str, np.ndarray] = {}
         for name, value in loadmat(s.path, simplify_cells=True).items():
-            _flattened(name, value, found)
+            _flatten_value(name, value, found)
     return _read_arrays(s, found)
 
 
-def _flattened(name: str, value: Any, found: dict[str, np.ndarray], depth: int = 0) -> None:
+def _flatten_value(name: str, value: Any, found: dict[str, np.ndarray], depth: int = 0) -> None:
     if isinstance(value, dict) and depth < 8:
         for key, inner in value.items():
-            _flattened(f"{name}.{key}", inner, found, depth + 1)
+            _flatten_value(f"{name}.{key}", inner, found, depth + 1)
     elif isinstance(value, np.ndarray | int | float | complex) and np.asarray(value).dtype.kind in "iufc":
         found[name] = np.atleast_1d(np.asarray(value))
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.blocks import LONGEST_BREAK_S, Block
-from probupdate.campaign.gaps import interpolated
+from probupdate.campaign.gaps import fill_short_gaps
 from probupdate.errors import InputError
 from probupdate.modal.modes import QUANTITIES, Sensor
 from probupdate.runtime.arrays import frozen_array
@@ -42,7 +42,7 @@ class Band:
         return self.lowest_hz, highest
 
 
-def as_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, band: Band | None = None) -> Block:
+def convert_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, band: Band | None = None) -> Block:
     """The block with every channel in `quantity`, SI units; the very block where that is so already.
 
     block.data (n_sample, n_channel) in the sensors' quantities. Where one channel is converted, all are cut to the
@@ -63,8 +63,8 @@ def as_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, ban
     if len(block.data) < 10 * block.sampling_rate_hz / low:
         raise InputError(f"block {block.id}", f"is shorter than ten periods of {low:g} Hz, the band's lower limit",
                          "convert between a higher limit, or take longer blocks")
-    whole, left = interpolated(block.data, round(LONGEST_BREAK_S * block.sampling_rate_hz))
-    data = differentiated(whole, block.sampling_rate_hz, times, (low, high))
+    whole, left = fill_short_gaps(block.data, round(LONGEST_BREAK_S * block.sampling_rate_hz))
+    data = differentiate(whole, block.sampling_rate_hz, times, (low, high))
     changed = ", ".join(s.channel for s, k in zip(sensors, times, strict=True) if k)
     note = f"{changed} converted to {quantity}; all channels cut to {low:g}-{high:g} Hz"
     drawn = [s.channel for s, k, m in zip(sensors, left, block.measured, strict=True) if not k and m < 1]
@@ -73,7 +73,7 @@ def as_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *, ban
     return replace(block, data=frozen_array(data), notes=(*block.notes, note))
 
 
-def differentiated(data: np.ndarray, rate_hz: float, times: np.ndarray, band_hz: tuple[float, float]) -> np.ndarray:
+def differentiate(data: np.ndarray, rate_hz: float, times: np.ndarray, band_hz: tuple[float, float]) -> np.ndarray:
     """data (n_sample, n_channel) differentiated `times` (n_channel,) times (negative: integrated) within band_hz.
 
     The straight line through the record is taken off, as the transform takes it for periodic, and the record continued

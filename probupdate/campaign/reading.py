@@ -296,11 +296,11 @@ def _record_files(folder: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> 
     files = []
     for path in paths:
         path_inside(path, folder.parent)
-        files.append(_scanned(path, rate_hz, sensors))
+        files.append(_scan_file(path, rate_hz, sensors))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
 
 
-def _scanned(path: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordFile:
+def _scan_file(path: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordFile:
     array, table = (path.suffix == kind.ENDING for kind in (zarr_records, parquet_records))
     input_folder(path, remedy="remove it") if array else input_file(path, "remove it")
     # before the head is read: what takes the file's place meanwhile is not what was scanned
@@ -315,7 +315,7 @@ def _scanned(path: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> RecordF
     else:
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
             start, rate, n_sample = _hdf5_head(path, file, sensors)
-    return _checked(path, n_sample, start, rate, rate_hz, state)
+    return _check_file(path, n_sample, start, rate, rate_hz, state)
 
 
 def channels_attribute(channels: tuple[str, ...]) -> str:
@@ -366,7 +366,7 @@ def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> No
                      "into a new folder")
 
 
-def _checked(
+def _check_file(
     path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: float, state: tuple[int, int]
 ) -> RecordFile:
     try:

@@ -56,7 +56,7 @@ def rigid_candidates(
     return sorted(found, key=len, reverse=True)
 
 
-def levelled(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+def name_levels(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
     """The same with levels named by the sensors' heights: those without a gap between them are one. The names that a
     campaign gives them group channels in reports, and may stand for a whole tower."""
     of: dict[int, str] = {}
@@ -66,7 +66,7 @@ def levelled(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
     return tuple(replace(s, level=of[i]) for i, s in enumerate(sensors))
 
 
-def same_place(sensors: Sequence[Sensor], members: Sequence[int]) -> list[tuple[int, ...]]:
+def groups_at_one_place(sensors: Sequence[Sensor], members: Sequence[int]) -> list[tuple[int, ...]]:
     """Of `members` those that sit at one place, two or more."""
     extent = max(float(np.linalg.norm(np.ptp([s.position_m for s in sensors], axis=0))), 1e-9)
     left, found = list(members), []
@@ -89,7 +89,7 @@ def rigid_motions(sensors: Sequence[Sensor]) -> np.ndarray:
 def natural_groups(sensors: Sequence[Sensor], members: Sequence[int]) -> list[tuple[int, ...]]:
     """Channels that may share a logger or a unit: every one alone, those at one place, those of one quantity or
     unit."""
-    groups = [*((i,) for i in members), *same_place(sensors, members)]
+    groups = [*((i,) for i in members), *groups_at_one_place(sensors, members)]
     for key in ("quantity", "unit"):
         values = dict.fromkeys(getattr(sensors[i], key, "") for i in members)
         groups += [tuple(i for i in members if getattr(sensors[i], key, "") == v) for v in values]
@@ -135,7 +135,7 @@ def broken(
     while len(taken) < most:
         before = [t.members for t, _ in taken]
         left = [g for g in groups if _independent([*before, g], n)]
-        tried = explanations(_mended(samples, [t for t, _ in taken]), motion, left, pairs)
+        tried = explanations(_correct_samples(samples, [t for t, _ in taken]), motion, left, pairs)
         choice = [tried[k] for k in chosen([t.log for t in tried], [t.kind in ("gain", "exchange") for t in tried])]
         if not choice:
             break
@@ -144,12 +144,13 @@ def broken(
         for k, (one, others) in enumerate(taken):
             beside = [t for t, _ in taken if t is not one]
             if one.kind == "gain" and beside:
-                again = explanations(_mended(samples, beside), motion, [one.members])
+                again = explanations(_correct_samples(samples, beside), motion, [one.members])
                 taken[k] = max((t for t in again if t.kind == "gain"), key=lambda t: t.log), others
-    return taken, outside_share(_mended(samples, [t for t, _ in taken]), motion), outside_share(samples, motion)
+    return taken, outside_share(_correct_samples(samples, [t for t, _ in taken]), motion), outside_share(samples,
+                                                                                                         motion)
 
 
-def _mended(samples: np.ndarray, gains: Sequence[Explanation]) -> np.ndarray:
+def _correct_samples(samples: np.ndarray, gains: Sequence[Explanation]) -> np.ndarray:
     result = np.array(samples)
     for one in gains:
         members = list(one.members)

@@ -52,7 +52,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
             continue
         still[c] = _still(column, rate)
         counts["spikes"][c] = _spikes(column - middle, rate)
-        counts["clipped"][c] = _clipped(values)
+        counts["clipped"][c] = _count_clipped(values)
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
     return pd.DataFrame({
         "id": block.id, "channel": channels, "missing": block.missing, "impossible": block.impossible,
@@ -66,8 +66,8 @@ def _spikes(away: np.ndarray, rate_hz: float) -> int:
     their second differences, in which slow motion does not hide what is small."""
     kink = np.zeros(len(away))
     kink[1:-1] = away[1:-1] - 0.5 * (away[:-2] + away[2:])
-    found = _alone(np.abs(away), rate_hz, 1)
-    pointed = _alone(np.abs(kink), rate_hz, 2)
+    found = _find_lone_samples(np.abs(away), rate_hz, 1)
+    pointed = _find_lone_samples(np.abs(kink), rate_hz, 2)
     # one sample off makes -1/2, 1, -1/2 of it; a jump, which a structure's load may make, does not
     for k in np.flatnonzero(pointed):
         found[k] |= max(kink[k - 1] / kink[k], kink[k + 1] / kink[k]) < -0.25
@@ -76,7 +76,7 @@ def _spikes(away: np.ndarray, rate_hz: float) -> int:
     return int(np.sum(np.diff(starts, prepend=-10) > 2))
 
 
-def _alone(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
+def _find_lone_samples(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
     found = np.zeros(len(size), bool)
     finite = size[np.isfinite(size)]
     spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
@@ -95,7 +95,7 @@ def _alone(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
     return found
 
 
-def _clipped(values: np.ndarray) -> int:
+def _count_clipped(values: np.ndarray) -> int:
     """Samples that stand at the record's own largest or smallest value for at least CLIP_RUN in a row."""
     count = 0
     for limit, inward in ((values.max(), -1), (values.min(), 1)):

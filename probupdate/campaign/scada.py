@@ -97,13 +97,13 @@ def read_scada(
     for column in table:
         if len(table) and column.startswith(COLUMNS):
             table[column] = _numbers(f"{path}, {column}", table[column])
-    table = _converted(table, stated, f"{path}")
+    table = _convert_units(table, stated, f"{path}")
     found = usable_columns(table, rated_power_kw)
     table = found.table
     if "air_temperature_c" in table:
         refuse_no_celsius(str(path), table["air_temperature_c"].to_numpy(float))
     again = table.index.duplicated()
-    kept, contradicted = (_one_a_time(table) if again.any() else (table, 0))
+    kept, contradicted = (_merge_equal_times(table) if again.any() else (table, 0))
     kept.attrs["path"] = str(path)
     kept.attrs["contradicted"] = contradicted
     kept.attrs["notes"] = found.notes
@@ -122,7 +122,7 @@ def _numbers(where: str, column: pd.Series) -> pd.Series:
     return number.astype(float)
 
 
-def _converted(table: pd.DataFrame, stated: StatedScada, path: str) -> pd.DataFrame:
+def _convert_units(table: pd.DataFrame, stated: StatedScada, path: str) -> pd.DataFrame:
     for column, factor in stated.factor.items():
         if column not in table:
             raise InputError(f"{path}, {column}", "campaign.toml states its factor under [scada], and it is not there",
@@ -134,7 +134,7 @@ def _converted(table: pd.DataFrame, stated: StatedScada, path: str) -> pd.DataFr
     return table
 
 
-def _one_a_time(table: pd.DataFrame) -> tuple[pd.DataFrame, int]:
+def _merge_equal_times(table: pd.DataFrame) -> tuple[pd.DataFrame, int]:
     """Rows of one time as one, an empty cell filled from the next of them, and how many contradict the one kept."""
     first = table.groupby(level=0).first()
     beside = first.reindex(table.index)

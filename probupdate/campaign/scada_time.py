@@ -65,7 +65,7 @@ def time_findings(rows: Sequence[RecordRow], scada: pd.DataFrame | None) -> list
     """A sentence where SCADA fits the records at another time than its own."""
     if scada is None or len(rows) < FEWEST_ROWS or len(scada) < FEWEST_ROWS:
         return []
-    beside = _Aligned(rows, scada)
+    beside = _AlignedRecord(rows, scada)
     shifts = np.arange(-LONGEST, LONGEST + 1)
     gain = np.array([beside.likelihood(int(k)) for k in shifts])
     near = np.abs(shifts) < NEAREST
@@ -80,7 +80,7 @@ def time_findings(rows: Sequence[RecordRow], scada: pd.DataFrame | None) -> list
             f"If so, state [scada] shift_minutes = {minutes} in campaign.toml"]
 
 
-class _Aligned:
+class _AlignedRecord:
     """Records and SCADA on one grid of ten minutes; `likelihood` of SCADA moved by so many rows of it."""
 
     def __init__(self, rows: Sequence[RecordRow], scada: pd.DataFrame):
@@ -127,7 +127,7 @@ class _Aligned:
         known = max((int((np.isfinite(c) & np.isfinite(e)).sum()) for c, e in pairs), default=0)
         if known < max(FEWEST_ROWS // 2, LEAST_OVERLAP * len(self.size)):
             return np.nan
-        return sum(_explained(*pair) for pair in pairs) * len(self.size) / known
+        return sum(_log_likelihood_ratio(*pair) for pair in pairs) * len(self.size) / known
 
     def is_clear(self, shift: int) -> bool:
         """Whether what is explained there is more than two series have by chance that each follow themselves."""
@@ -155,7 +155,7 @@ def _pair_known_values(cause: np.ndarray, effect: np.ndarray) -> tuple[np.ndarra
     return x, y - y.mean()
 
 
-def _explained(cause: np.ndarray, effect: np.ndarray) -> float:
+def _log_likelihood_ratio(cause: np.ndarray, effect: np.ndarray) -> float:
     """ln likelihood ratio of a line that rises, with as many residuals as are independent of the one before."""
     known = _pair_known_values(cause, effect)
     if known is None:

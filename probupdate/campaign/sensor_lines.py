@@ -49,7 +49,7 @@ def reversed_in_line(spectra: CrossSpectra, sensors: Sequence[Sensor], alive: Se
         if not shapes:
             continue
         judged.update(members)
-        if (one := _against_its_neighbours(place, shapes, upright)) is not None:
+        if (one := _reversed_sensor(place, shapes, upright)) is not None:
             found[members[one]] += 1
     return [k for k, n in found.items() if 2 * n > judged[k]]
 
@@ -80,7 +80,7 @@ def _straight(sensors: Sequence[Sensor], group: list[int]) -> list[tuple[list[in
     """Straight lines of sensors (indices, in their order) at different places, with their coordinate."""
     position = np.array([sensors[i].position_m for i in group])
     extent = np.ptp(position, axis=0)
-    if (whole := _along(position)) is not None:
+    if (whole := _order_along_line(position)) is not None:
         lines = [whole]
     elif extent[2] > np.hypot(*extent[:2]):
         return []
@@ -94,14 +94,14 @@ def _straight(sensors: Sequence[Sensor], group: list[int]) -> list[tuple[list[in
             away = position - position[i]
             near = np.linalg.norm(away - np.outer(away @ axis, axis), axis=1) < BESIDE * np.linalg.norm(extent)
             members = np.flatnonzero(near)
-            if (one := _along(position[members])) is not None:
+            if (one := _order_along_line(position[members])) is not None:
                 lines.append((members[one[0]], one[1]))
     unique = {tuple(int(k) for k in order): along for order, along in lines}
     return [([group[k] for k in order], along) for order, along in unique.items()
             if not any(set(order) < set(other) for other in unique)]
 
 
-def _along(position: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _order_along_line(position: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Order (n,) and coordinate (n,) of positions (n, 3) on a straight line; None where they are none."""
     if len(position) < FEWEST_UPRIGHT:
         return None
@@ -159,7 +159,7 @@ def _shape(density: np.ndarray, fewest: int) -> tuple[np.ndarray, np.ndarray] | 
     return rotate_to_real((scale * vector[:, -1]).conj()[:, None])[:, 0], known
 
 
-def _against_its_neighbours(
+def _reversed_sensor(
     place: np.ndarray, shapes: list[tuple[np.ndarray, np.ndarray]], upright: bool
 ) -> int | None:
     """The one sensor of the line that is reversed; None."""
@@ -172,7 +172,7 @@ def _against_its_neighbours(
     found = []
     # where nothing is known of supports a sensor need not be the only one of its sign, if two modes say so
     for k in alone if alone or upright else known:
-        if len(known) < FEWEST_UPRIGHT or not _judged(place[known], int(np.flatnonzero(known == k)[0])):
+        if len(known) < FEWEST_UPRIGHT or not _is_near_neighbours(place[known], int(np.flatnonzero(known == k)[0])):
             continue
         votes = [_vote(place, shape, k) for shape, members in shapes if members[k]]
         # what goes on where its neighbours point in one of the two modes is no reversed sensor
@@ -185,7 +185,7 @@ def _against_its_neighbours(
     return found[0] if found and (upright or len(found) == 1) else None
 
 
-def _judged(place: np.ndarray, k: int) -> bool:
+def _is_near_neighbours(place: np.ndarray, k: int) -> bool:
     """Whether a sensor is as near to its neighbours as others are to theirs."""
     gap = np.diff(place)
     own, others = gap[max(k - 1, 0): k + 1], np.delete(gap, range(max(k - 1, 0), min(k + 1, len(gap))))

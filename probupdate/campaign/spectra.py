@@ -38,7 +38,7 @@ class CrossSpectra:
         return np.divide(np.abs(g) ** 2, both, out=np.zeros(both.shape), where=both > 0)
 
 
-def most_channels(rate_hz: float, highest_hz: float) -> int:
+def comparable_channels(rate_hz: float, highest_hz: float) -> int:
     """How many channels can be compared with one another within LARGEST_BYTES."""
     lines = min(SEGMENT_S, MOST_FREQUENCIES / highest_hz) * min(highest_hz, rate_hz / 2)
     return int(np.sqrt(LARGEST_BYTES / (16 * max(lines, 1.0))))
@@ -48,9 +48,9 @@ def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossS
     """Welch's estimate from segments of 40 s (shorter where a block holds fewer than eight), Hann windows, half
     overlap, up to highest_hz. data (n_sample, n_channel), NaN where lost (`gaps.zero_filled`); segments in which less
     than half of a channel was measured are left out; None where fewer than eight are left, and where there are more
-    channels than `most_channels`. A channel that does not move has a density of zero."""
+    channels than `comparable_channels`. A channel that does not move has a density of zero."""
     n_sample = len(data)
-    if data.shape[1] > most_channels(rate_hz, highest_hz):
+    if data.shape[1] > comparable_channels(rate_hz, highest_hz):
         return None
     length = segment_samples(n_sample, rate_hz, highest_hz)
     if length < 16:
@@ -103,7 +103,7 @@ def to_acceleration(sensors: Sequence[Sensor], frequency_hz: np.ndarray) -> np.n
     return (2j * np.pi * frequency_hz[:, None]) ** np.array([TO_ACCELERATION[s.quantity] for s in sensors])
 
 
-def in_acceleration(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> CrossSpectra:
+def convert_to_acceleration(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> CrossSpectra:
     """The same with every channel as an acceleration, whatever it measures."""
     if all(TO_ACCELERATION[s.quantity] == 0 for s in sensors):
         return spectra

@@ -53,7 +53,7 @@ BRACKETS = re.compile(r"[\[(]([^\[\]()]{1,16})[\])]\s*$")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Stated:
+class ChannelStatement:
     """What a file says of one channel; None where it says nothing. direction: (3,) of length 1, in the file's axes."""
 
     quantity: str | None = None
@@ -66,13 +66,13 @@ class OwnWords:
     """What a file says of itself: of each channel, and its sampling rate. notes: what was done to its samples; unused:
     its columns that are no channel's and not time's."""
 
-    channels: Mapping[str, Stated] = field(default_factory=dict)
+    channels: Mapping[str, ChannelStatement] = field(default_factory=dict)
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
 
 
-def known_unit(text: str) -> tuple[str, float] | None:
+def parse_unit(text: str) -> tuple[str, float] | None:
     """(quantity, factor to SI) of a unit however it is written; factor NaN for what is not a motion, None for no
     unit."""
     plain = unicodedata.normalize("NFKC", text).strip().lower().replace("μ", "u")
@@ -98,7 +98,7 @@ def unit_in(name: str) -> str | None:
     """The unit in brackets at the end of a column's name, where it is one."""
     found = BRACKETS.search(name)
     # one capital is a compass direction or an axis there
-    return found[1] if found and not re.fullmatch("[A-Z]", found[1].strip()) and known_unit(found[1]) else None
+    return found[1] if found and not re.fullmatch("[A-Z]", found[1].strip()) and parse_unit(found[1]) else None
 
 
 def without_unit(name: str) -> str:
@@ -132,14 +132,14 @@ def refuse_other_rate(where: str, own: OwnWords, rate_hz: float, overruled: Sequ
 
 
 def channel_factor(
-    where: str, sensor: Sensor, stated: Stated, given: float | None, overruled: Sequence[str]
+    where: str, sensor: Sensor, stated: ChannelStatement, given: float | None, overruled: Sequence[str]
 ) -> tuple[float, str | None]:
     """What a channel's numbers are multiplied with to be what campaign.toml says, and a sentence where the file's own
     words ask for it. given: the factor of convert.toml, None where it has none. Raises InputError where the two
     contradict each other, or a factor both."""
     where = f"{where}, {sensor.channel}"
     needed, words = 1.0, []
-    unit = None if "unit" in overruled or stated.unit is None else known_unit(stated.unit)
+    unit = None if "unit" in overruled or stated.unit is None else parse_unit(stated.unit)
     quantity = stated.quantity
     if unit is not None and unit[0] != "electrical":
         if quantity in UNITS and unit[0] != quantity and "quantity" not in overruled:
@@ -166,7 +166,7 @@ def channel_factor(
     return given, _check_factor(where, sensor, stated, given, needed, unit)
 
 
-def _sign(where: str, sensor: Sensor, stated: Stated, overruled: Sequence[str]) -> float:
+def _sign(where: str, sensor: Sensor, stated: ChannelStatement, overruled: Sequence[str]) -> float:
     if stated.direction is None or "direction" in overruled:
         return 1.0
     cosine = float(stated.direction @ sensor.direction)
@@ -222,7 +222,7 @@ def refuse_other_words(where: str, sensors: Sequence[Sensor], attributes: Mappin
             if key == "quantity":
                 agree, says = text == sensor.quantity, sensor.quantity
             else:
-                found, says = known_unit(text), sensor.unit
+                found, says = parse_unit(text), sensor.unit
                 agree = found is None or (found[0] == sensor.quantity and abs(
                     found[1] / UNITS[sensor.quantity][sensor.unit] - 1) < 1e-6)
             if not agree:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice, takewhile
 from pathlib import Path
 
-from probupdate.campaign.stated import NOT_A_NUMBER, known_unit
+from probupdate.campaign.stated import NOT_A_NUMBER, parse_unit
 
 # of columns, where it is not the stated one
 SEPARATORS = (";", "\t", "|", ",")
@@ -64,7 +64,7 @@ def _split_by(lines: list[str], separator: str, encoding: str) -> TableLayout | 
     first = len(cells) - len(rows)
     above = list(takewhile(lambda k: len(cells[k]) == width and cells[k][0] != TOA5, range(first - 1, -1, -1)))[::-1]
     names = above[0] if above else None
-    of_units = next((k for k in above[1:] if any(map(known_unit, cells[k]))), None)
+    of_units = next((k for k in above[1:] if any(map(parse_unit, cells[k]))), None)
     return TableLayout(
         separator=separator, decimal=decimal, encoding=encoding, skip_rows=first if names is None else names,
         names=() if names is None else cells[names], units_row=None if of_units is None else of_units + 1,

@@ -18,10 +18,10 @@ from probupdate.campaign.reading import nearest
 from probupdate.campaign.stated import (
     NOT_A_NUMBER,
     UNIT_KEYS,
+    ChannelStatement,
     OwnWords,
-    Stated,
     keyed_rate,
-    known_unit,
+    parse_unit,
     unit_in,
     without_unit,
 )
@@ -39,7 +39,7 @@ RATE_LINE = re.compile(r"(?:sampl\w*[ _]*(?:rate|freq\w*)|abtast\w*|\bfs\b)[^\d\
 NAMELESS_INDEX, INDEX = "__index_level_0__", "index"
 
 
-def one_by_one(items: Iterable, *said: str) -> Iterator:
+def iterate_with_errors(items: Iterable, *said: str) -> Iterator:
     """The items of a library's reader, its errors as `parsing` says them, not those of whoever takes them."""
     items = iter(items)
     while True:
@@ -70,7 +70,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
             )
         whole = first = False
         with table:
-            for frame in one_by_one(table, *said):
+            for frame in iterate_with_errors(table, *said):
                 if names is not None and len(names) == frame.shape[1]:
                     frame.columns = names
                 if not first:
@@ -159,7 +159,7 @@ def _table_words(path: Path, d: Description, names: list, units: Sequence[str] |
         k = _column(path, d, names, wanted, channel)
         left.pop(k, None)
         text = units[k] if units is not None and k < len(units) else unit_in(str(names[k]))
-        found[channel] = Stated(unit=text or None)
+        found[channel] = ChannelStatement(unit=text or None)
     return OwnWords(channels=found, rate_hz=rate, unused=tuple(left.values()))
 
 
@@ -196,7 +196,7 @@ def read_parquet(path: Path, d: Description) -> Iterator:
         units = [u or unit_in(n) or "" for u, n in zip(units, names, strict=True)]
         yield _table_words(path, d, names, units, keyed_rate({k: _number(v) for k, v in own.items()}))
         batches = (batch.to_pandas(ignore_metadata=True) for batch in file.iter_batches(batch_size=PIECE))
-        for frame in one_by_one(batches, *said):
+        for frame in iterate_with_errors(batches, *said):
             frame.columns = names
             yield _from_frame(path, d, frame)
 
@@ -240,7 +240,7 @@ def _numbers(column: pd.Series, d: Description, where: str) -> pd.Series:
     wrong = number.isna() & text.notna()
     if wrong.any():
         at = wrong[wrong].index[0]
-        if at == 0 and d.header and known_unit(str(column[at])):
+        if at == 0 and d.header and parse_unit(str(column[at])):
             raise InputError(f"{where}, row 1", f"'{column[at]}' is a unit",
                              f"state the line that has the units: units_row = {d.skip_rows + 2} in convert.toml")
         raise InputError(f"{where}, row {at + 1}", f"'{column[at]}' is not a number",

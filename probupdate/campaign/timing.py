@@ -34,17 +34,18 @@ def file_clock(path: Path, described: Description, rate_hz: float) -> Clock:
     """The clock of one source; its start from the description or the file's name."""
     start = None
     if described.start is not None:
-        start = _localised(_parsed(described.start, f"{described.path}, start"), described, f"{described.path}, start")
+        start = _localise_time(_parse_time(described.start, f"{described.path}, start"), described,
+                               f"{described.path}, start")
     elif described.start_pattern is not None:
         found = re.search(described.start_pattern, path.name)
         if found is None:
             raise InputError(str(path), f"its name does not hold '{described.start_pattern}'",
                              "correct start_pattern or files")
-        start = _localised(_parse_name(found[1], described, path), described, str(path))
+        start = _localise_time(_parse_name(found[1], described, path), described, str(path))
     return Clock(path, described, rate_hz, start)
 
 
-def _parsed(text: str, where: str) -> pd.Timestamp:
+def _parse_time(text: str, where: str) -> pd.Timestamp:
     try:
         time = pd.Timestamp(text)
     except ValueError:
@@ -56,7 +57,7 @@ def _parsed(text: str, where: str) -> pd.Timestamp:
 
 def _parse_name(text: str, described: Description, path: Path) -> pd.Timestamp:
     if described.start_format is None:
-        return _parsed(text, str(path))
+        return _parse_time(text, str(path))
     try:
         return pd.Timestamp(datetime.strptime(text, described.start_format))
     except ValueError as error:
@@ -68,7 +69,7 @@ def _missing_zone(where: str, described: Description) -> InputError:
     return InputError(where, "its time zone is not stated", f'add it to {described.path}, such as zone = "UTC"')
 
 
-def _localised(time: pd.Timestamp, described: Description, where: str) -> pd.Timestamp:
+def _localise_time(time: pd.Timestamp, described: Description, where: str) -> pd.Timestamp:
     if time.tzinfo is not None:
         return time.tz_convert("UTC").as_unit("ns")
     if described.zone is None:

@@ -65,7 +65,7 @@ def geometry(path: Path, found: Sequence[Mapping]) -> Geometry:
     length = _length(path, found)
     scale = 1.0 if length is None else length
     written = _systems(path, found)
-    systems = {number: _resolved(path, number, written, scale, 0) for number in written}
+    systems = {number: _resolve_system(path, number, written, scale, 0) for number in written}
     places, turns, asked = {}, {}, set()
     for d in found:
         if d.get("type") not in NODES:
@@ -77,7 +77,7 @@ def geometry(path: Path, found: Sequence[Mapping]) -> Geometry:
             of_place, of_motion = (whole_of(v, where, "coordinate system") for v in (of_place, of_motion))
             asked |= {of_place, of_motion}
             at = np.array([number_of(v, where, "position") for v in xyz])
-            places[node] = _placed(at * _lengths(systems.get(of_place), scale), systems.get(of_place))
+            places[node] = _position_in_system(at * _lengths(systems.get(of_place), scale), systems.get(of_place))
             turns[node] = _axes_at(where, places[node], systems.get(of_motion))
     unknown = sorted(asked - set(systems) - {0})
     # where all share one that is nowhere defined it is the file's own; beside others it is not known what it is
@@ -107,7 +107,7 @@ def _systems(path: Path, found: Sequence[Mapping]) -> dict[int, tuple[int, int, 
             rows = zip(*(np.atleast_1d(d.get(k, ())) for k in ("cs_num", "cs_type", "ref_cs_num")),
                        *(np.reshape(d.get(k, ()), (-1, 3)) for k in ("ref_o", "x_point", "xz_point")), strict=False)
             for number, kind, other, origin, on_x, on_xz in rows:
-                axes = _three(where, np.array(on_x, float) - origin, np.array(on_xz, float) - origin)
+                axes = _axes_from_vectors(where, np.array(on_x, float) - origin, np.array(on_xz, float) - origin)
                 systems[whole_of(number, where, "number")] = (
                     whole_of(kind, where, "kind"), whole_of(other, where, "reference"), np.array(origin, float), axes)
         elif d.get("type") == 2420:
@@ -121,7 +121,7 @@ def _systems(path: Path, found: Sequence[Mapping]) -> dict[int, tuple[int, int, 
     return systems
 
 
-def _three(where: str, x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
+def _axes_from_vectors(where: str, x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
     """(3, 3) axes as rows from a vector along x and one in the plane of x and z, on its side of z."""
     y = np.cross(on_xz, x)
     if not np.linalg.norm(y) > 1e-9 * max(np.linalg.norm(x) * np.linalg.norm(on_xz), 1e-300):
@@ -130,7 +130,7 @@ def _three(where: str, x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
     return np.array([x, y, np.cross(x, y)])
 
 
-def _resolved(path: Path, number: int, written: Mapping, scale: float, depth: int) -> System:
+def _resolve_system(path: Path, number: int, written: Mapping, scale: float, depth: int) -> System:
     kind, other, origin, axes = written[number]
     if kind not in (CARTESIAN, CYLINDRICAL):
         raise InputError(f"{path}, coordinate system {number}", "is spherical or unknown",
@@ -140,7 +140,7 @@ def _resolved(path: Path, number: int, written: Mapping, scale: float, depth: in
     if other not in written or depth > DEEPEST:
         raise InputError(f"{path}, coordinate system {number}", f"refers to {other}, which leads nowhere",
                          "export the systems that it refers to")
-    base = _resolved(path, other, written, scale, depth + 1)
+    base = _resolve_system(path, other, written, scale, depth + 1)
     if base.kind != CARTESIAN:
         raise InputError(f"{path}, coordinate system {number}", "refers to one that is not Cartesian",
                          "define it in the global one")
@@ -152,7 +152,7 @@ def _lengths(system: System | None, scale: float) -> np.ndarray:
     return np.array([scale, 1.0 if system is not None and system.kind == CYLINDRICAL else scale, scale])
 
 
-def _placed(at: np.ndarray, system: System | None) -> np.ndarray:
+def _position_in_system(at: np.ndarray, system: System | None) -> np.ndarray:
     if system is None:
         return at
     if system.kind == CYLINDRICAL:

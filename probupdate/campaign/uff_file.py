@@ -16,7 +16,7 @@ from types import ModuleType
 
 import numpy as np
 
-from probupdate.campaign.stated import LENGTHS, Stated
+from probupdate.campaign.stated import LENGTHS, ChannelStatement
 from probupdate.campaign.uff_axes import NODES, SYSTEMS, UNITS, Geometry, geometry, number_of, whole_of
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, written_whole
@@ -50,7 +50,7 @@ class UffRecords:
 
     names: tuple[str, ...]
     places: tuple[str, ...]
-    stated: tuple[Stated, ...]
+    stated: tuple[ChannelStatement, ...]
     rate_hz: float
     first_s: float
     data: np.ndarray
@@ -65,7 +65,7 @@ def _pyuff(where: Path) -> ModuleType:
         ) from None
 
 
-def _read(path: str | Path) -> tuple[Path, list[dict]]:
+def _read_datasets(path: str | Path) -> tuple[Path, list[dict]]:
     """Every dataset that pyuff reads."""
     path = input_file(path, "check the path", largest=LARGEST)
     pyuff = _pyuff(path)
@@ -93,7 +93,7 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
     """Modes of datasets 55 (normal modes and complex eigenvalues): one set a load case, its name as `write_uff_modes`
     leaves it, else the case's number. sensors: channels in that order, found by the places of the file's nodes; None:
     every component of every node that moves. Standard deviations are NaN. Raises InputError naming the file."""
-    path, found = _read(path)
+    path, found = _read_datasets(path)
     modes = [d for d in found if d.get("type") == 55 and d.get("analysis_type") in (NORMAL, *COMPLEX)]
     if not modes:
         raise InputError(
@@ -107,7 +107,7 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
     if sensors is None:
         named, project = _components(nodes, rows)
     else:
-        named, project = _projected(path, placed.places, sensors)
+        named, project = _project_on_sensors(path, placed.places, sensors)
     cases: dict[int, list[dict]] = {}
     for row in rows:
         cases.setdefault(row["case"], []).append(row)
@@ -184,7 +184,7 @@ def _components(nodes: Sequence[int], rows: Sequence[Mapping]):
     return tuple(f"{n}:{AXES[k + 1]}" for n, k in chosen), project
 
 
-def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[Sensor]):
+def _project_on_sensors(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[Sensor]):
     """The sensors' channels and a mode's values there, by the node at each sensor's place."""
     if not places:
         raise InputError(
@@ -276,7 +276,7 @@ def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path
 def read_uff_records(path: str | Path) -> UffRecords:
     """Records in time (datasets 58) of one file, on one clock. Raises InputError naming the file where it has none, or
     they are uneven, of several rates or lengths."""
-    path, found = _read(path)
+    path, found = _read_datasets(path)
     records = [d for d in found if d.get("type") == 58 and d.get("func_type") == RECORD]
     if not records:
         raise InputError(str(path), "holds no record in time (dataset 58 of function type 1)", "export time histories")
@@ -296,7 +296,7 @@ def read_uff_records(path: str | Path) -> UffRecords:
         line = _text(d.get("id1"))
         names.append(line.removeprefix(CHANNEL_LINE))
         places.append(f"{node}:{AXES.get(direction, direction)}")
-        stated.append(_stated(d, placed, node, direction))
+        stated.append(_ordinate_statement(d, placed, node, direction))
         columns.append(np.asarray(values, float))
         clocks.append((step, number_of(d.get("abscissa_min", 0), where, "first time"), values.size))
     step, first, size = clocks[0]
@@ -318,7 +318,7 @@ def read_uff_records(path: str | Path) -> UffRecords:
     )
 
 
-def _stated(d: Mapping, placed: Geometry, node: int, direction: int) -> Stated:
+def _ordinate_statement(d: Mapping, placed: Geometry, node: int, direction: int) -> ChannelStatement:
     """What a dataset 58 says of its ordinate; a motion without a unit's name is in the file's units of length and s."""
     code = whole_of(d.get("ordinate_spec_data_type", 0), "dataset 58", "kind of ordinate")
     quantity = next((q for q, own in QUANTITIES.items() if own == code), OTHER_QUANTITIES.get(code))
@@ -331,7 +331,7 @@ def _stated(d: Mapping, placed: Geometry, node: int, direction: int) -> Stated:
     along = None
     if direction in AXES:
         along = frozen_array(np.sign(direction) * placed.axes_at(node)[abs(direction) - 1])
-    return Stated(quantity=quantity, unit=unit or None, direction=along)
+    return ChannelStatement(quantity=quantity, unit=unit or None, direction=along)
 
 
 def write_uff_records(

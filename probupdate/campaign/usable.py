@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import LEAST_MEASURED, Block, block_files, held_blocks, read_block, recordings
+from probupdate.campaign.blocks import LEAST_MEASURED, Block, block_files, count_held_blocks, read_block, recordings
 from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.reading import Campaign
 
@@ -43,7 +43,7 @@ def lacking_notes(channels: Sequence[str], campaigns: Sequence[Campaign]) -> lis
 
 def remedy(campaign: Campaign) -> str:
     """What to do where none of the campaign's blocks can be used."""
-    if text := uncovered(campaign):
+    if text := no_block_remedy(campaign):
         return text
     files = block_files(campaign)
     starts = list(files)
@@ -63,10 +63,10 @@ def _spoilt(block: Block) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(lost | still))
 
 
-def uncovered(campaign: Campaign) -> str:
+def no_block_remedy(campaign: Campaign) -> str:
     """What to do where no record holds a whole block; empty where one does."""
     length, own = pd.Timedelta(minutes=campaign.block_minutes), recordings(campaign)
-    if any(held_blocks(one, length.value) for one in own):
+    if any(count_held_blocks(one, length.value) for one in own):
         return ""
     minutes = max(one.end - one.start for one in own).total_seconds() / 60
     return (f"set block_minutes in campaign.toml to {_round_down(minutes):g} or less: the longest record is of "

@@ -34,12 +34,12 @@ def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int
     if HEAD not in files:
         raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
     head = read_json_table(path / HEAD, AGAIN, nan=True)
-    attributes = _checked(path, head)
+    attributes = _checked_attributes(path, head)
     shape = head.get("shape")
     if not isinstance(shape, list) or len(shape) != 2 or not all(
             type(n) is int and 0 <= n <= MOST_SAMPLES for n in shape):
         raise InputError(f"{path}, zarr.json", f"its shape is {shape!r:.60}", "write samples by channels")
-    array = _opened(path)
+    array = _open_array(path)
     if array.ndim != 2 or array.shape[1] != n_channel:
         raise InputError(str(path), f"is {array.shape}, campaign.toml lists {n_channel} channels",
                          "give one column per [[sensor]], in that order")
@@ -66,7 +66,7 @@ def zarr_rows(path: Path, first: int, last: int) -> tuple[Any, np.ndarray]:
     of them."""
     with parsing(str(path), f"samples {first} to {last} cannot be read",
                  "the array is damaged: copy it again, or remove it"), np.errstate(invalid="ignore"):
-        array = _opened(path)
+        array = _open_array(path)
         return array.attrs["start"], np.asarray(array[first:last], float)
 
 
@@ -76,7 +76,7 @@ def last_change(path: Path, first: int = 0, last: int | None = None) -> int:
     if last is None:
         parts = [path / name for name in zarr_files(path)]
     else:
-        array = _opened(path)
+        array = _open_array(path)
         rows, columns = (array.shards or array.chunks)
         parts = [path / HEAD, *(path / array.metadata.encode_chunk_key((i, j))
                                 for i in range(first // rows, -(-min(last, array.shape[0]) // rows))
@@ -88,15 +88,15 @@ def last_change(path: Path, first: int = 0, last: int | None = None) -> int:
 
 def zarr_files(path: Path) -> list[str]:
     """Names of an array's files below its folder, sorted. Raises InputError where one is not a file, or a link."""
-    return sorted(_below(path, ""))
+    return sorted(_paths_below(path, ""))
 
 
-def _below(path: Path, ahead: str) -> Iterator[str]:
+def _paths_below(path: Path, ahead: str) -> Iterator[str]:
     try:
         with os.scandir(path) as entries:
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
-                    yield from _below(path / entry.name, f"{ahead}{entry.name}/")
+                    yield from _paths_below(path / entry.name, f"{ahead}{entry.name}/")
                 elif entry.is_file(follow_symlinks=False):
                     yield ahead + entry.name
                 else:
@@ -106,7 +106,7 @@ def _below(path: Path, ahead: str) -> Iterator[str]:
         raise InputError(str(path), f"cannot be read ({error.strerror})", AGAIN) from None
 
 
-def _checked(path: Path, head: dict[str, Any]) -> dict[str, Any]:
+def _checked_attributes(path: Path, head: dict[str, Any]) -> dict[str, Any]:
     """The attributes of an array whose head asks for nothing but arrays and the usual codecs."""
     if head.get("zarr_format") != 3 or head.get("node_type") != "array":
         raise InputError(str(path), "is not a Zarr array of format 3", AGAIN)
@@ -131,7 +131,7 @@ def _codecs(content: Any) -> set[str]:
     return {str(content.get("name"))}.union(*inside)
 
 
-def _opened(path: Path) -> Any:
+def _open_array(path: Path) -> Any:
     try:
         import zarr
     except ImportError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from probupdate.cli.options import MODEL_HELP, AddCommand, positive, seeded
+from probupdate.cli.options import MODEL_HELP, AddCommand, add_seed_option, positive
 from probupdate.cli.terminal import answer, say
 from probupdate.io.files import write_text
 from probupdate.runtime.progress import Progress
@@ -60,7 +60,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--jobs", type=positive(int, "jobs"), default=2,
                    help="processes (default 2: steps that do not need one another side by side; about two minutes on "
                         "two idle cores; the bytes do not depend on it)")
-    seeded(p)
+    add_seed_option(p)
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
     p.add_argument("out", metavar="OUT", help="campaign directory to write")
@@ -68,7 +68,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")
-    seeded(p)
+    add_seed_option(p)
 
     p = verb("template", run_template, "a model to fill in, that runs as it is: a turbine on a monopile or a jacket, a "
              "tower on land, matrices")

@@ -10,11 +10,11 @@ from probupdate.cli.options import (
     AddCommand,
     add_every_mode_option,
     add_modes_options,
+    add_seed_option,
     add_worker_option,
     alpha_option,
-    fixed,
+    fixed_values,
     positive,
-    seeded,
     weights_option,
 )
 from probupdate.cli.terminal import answer
@@ -22,12 +22,12 @@ from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
 
 
-def compared(a: argparse.Namespace) -> dict[str, Any]:
+def mode_options(a: argparse.Namespace) -> dict[str, Any]:
     """What every step on modes is given beside its own options."""
     from probupdate.updating.discrepancy import LikelihoodSettings
 
     return {"parameters": a.parameters, "likelihood": LikelihoodSettings(
-        modes=tuple(a.only) if a.only else None, fix=fixed(a.fix),
+        modes=tuple(a.only) if a.only else None, fix=fixed_values(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
         tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", ())),
         alternatives=tuple(a.alternatives))}
@@ -41,7 +41,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
     settings = UpdateSettings(alpha=a.alpha, method=a.method, iterations=a.iterations)
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.update(
-            a.model, a.modes, set_id=a.set, **compared(a), every_mode=a.every_mode, settings=settings, jobs=runs,
+            a.model, a.modes, set_id=a.set, **mode_options(a), every_mode=a.every_mode, settings=settings, jobs=runs,
             progress=progress)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
@@ -63,7 +63,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
     settings = SamplerSettings(seed=a.seed, target_ess=a.ess, max_steps=a.max_steps, ensembles=a.ensembles)
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.sample(
-            a.model, a.modes, a.out, set_id=a.set, **compared(a), every_mode=a.every_mode, settings=settings,
+            a.model, a.modes, a.out, set_id=a.set, **mode_options(a), every_mode=a.every_mode, settings=settings,
             jobs=runs, progress=progress)
     answer(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
@@ -87,7 +87,8 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.sets(
-        a.model, a.modes, **compared(a), common=tuple(a.common), correlated=a.correlated, spread=a.spread, seed=a.seed,
+        a.model, a.modes, **mode_options(a), common=tuple(a.common), correlated=a.correlated, spread=a.spread,
+        seed=a.seed,
         progress=progress)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
@@ -97,7 +98,7 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.inform(
-        a.model, a.modes, set_id=a.set, **compared(a), every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
+        a.model, a.modes, set_id=a.set, **mode_options(a), every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
         progress=progress)
     result.write(a.out)
     answer(a, result, [a.out], first=False)
@@ -136,7 +137,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--max-steps", type=positive(int, "steps"), default=20000,
                    help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
-    seeded(p)
+    add_seed_option(p)
 
     p = verb("compare", run_compare, "where update and posterior part, and why; or two runs")
     p.add_argument("update", metavar="UPDATE|RUN", help="update.json of `update`, or the directory of a run")
@@ -155,7 +156,7 @@ def add_commands(verb: AddCommand) -> None:
                    help="scale of the hyper-prior of a parameter's "
                    "scatter between sets, in its prior standard deviations (0.25)")
     p.add_argument("--out", required=True, help="sets.json")
-    seeded(p)
+    add_seed_option(p)
 
     p = verb("inform", run_inform, "which parameters the data inform, which compensate one another, which to update")
     add_modes_options(p)
@@ -164,4 +165,4 @@ def add_commands(verb: AddCommand) -> None:
                    "parameters (default) or the maximum of the posterior; over a wide prior they differ")
     p.add_argument("--posterior", help="posterior.nc: adds what was sampled")
     p.add_argument("--out", required=True, help="information.json")
-    seeded(p)
+    add_seed_option(p)

@@ -74,7 +74,7 @@ def discrepancy_option(text: str) -> float | str:
     return share
 
 
-def seeded(p: argparse.ArgumentParser) -> None:
+def add_seed_option(p: argparse.ArgumentParser) -> None:
     """The option of whatever draws numbers."""
     p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
 
@@ -152,7 +152,7 @@ def fixed_parameter(text: str) -> tuple[str, float]:
     return name.strip(), number
 
 
-def fixed(pairs: list[tuple[str, float]] | None) -> dict[str, float] | None:
+def fixed_values(pairs: list[tuple[str, float]] | None) -> dict[str, float] | None:
     """Of --fix, by name. Raises InputError for a name with two values."""
     for name, value in pairs or ():
         if any(other != value for again, other in pairs or () if again == name):

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from probupdate.runtime.signals import ENDING
 
 
-class Interrupted(KeyboardInterrupt):
+class InterruptedBySignal(KeyboardInterrupt):
     """Raised for a signal. Python gives up the exit code where a KeyboardInterrupt itself has passed through an `exec`,
     as where dataclasses are made, even if it is caught after that."""
 
@@ -26,7 +26,7 @@ def ended_by_signals() -> Iterator[None]:
 
     def end(number: int, frame: object) -> NoReturn:
         came.append(number)
-        raise Interrupted
+        raise InterruptedBySignal
 
     said_before = sys.unraisablehook
 
@@ -48,7 +48,7 @@ def ended_by_signals() -> Iterator[None]:
         yield
     except Exception as error:
         if came:
-            raise Interrupted from error
+            raise InterruptedBySignal from error
         raise
     finally:
         sys.unraisablehook = said_before
@@ -56,7 +56,7 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def one_thread() -> None:
+def limit_threads() -> None:
     """Of linear algebra, here and in the processes started: the same bits wherever a task runs, and no threads that
     wait for one another where several processes run. Read when numpy is first imported."""
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")

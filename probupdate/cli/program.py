@@ -12,8 +12,8 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from probupdate.cli.parser import build_parser, parsed
-from probupdate.cli.process import ended_by_signals, one_thread
+from probupdate.cli.parser import build_parser, parse_arguments
+from probupdate.cli.process import ended_by_signals, limit_threads
 from probupdate.cli.terminal import complain, terminal_progress
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.io.outputs import refuse_overwriting
@@ -137,8 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     program = "probupdate"
     try:
         with ended_by_signals():
-            one_thread()
-            a = parsed(arguments)
+            limit_threads()
+            a = parse_arguments(arguments)
             program = f"probupdate {a.verb}"
             # an announcement of another package's next release, once a day and machine; it says nothing of this run
             warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor",

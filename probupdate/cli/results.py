@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from probupdate.cli.options import MODEL_HELP, AddCommand, add_worker_option, modes_option, positive, seeded
+from probupdate.cli.options import MODEL_HELP, AddCommand, add_seed_option, add_worker_option, modes_option, positive
 from probupdate.cli.terminal import answer
 from probupdate.errors import ProbupdateError
 from probupdate.runtime.progress import Progress
@@ -94,7 +94,7 @@ def add_commands(verb: AddCommand) -> None:
     add_worker_option(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do "
                       "not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
-    seeded(p)
+    add_seed_option(p)
 
     p = verb("export", run_export, "what a lifetime-extension analysis takes: draws, joint distribution, models, "
              "superelements, modes; each file read back and checked")
@@ -109,7 +109,7 @@ def add_commands(verb: AddCommand) -> None:
                    "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
-    seeded(p)
+    add_seed_option(p)
 
     _add_stresses(verb)
     p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
@@ -152,4 +152,4 @@ def _add_stresses(verb: AddCommand) -> None:
     p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "
                    "unexplained; stresses.json says so")
     p.add_argument("--out", required=True, help="folder to write, new or empty")
-    seeded(p)
+    add_seed_option(p)

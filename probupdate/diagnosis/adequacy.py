@@ -217,7 +217,7 @@ def adequacy(
     row of the catalogue does moves too: the smaller of both, twice. And no more than p of the single number of a shape
     that is farthest off, which none of these directions need show (a channel out of phase). With it each part's own p.
     `drawn`: scores (n_draw, n_candidate) of drawn records at that fit (`drawn_scores`)."""
-    free, all_of_them = _frequencies(problem, fitted, found), _spanned(problem, fitted, found, drawn)
+    free, all_of_them = _frequencies(problem, fitted, found), _spanned_residuals(problem, fitted, found, drawn)
     shapes = _single_shapes(problem, fitted, found)
     if all_of_them is None:
         return min(free, shapes), {FREQUENCIES: free, SHAPES: shapes}
@@ -230,7 +230,7 @@ def explains(problem: DiagnosisProblem, fitted: Fit, found: Search, seed: int) -
     return adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))[0] >= ADEQUATE
 
 
-def _spanned(
+def _spanned_residuals(
     problem: DiagnosisProblem, fitted: Fit, found: Search, drawn: np.ndarray
 ) -> tuple[float, dict[str, float]] | None:
     """None where so few effects are listed that the directions of what is left are theirs alone."""

@@ -39,7 +39,7 @@ class ArrowFactor:
                 block[np.diag_indices_from(block)] += 1.0
             return block
 
-        own = _merged(groups)
+        own = _merge_groups(groups)
         roots = tuple(np.linalg.cholesky(scaled(rows, rows)) for rows in own)
         crossed = tuple(_lower(root, scaled(rows, shared)) for root, rows in zip(roots, own, strict=True))
         left = scaled(shared, shared)
@@ -77,7 +77,7 @@ def _lower(root: np.ndarray, right: np.ndarray, *, transposed: bool = False) -> 
     return linalg.solve_triangular(root, right, lower=True, trans=int(transposed), check_finite=False)
 
 
-def _merged(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+def _merge_groups(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     result: list[np.ndarray] = []
     for rows in groups:
         if result and len(result[-1]) + len(rows) <= WORTH_APART:

@@ -233,14 +233,14 @@ def of_model(data: ModalData, beside: Collection[str] = ()) -> tuple[ModalData, 
     were two, or that are none of the model's."""
     data, notes = join_modes(data)
     # what the model lacks comes first
-    notes = [*map(unmatched_words, unmatched(data)), *notes]
+    notes = [*map(unmatched_words, find_unmatched_modes(data)), *notes]
     compared = data.compared()
     if not beside:
         return compared, notes
     return data.of_modes([j for j, label in enumerate(data.labels) if label in {*compared.labels, *beside}]), notes
 
 
-def unmatched(data: ModalData) -> list[ModeRecord]:
+def find_unmatched_modes(data: ModalData) -> list[ModeRecord]:
     """Modes found in most sets, below the highest that the model has, that no mode of the model is."""
     highest = max((r.frequency_hz for r in data.records if r.found and r.match in ("alike", "unlike")), default=0.0)
     return [r for r in data.records if r.label.isdigit() and r.match == "none" and r.frequency_hz < highest
@@ -345,10 +345,10 @@ def _used_channels(
     short = int(np.sum(~seen[:, kept].all(axis=1)))
     if short:
         notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")
-    return kept, [*notes, *_copied(channels, shape)]
+    return kept, [*notes, *_copied_channel_notes(channels, shape)]
 
 
-def _copied(channels: Sequence[str], shape: np.ndarray) -> list[str]:
+def _copied_channel_notes(channels: Sequence[str], shape: np.ndarray) -> list[str]:
     """What to say of channels with the same numbers, but for one factor, in a part of the sets or in all: sensors that
     differ in nothing have their own noise all the same."""
     notes = []
@@ -399,7 +399,7 @@ def _best_known(seen: np.ndarray) -> np.ndarray:
 def _groups(places_hz: np.ndarray, labels: tuple[str, ...], alone: Sequence[str]) -> tuple[tuple[int, ...], ...]:
     """Modes (single ones and pairs, ascending) that are close in any row of `places_hz` (n_place, n_mode), those
     `alone` by themselves."""
-    apart, together = _apart(places_hz), np.flatnonzero([label not in alone for label in labels])
+    apart, together = _smallest_distances(places_hz), np.flatnonzero([label not in alone for label in labels])
     near = np.eye(len(labels), dtype=bool)
     for row in places_hz:
         for cluster in close_clusters(row[together]):
@@ -410,7 +410,7 @@ def _groups(places_hz: np.ndarray, labels: tuple[str, ...], alone: Sequence[str]
     return tuple(sorted((tuple(sorted(int(j) for j in p)) for p in parts), key=lambda p: places_hz[0][p[0]]))
 
 
-def _apart(places_hz: np.ndarray) -> np.ndarray:
+def _smallest_distances(places_hz: np.ndarray) -> np.ndarray:
     """(n_mode, n_mode) how far apart (in ln f) each two modes are where they are nearest."""
     log = np.log(places_hz)
     return np.fmin.reduce(np.abs(log[:, :, None] - log[:, None, :]), axis=0)

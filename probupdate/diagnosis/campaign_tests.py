@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import block_files, read_block
-from probupdate.campaign.checking import FEWEST_PIECES, HALF, Compared, compare_block
+from probupdate.campaign.checking import FEWEST_PIECES, HALF, ComparedBlock, compare_block
 from probupdate.campaign.findings import (
     RATE_LIMIT,
     SIGMA,
@@ -57,7 +57,7 @@ class _BlockTests:
     id: str
     state: str
     channels: pd.DataFrame
-    compared: Compared | None
+    compared: ComparedBlock | None
     lines: list[np.ndarray]
     sway: Sway | None
 

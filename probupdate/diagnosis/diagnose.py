@@ -25,16 +25,16 @@ from probupdate.diagnosis.elementary import (
     OWN_RESPONSE,
     PART_CAUSES,
     OwnResponse,
-    in_place_of,
-    own_response_of_one,
-    own_responses,
+    alternative_parts,
+    channel_response_of_one,
+    channel_responses,
     parts_of,
-    taken_together,
+    replaceable_groups,
 )
 from probupdate.diagnosis.engine.verdict import CHANCE, POWER, verdict_of
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import Explored, exchanged, explore, without
+from probupdate.diagnosis.hypotheses import Exploration, exchange_effect, explore, without
 from probupdate.diagnosis.model_error import (
     DISCREPANCY_SCALES,
     FREQUENCY_SCALES,
@@ -126,7 +126,7 @@ def examine(
     executor `runs`."""
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
-    null, explored = _explored(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
+    null, explored = _explore_scales(problem, theta, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
     explored, findings, refuted = _exclude_chance(explored, seed)
     findings, own_response = _add_elementary_parts(prepared, explored, findings, refuted, runs)
     problem, chosen = explored.problem, explored.hypotheses[0]
@@ -137,7 +137,7 @@ def examine(
     fits, remaining = adequacy(problem, fitted, found, drawn_scores(fitted.design, seed))
     if remaining[SHAPES] < ADEQUATE and not findings:
         # what no row describes of a single channel is not a row's neighbour either
-        own_response = own_response_of_one(explored, runs)
+        own_response = channel_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
     silent, lost, foreign = _silent(fitted), _missing_numbers_note(problem), _foreign(findings)
     parameters = tuple(_parameters(problem, null, fitted))
@@ -166,7 +166,7 @@ def examine(
             *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *(shapes_off(problem, fitted) if remaining[SHAPES] < ADEQUATE else []),
             *([] if verdict == "unexplained" else _tolerances_noted(problem, fitted)),
-            *_pinned(fitted),
+            *_bound_notes(fitted),
             *far,
             *foreign,
             *beyond,
@@ -189,31 +189,31 @@ def _open_questions(verdict: str, prepared: Prepared, fitted: Fit) -> list[str]:
 
 
 def _add_elementary_parts(
-    prepared: Prepared, explored: Explored, findings: list[Finding], refuted: Collection[int], runs: Executor
+    prepared: Prepared, explored: Exploration, findings: list[Finding], refuted: Collection[int], runs: Executor
 ) -> tuple[list[Finding], OwnResponse | None]:
     """The findings with elementary parts among their competing hypotheses, and the frequency response of channels that
     is more probable than what the catalogue says of them, and than any part in place of findings."""
     if not findings:
         return findings, None
     parts, best = parts_of(prepared, heights=COMPETING_HEIGHTS), explored.hypotheses[0]
-    together = taken_together(best.fitted.included)
-    found_instead = runs.in_order(in_place_of, [(numbers,) for numbers in together],
+    together = replaceable_groups(best.fitted.included)
+    found_instead = runs.in_order(alternative_parts, [(numbers,) for numbers in together],
                                   shared=(parts, explored.problem, best))
     instead = dict(zip(together, found_instead, strict=True))
     for numbers in together:
         if constant(best, numbers):
             instead[numbers] = [*instead[numbers], larger_error(explored.problem, best, numbers)]
     most = max((evidence + prior for found in instead.values() for _, evidence, prior in found), default=-np.inf)
-    responses = [one for one in own_responses(explored) if one.log_evidence + one.log_prior > most]
+    responses = [one for one in channel_responses(explored) if one.log_evidence + one.log_prior > most]
     if responses or any(instead.values()):
         findings = findings_of(explored, instead, refuted, responses)
-    return findings, _own_response(findings, responses)
+    return findings, _most_probable_response(findings, responses)
 
 
-def _explored(
+def _explore_scales(
     problem: DiagnosisProblem, theta: np.ndarray, *, most: int, begun: Sequence[IncludedEffect], seed: int,
     runs: Executor, progress: Progress,
-) -> tuple[Fit, Explored]:
+) -> tuple[Fit, Exploration]:
     """The model as it is, fitted, and all that was fitted beside it. A few sets show no scatter that would say by how
     much the model is wrong everywhere: the scale of its discrepancy is then an unknown too, alike before the data, and
     the one with the most probable hypothesis is kept; of frequencies, whose share of it differs from one structure to
@@ -221,11 +221,11 @@ def _explored(
     if not problem.blocks.few:
         null = _fitted_null(problem, theta)
         return null, explore(problem, null, most=most, begun=begun, seed=seed, runs=runs, progress=progress)
-    tried: dict[tuple[float, float], tuple[Fit, Explored]] = {}
+    tried: dict[tuple[float, float], tuple[Fit, Exploration]] = {}
     failures = []
 
     def explore_at(frequencies: float, shapes: float) -> None:
-        scaled = _scaled(problem, frequencies, shapes)
+        scaled = _scale_discrepancy(problem, frequencies, shapes)
         try:
             null = _fitted_null(scaled, theta)
             tried[frequencies, shapes] = null, explore(scaled, null, most=most, begun=begun, seed=seed, runs=runs,
@@ -237,16 +237,16 @@ def _explored(
         explore_at(scale, scale)
     if not tried:
         raise failures[-1]
-    common, shapes = _most_probable(tried)
+    common, shapes = _most_probable_scales(tried)
     found = tried[common, shapes][1]
     # its effects may be crosstalks that were taken up on the way
     wider = replace(problem, effects=found.problem.effects, which=found.problem.which)
     alone = {f: log_evidence(wider, fitted) for f in FREQUENCY_SCALES
-             if (fitted := _fitted_at(_scaled(wider, f, shapes), found.hypotheses[0].fitted)) is not None}
+             if (fitted := _fitted_at(_scale_discrepancy(wider, f, shapes), found.hypotheses[0].fitted)) is not None}
     frequencies = max(alone, key=lambda f: alone[f], default=common)
     if frequencies != common:
         explore_at(frequencies, shapes)
-    return tried[_most_probable(tried)]
+    return tried[_most_probable_scales(tried)]
 
 
 def _fitted_null(problem: DiagnosisProblem, theta: np.ndarray) -> Fit:
@@ -261,7 +261,7 @@ def _fitted_null(problem: DiagnosisProblem, theta: np.ndarray) -> Fit:
     return null
 
 
-def _most_probable(tried: Mapping[tuple[float, float], tuple[Fit, Explored]]) -> tuple[float, float]:
+def _most_probable_scales(tried: Mapping[tuple[float, float], tuple[Fit, Exploration]]) -> tuple[float, float]:
     return max(tried, key=lambda scales: tried[scales][1].hypotheses[0].log_posterior)
 
 
@@ -272,7 +272,7 @@ def _fitted_at(problem: DiagnosisProblem, nearby: Fit) -> Fit | None:
         return None
 
 
-def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> DiagnosisProblem:
+def _scale_discrepancy(problem: DiagnosisProblem, frequencies: float, shapes: float) -> DiagnosisProblem:
     """The problem with so many times the usual discrepancy of frequencies and of shapes, and a note that says so."""
     if frequencies == shapes == 1:
         return problem
@@ -286,7 +286,7 @@ def _scaled(problem: DiagnosisProblem, frequencies: float, shapes: float) -> Dia
     return replace(scaled, blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
-def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
+def _exclude_chance(explored: Exploration, seed: int) -> tuple[Exploration, list[Finding], set[int]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
     these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
     Chance is no explanation where what it leaves is none while the finding explains it, as what theory does not know is
@@ -317,7 +317,7 @@ def _exclude_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findi
 
 
 def findings_of(
-    explored: Explored,
+    explored: Exploration,
     instead: Mapping[tuple[int, ...], Sequence[tuple[Effect | Alternative, float, float]]] = MappingProxyType({}),
     refuted: Collection[int] = (), responses: Sequence[OwnResponse] = (),
 ) -> list[Finding]:
@@ -332,7 +332,7 @@ def findings_of(
         # strong a signature, nor of those that stand beside it
         k, z = best.candidates[number], best.z[number]
         left, directions = span_left(problem, best.fitted, problem.which[k, 1])
-        others, evidence, prior = exchanged(explored, number)
+        others, evidence, prior = exchange_effect(explored, number)
         for numbers, parts in instead.items():
             for other, apart, before in parts if number in numbers else ():
                 others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
@@ -389,7 +389,7 @@ def _shared_error_share(problem: DiagnosisProblem, best: Hypothesis, number: int
     return float(rest.design.information[k] / known[k]) if known[k] > 0 else 1.0
 
 
-def chance_note(explored: Explored) -> list[str]:
+def chance_note(explored: Exploration) -> list[str]:
     """What to say of a score beyond the threshold that no effect makes probable."""
     last = explored.last
     if explored.one_more or not last.statistic.max() > last.threshold:
@@ -468,7 +468,7 @@ def _is_distorted_by_others(problem: DiagnosisProblem, fitted: Fit) -> bool:
     )
 
 
-def _pinned(fitted: Fit) -> list[str]:
+def _bound_notes(fitted: Fit) -> list[str]:
     """What to say of sizes that stand at an end of what their row allows."""
     return [
         f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
@@ -500,7 +500,7 @@ def _weather_p(problem: DiagnosisProblem, size: np.ndarray, numbers: Sequence[in
     return float(stats.chi2.sf(np.sum((size[list(numbers)] / std) ** 2), len(std))) if len(std) else 1.0
 
 
-def _daily(problem: DiagnosisProblem) -> list[int]:
+def _daily_waves(problem: DiagnosisProblem) -> list[int]:
     """Numbers of the waves of a day and of half a day."""
     return [k for k, (_, p, _) in enumerate(problem.unrecorded) if p.column == TIME_OF_DAY]
 
@@ -509,7 +509,7 @@ def _day(problem: DiagnosisProblem, fitted: Fit) -> tuple[Finding, ...]:
     """A temperature that nobody recorded, as a finding, where it follows the time of day by more than weather does, and
     but for that is weather: of more than two days, as a day alone shows no rhythm."""
     size, rows = _weather_sizes(problem, fitted)
-    daily = _daily(problem)
+    daily = _daily_waves(problem)
     slow = [k for k in range(len(size)) if k not in daily]
     std = np.array([own for _, _, own in problem.unrecorded])
     if (len(daily) < 2 or np.ptp(problem.blocks.hours) < 2 * DAY_H or _weather_p(problem, size, daily) > ODD_DAY
@@ -566,7 +566,7 @@ def _likelier_part(found: Finding) -> Alternative | None:
     return part if part is not None and part.posterior_probability > found.posterior_probability else None
 
 
-def _own_response(findings: Sequence[Finding], responses: Sequence[OwnResponse]) -> OwnResponse | None:
+def _most_probable_response(findings: Sequence[Finding], responses: Sequence[OwnResponse]) -> OwnResponse | None:
     """The most probable of those that are more probable than a finding in whose place they are."""
     likelier = [one for one in responses for part in map(_likelier_part, (findings[k] for k in one.numbers))
                 if part is not None and part.key == one.row.key]

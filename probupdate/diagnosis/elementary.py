@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Explored, without
+from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Exploration, without
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.part_places import (
     N_DIRECTION,
@@ -177,7 +177,7 @@ def elementary(
         result.append(_part(key, words, SHARE * stiffness, stiffness=b[None]))
 
     for k, own in rows.items():
-        for way, b in _apart(own, directions()):
+        for way, b in _distinct_directions(own, directions()):
             spring(PartKey(cause=PART_CAUSES[0], at=(k,), way=way.number), f"{there[k]}, {way.words}", b)
         moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
         if not moved > 0:
@@ -194,7 +194,7 @@ def elementary(
     # what hangs where little moves is no heavier for that
     most = max((float(np.max(np.sum((rows[k][:2] @ shape) ** 2, axis=0))) for k, _ in hung), default=0.0)
     for k, n in hung if most > 0 else ():
-        one_way = [(way.number, way.words, b[None]) for way, b in _apart(rows[k], directions(n)[:-1])]
+        one_way = [(way.number, way.words, b[None]) for way, b in _distinct_directions(rows[k], directions(n)[:-1])]
         # where there is motion one way only, both ways are that one
         for way, words, own in [*one_way, *([(None, BOTH_WAYS, rows[k][:2])] if len(one_way) > 1 else [])]:
             for hz in tuned_hz:
@@ -203,7 +203,7 @@ def elementary(
     return _share_odds_by_kind(result)
 
 
-def _apart(own: np.ndarray, ways: Sequence[Direction]) -> list[tuple[Direction, np.ndarray]]:
+def _distinct_directions(own: np.ndarray, ways: Sequence[Direction]) -> list[tuple[Direction, np.ndarray]]:
     """Of these directions those along which a node of motions `own` (3, r) on the basis moves, each with the motion
     (r,): of those along which it moves alike, as where the model knows no motion across its plane, the nearest to
     it."""
@@ -332,7 +332,7 @@ def _correlations(design: Design, rows: Sequence[int]) -> np.ndarray:
     return np.max(np.abs(overlap), axis=0)
 
 
-def taken_together(included: Sequence[IncludedEffect]) -> list[tuple[int, ...]]:
+def replaceable_groups(included: Sequence[IncludedEffect]) -> list[tuple[int, ...]]:
     """Numbers of effects that one part may stand for: each that is constant or a step, and all sets of those that are
     so throughout, or since the same time. What a spring does that no row has is bought as two soils and a brace, or as
     a crosstalk."""
@@ -350,11 +350,11 @@ def _strongest(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:
     return max(numbers, key=lambda k: abs(hypothesis.z[k]))
 
 
-def in_place_of(
+def alternative_parts(
     parts: Sequence[Part], problem: DiagnosisProblem, best: Hypothesis, numbers: tuple[int, ...]
 ) -> list[tuple[Effect, float, float]]:
     """What of each kind of part may be meant instead of these effects of the most probable hypothesis, one or several
-    `taken_together`: of the few that promise most the one that, fitted, explains most, its ln evidence and ln prior
+    `replaceable_groups`: of the few that promise most the one that, fitted, explains most, its ln evidence and ln prior
     relative to theirs. It stands for all of its kind: its prior odds are theirs, each weighed by what it explains
     beside it, or promises to first order where it was not fitted, less what fits of the others fell short of that.
     Parts that do what one of the effects does are not estimated from it and are left out."""
@@ -383,7 +383,7 @@ def in_place_of(
         # where first order is against all of them the most promising one is asked
         count = FITTED if together - before > -MARGIN else 1
         most = sorted(of_kind, key=lambda k: -promise[k])[:count]
-        found = {k: _compared(problem, best, rest, numbers, parts[k], float(size[k])) for k in most}
+        found = {k: _compare_part(problem, best, rest, numbers, parts[k], float(size[k])) for k in most}
         fitted = {k: there for k, there in found.items() if there is not None}
         if not fitted:
             continue
@@ -398,7 +398,7 @@ def in_place_of(
     return result
 
 
-def _compared(
+def _compare_part(
     problem: DiagnosisProblem, best: Hypothesis, rest: Fit, numbers: tuple[int, ...], part: Part, size: float
 ) -> tuple[float, float] | None:
     """ln evidence and ln prior of the most probable hypothesis with a part in place of these effects (`rest` is the fit
@@ -452,7 +452,7 @@ class OwnResponse:
         return result
 
 
-def own_responses(explored: Explored) -> list[OwnResponse]:
+def channel_responses(explored: Exploration) -> list[OwnResponse]:
     """Each set of channels of which a finding of the most probable hypothesis says that all of them are wrong alike
     (a gain, a clock, a filter, a crosstalk), and each of a sensor's alone, with a response of its own in place of
     all that is said of any of these channels: what differs from mode to mode in a way that no row describes (a
@@ -472,7 +472,7 @@ def own_responses(explored: Explored) -> list[OwnResponse]:
     return found
 
 
-def own_response_of_one(explored: Explored, runs: Executor) -> OwnResponse | None:
+def channel_response_of_one(explored: Exploration, runs: Executor) -> OwnResponse | None:
     """Of all channels the one whose own response throughout the record is most probable beside the most probable
     hypothesis, and more so than that alone; None where none is."""
     tasks = [((k,), ()) for k in range(len(explored.problem.blocks.channels))]
@@ -484,7 +484,7 @@ def own_response_of_one(explored: Explored, runs: Executor) -> OwnResponse | Non
     return replace(found[best], probability=float(np.exp(weight[best] - logsumexp(weight))))
 
 
-def _with_own_response(explored: Explored, rows: tuple[int, ...], numbers: tuple[int, ...]) -> OwnResponse | None:
+def _with_own_response(explored: Exploration, rows: tuple[int, ...], numbers: tuple[int, ...]) -> OwnResponse | None:
     """Throughout where it is in place of no effect. None where the model has no modes there."""
     best, first = explored.hypotheses[0], len(explored.problem.effects)
     effects = mode_factor_effects(explored.problem, rows)

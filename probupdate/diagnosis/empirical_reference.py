@@ -18,7 +18,7 @@ from probupdate.diagnosis.mode_numbers import (
     modes_with,
     n_response,
     numbers_of_modes,
-    stated_columns,
+    stated_covariance_columns,
 )
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.effects.catalogue import Effect
@@ -62,7 +62,7 @@ def look(
     """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
     expected is what was before: where the time profile is zero."""
     before = blocks if time_profile is None else blocks.taken(np.flatnonzero(time_profile == 0))
-    axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
+    axes = tuple(mean_plane_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
     differences, used, mean = [], [], []
     for q, group in enumerate(blocks.groups):
@@ -101,7 +101,7 @@ def turning_columns(angle_deg: np.ndarray) -> np.ndarray:
     return frozen_array(left[:, kept] * np.sqrt(len(angle)))
 
 
-def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
+def mean_plane_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
     """Real shapes (n_channel, k) that span a group's mean plane, largest component of each 1."""
     members = list(blocks.groups[q])
     there = np.flatnonzero(blocks.present[:, q])
@@ -183,8 +183,8 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
             if d is None:
                 continue
             ln_frequency, shape = d.read()
-            columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
-                                     ln_frequency[members], shape[:, members], empirical.axes[q])
+            columns = stated_covariance_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
+                                                ln_frequency[members], shape[:, members], empirical.axes[q])
             if columns is not None:
                 total, number = total + columns.T @ columns, number + 1
         result.append(total / number if number > len(used) / 2 else None)
@@ -203,7 +203,7 @@ def residuals(empirical: EmpiricalReference, known: np.ndarray) -> tuple[np.ndar
     return tuple(rest)
 
 
-def own_noise(
+def scatter_noise(
     blocks: Blocks, empirical: EmpiricalReference, rest: tuple[np.ndarray, ...], stated: Sequence[np.ndarray | None]
 ) -> Noise:
     """Scatter of a block by its residuals `rest`; `stated` patterns of it.
@@ -211,11 +211,12 @@ def own_noise(
     What ties frequencies to shapes is left out: a real change moves both, in a proportion that noise does not have.
     """
     sizes = tuple(len(g) for g in blocks.groups)
-    return untied(estimate_noise(rest, empirical.used, sizes, blocks.relative_std, blocks.states(), stated,
+    return drop_cross_covariance(estimate_noise(rest, empirical.used, sizes, blocks.relative_std, blocks.states(),
+                                                stated,
                                 std_alone=blocks.std_alone), sizes)
 
 
-def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
+def drop_cross_covariance(noise: Noise, sizes: Sequence[int]) -> Noise:
     """Without covariances between frequencies and shapes."""
     covariances = []
     for k, covariance in zip(sizes, noise.covariance, strict=True):
@@ -225,7 +226,7 @@ def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
     return Noise(covariance=tuple(covariances), precision=precision, weight=noise.weight)
 
 
-def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
+def correct_blocks(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
     """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes. What is
     stated of how shapes scatter goes with them."""
     shape, frequency, stated = np.array(blocks.shape), np.array(blocks.frequency_hz), list(blocks.factors)

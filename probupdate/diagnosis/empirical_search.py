@@ -14,13 +14,13 @@ from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.empirical_reference import (
     EmpiricalReference,
     look,
-    own_noise,
     residuals,
+    scatter_noise,
     signatures,
     stated_patterns,
 )
-from probupdate.diagnosis.engine.evidence import Along, along, along_in_sequence
-from probupdate.diagnosis.engine.library import Unknown, Weighed, log_unknown, weigh
+from probupdate.diagnosis.engine.evidence import ProfileInformation, profile_information, sequential_information
+from probupdate.diagnosis.engine.library import Unknown, WeighedEffects, log_unknown, weigh
 from probupdate.diagnosis.independent_numbers import Directions, independent_directions
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
@@ -28,7 +28,7 @@ from probupdate.modal.modes import Sensor
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Followed:
+class ReferencedBlocks:
     """Blocks with their own mean as reference, residuals `rest` per group from it beside the nuisance (n_block,
     n_nuisance), and the independent directions; what every effect would do to their numbers, `signature`
     (n_number, n_effect)."""
@@ -53,14 +53,14 @@ class Followed:
         return self.blocks.hours, self.nuisance, h
 
     @cached_property
-    def along(self) -> Along:
+    def along(self) -> ProfileInformation:
         """What the numbers say of the profiles, each over its range and by itself."""
-        return along(*self._numbers, *self._times)
+        return profile_information(*self._numbers, *self._times)
 
     @cached_property
-    def in_sequence(self) -> Along:
+    def in_sequence(self) -> ProfileInformation:
         """The same of the frequencies' numbers, each explained by those before it too."""
-        return along_in_sequence(*(x[..., self.directions.frequency] for x in self._numbers), *self._times)
+        return sequential_information(*(x[..., self.directions.frequency] for x in self._numbers), *self._times)
 
     @property
     def log_numbers(self) -> list[np.ndarray]:
@@ -81,10 +81,10 @@ class Followed:
 
     @cached_property
     def span(self) -> np.ndarray:
-        """(n_profile,) range of each profile, over which `along` and `weighed` state amounts."""
+        """(n_profile,) range of each profile, over which `profile_information` and `weighed` state amounts."""
         return np.array([np.ptp(p.value) for p in self.profiles])
 
-    def weighed(self) -> Weighed:
+    def weighed(self) -> WeighedEffects:
         """Effects of sensors by what they do to shapes, and to the frequencies in the one direction in which they do
         most: all of these drift together."""
         signature, rows = np.array(self.signature), self.directions.frequency
@@ -92,7 +92,7 @@ class Followed:
         signature[rows] = np.where(np.abs(signature[rows]) < most, 0.0, signature[rows])
         return weigh(self.along, self.effects, signature, self.profiles, self.span)
 
-    def with_residuals(self, rest: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> Followed:
+    def with_residuals(self, rest: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> ReferencedBlocks:
         """Other residuals per group, of the blocks `used` in each, in the same directions."""
         return replace(self, directions=self.directions.where(used), rest=tuple(rest))
 
@@ -100,13 +100,13 @@ class Followed:
 def watch(
     blocks: Blocks, effects: Sequence[Effect], sensors: Sequence[Sensor], known: np.ndarray,
     profiles: Sequence[TimeProfile], begun: np.ndarray | None = None,
-) -> Followed:
+) -> ReferencedBlocks:
     """known (n_block, n_known): time profiles along which anything may change; `begun`: see `look`."""
     empirical = look(blocks, sensors, begun)
     rest = residuals(empirical, known)
-    noise = own_noise(blocks, empirical, rest, stated_patterns(blocks, empirical))
+    noise = scatter_noise(blocks, empirical, rest, stated_patterns(blocks, empirical))
     directions = independent_directions(rest, noise, [len(g) for g in blocks.groups])
-    return Followed(
+    return ReferencedBlocks(
         blocks=blocks, empirical=empirical, rest=rest, nuisance=empirical.nuisance(known), directions=directions,
         effects=tuple(effects), signature=directions.turn @ signatures(effects, empirical), profiles=tuple(profiles))
 
@@ -119,7 +119,7 @@ class Odds:
     total: float
     unknown: np.ndarray
     of_sensors: np.ndarray
-    weighed: Weighed | None
+    weighed: WeighedEffects | None
 
 
 def log_prior_of_profiles(profiles: Sequence[TimeProfile]) -> np.ndarray:
@@ -136,7 +136,7 @@ def log_prior_of_effects(effects: Sequence[Effect], name: str) -> np.ndarray:
     return np.log(odds / odds.sum())
 
 
-def odds_of(followed: Followed, unknown: Unknown) -> Odds:
+def odds_of(followed: ReferencedBlocks, unknown: Unknown) -> Odds:
     """Sensors and the structure are as probable before as each other, and both as nothing."""
     prior = log_prior_of_profiles(followed.profiles)
     free = unknown.of_any + prior

@@ -20,7 +20,7 @@ ERROR_SCALES = (0.2, 0.5, 1.0, 2.0)
 MOST_STEPS, SETTLED, LEAST_SLOPE = 12, 0.1, 0.02
 
 
-def only_promised(problem: DiagnosisProblem, fitted: Fit) -> float:
+def promised_evidence(problem: DiagnosisProblem, fitted: Fit) -> float:
     """ln evidence that the linear equations promise at a fit and that the model does not keep, where it stalled."""
     linear = linear_evidence(fitted.design, fitted.centred)
     return max(0.0, linear - _evidence_at(problem, fitted, fitted.design))
@@ -75,7 +75,7 @@ def length_std(problem: DiagnosisProblem, fitted: Fit, included: IncludedEffect)
 
 def log_evidence(problem: DiagnosisProblem, fitted: Fit) -> float:
     """ln p(blocks | model with the included effects) by Laplace's method, but for a constant of the record."""
-    return log_size_prior(fitted.included) + over_error_scales(
+    return log_size_prior(fitted.included) + error_scale_mean(
         fitted.design, lambda d: _evidence_at(problem, fitted, d)
     )
 
@@ -145,7 +145,7 @@ def marginal_evidence(
     constant of record and noise; `answers`: see `residuals_at`."""
     design = design_without_candidates(problem, theta, included, noise)
     _, centred = about(problem, design, theta, included, residuals_at(problem, theta, included, answers))
-    return log_size_prior(included) + over_error_scales(design, lambda d: linear_evidence(d, centred))
+    return log_size_prior(included) + error_scale_mean(design, lambda d: linear_evidence(d, centred))
 
 
 def _evidence_at(problem: DiagnosisProblem, fitted: Fit, design: Design) -> float:
@@ -159,7 +159,7 @@ def linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
     return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise)
 
 
-def over_error_scales(design: Design, evidence: Callable[[Design], float]) -> float:
+def error_scale_mean(design: Design, evidence: Callable[[Design], float]) -> float:
     """Mean over how well signatures may be known: with one model-error scale for all, what changes much is held against
     the long signature that explains it to a hundredth, and a short one that explains it less well wins."""
     if not design.model_errors:

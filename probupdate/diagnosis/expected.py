@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from probupdate.diagnosis.mode_numbers import Reference, numbers_of
-from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observed, shares_of_nominal
+from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observe, shares_of_nominal
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.small_model import N_KNOWN, LocalModel
 from probupdate.effects.catalogue import Effect
@@ -67,12 +67,12 @@ def residuals_of_sizes(
 ) -> tuple[np.ndarray, ...]:
     """`residuals_at` (n, n_block, n_response) of n times the same effects with the same time profiles, whose sizes
     alone differ."""
-    expected = _expected(problem, theta, each, answers or ModelAnswers())
+    expected = _expected_numbers(problem, theta, each, answers or ModelAnswers())
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
                  zip(*problem.measured, expected, strict=True))
 
 
-def _expected(
+def _expected_numbers(
     problem: DiagnosisProblem, theta: np.ndarray, each: Sequence[Sequence[IncludedEffect]], answers: ModelAnswers
 ) -> list[np.ndarray]:
     """Per group the numbers of the expected modes in every block (n, n_block, n_response), as the sensors see them."""
@@ -87,7 +87,7 @@ def _expected(
     for included in exact:
         for value, levels_there in states:
             predictor, moved, seen = _state(problem, theta, included, value)
-            seen_there += observed(
+            seen_there += observe(
                 [r for level in levels_there for r in answers.references(predictor, moved, level[-1])], seen)
     result = []
     for q, axes in enumerate(problem.predictor.axes):
@@ -118,7 +118,7 @@ def _add_linear(
         rows = np.flatnonzero(state_of.ravel() == number)
         predictor, moved, seen = _state(problem, theta, exact, state[1:])
         at_nodes = answers.slopes(predictor, moved, names, nodes)
-        signature = _between_nodes(
+        signature = _numbers_between_nodes(
             predictor, at_nodes, [n.effect for n in linear], names, of_nominal, nodes, (place, share), seen
         )
         for made, y in zip(signature, expected, strict=True):
@@ -178,7 +178,7 @@ def signatures_at(
     place, nodes, share = _nodes(angles_deg)
     at_nodes = _node_slopes(predictor, local, names, nodes)
     of_nominal = shares_of_nominal(predictor.parameters, local.theta if theta is None else theta, names)
-    return _between_nodes(predictor, at_nodes, effects, names, of_nominal, nodes, (place, share), seen)
+    return _numbers_between_nodes(predictor, at_nodes, effects, names, of_nominal, nodes, (place, share), seen)
 
 
 def _nodes(angles_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -204,7 +204,7 @@ def _slopes_at(predictor: ModalPredictor, local: LocalModel, names: tuple[str, .
     return predictor.slopes(local, nodes * NODE_DEG, slopes)
 
 
-def _between_nodes(
+def _numbers_between_nodes(
     predictor: ModalPredictor,
     at_nodes: list,
     effects: Sequence[Effect],

@@ -23,10 +23,10 @@ from probupdate.diagnosis.blocks import of_model
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
-from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
+from probupdate.diagnosis.extension_sampling import not_sampled, sample_extended, sampler_statements, sampling_command
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
-from probupdate.diagnosis.predictor import observed
+from probupdate.diagnosis.predictor import observe
 from probupdate.diagnosis.prepare import Prepared, places_tried
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.results import Diagnosis
@@ -80,7 +80,7 @@ def extend(
     executor `runs` the model as it is and with the findings are updated side by side."""
     problem, fitted = outcome.problem, outcome.fitted
     sizes = sizes_std(problem, fitted)
-    added = _Added.of(prepared, fitted, sizes)
+    added = _AddedParameters.of(prepared, fitted, sizes)
     mean, n_block = mean_set(problem, fitted)
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
@@ -90,7 +90,7 @@ def extend(
     alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],),
                     gravity=gravity_found(prepared, problem.blocks.channels, ()))
     (before, _), (after, model) = runs.in_order(
-        _updated_if_possible, [(_Added(), alone), (added, averaged)], shared=(prepared, angle))
+        _updated_if_possible, [(_AddedParameters(), alone), (added, averaged)], shared=(prepared, angle))
     progress("updating with the findings", 2, 2)
     place = None if out is None else out.with_name(f"{out.stem}.posterior.nc")
     chain = _chain(model, averaged, sampler, place, runs, progress)
@@ -113,7 +113,7 @@ def extend(
         "before": before,
         "after": after,
         "sampler": chain,
-        "joint": identified(problem, fitted),
+        "joint": finding_precision(problem, fitted),
     }
     content["statements"] = statements(outcome.diagnosis, content)
     if unwritten:
@@ -126,7 +126,7 @@ def extend(
 
 
 def _written(
-    prepared: Prepared, outcome: Outcome, data: ModalData, added: _Added, averaged: ModalData, out: Path
+    prepared: Prepared, outcome: Outcome, data: ModalData, added: _AddedParameters, averaged: ModalData, out: Path
 ) -> tuple[dict[str, Path], str]:
     """The files that were written beside `out`, and why the model's was not where it could not be."""
     unwritten, included = "", outcome.fitted.included
@@ -142,7 +142,7 @@ def _written(
             unwritten = str(error)
     if seen or any(map(of_gravity, included)):
         places["modes"] = out.with_name(f"{out.stem}.modes.json")
-        mended = corrected(outcome.problem, data, seen)
+        mended = correct_sensors(outcome.problem, data, seen)
         write_modes(replace(mended, gravity=gravity_found(prepared, mended.channels, included)), places["modes"])
     return places, unwritten
 
@@ -156,23 +156,23 @@ def _chain(
         return not_sampled(reason="this was not asked for")
     if model is None:
         return not_sampled(refused="the model with them was not updated")
-    return sampled(model, averaged, sampler, place, runs, progress)
+    return sample_extended(model, averaged, sampler, place, runs, progress)
 
 
 def _updated_if_possible(
-    prepared: Prepared, angle_deg: float, added: _Added, data: ModalData
+    prepared: Prepared, angle_deg: float, added: _AddedParameters, data: ModalData
 ) -> tuple[dict, AffineModel | None]:
     """What the estimators find with this added to the model, and the model; without it where they refuse, which is a
     result: the findings stand."""
     try:
         model = added.model(prepared, angle_deg)
-        return updated(model, data), model
+        return update_extended(model, data), model
     except (ConvergenceError, InputError) as error:
         return {"refused": str(error), "parameters": [], "too_alike": []}, None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Added:
+class _AddedParameters:
     """What the model gets for the findings: effects of a turbine; or groups of the parameters of a model of matrices,
     each with its name in the file, and sensors `moved` to where they were found."""
 
@@ -181,17 +181,17 @@ class _Added:
     moved: tuple[IncludedEffect, ...] = ()
 
     @classmethod
-    def of(cls, prepared: Prepared, fitted: Fit, sizes: Sequence[float]) -> _Added:
+    def of(cls, prepared: Prepared, fitted: Fit, sizes: Sequence[float]) -> _AddedParameters:
         """`sizes`: standard deviation of each included effect's size."""
         if prepared.description is not None:
-            return cls(effects=tuple(described(n.effect.adds, n, std)
+            return cls(effects=tuple(describe_parameter(n.effect.adds, n, std)
                                      for n, std in zip(fitted.included, sizes, strict=True)
                                      if n.effect.adds is not None and not of_gravity(n)))
         groups, taken = [], list(prepared.prior.names)
         for n, std in zip(fitted.included, sizes, strict=True):
             if n.effect.parts:
                 e = n.effect
-                centre, width = (n.size, std) if by_change(n, std) else (0.0, e.prior_scale)
+                centre, width = (n.size, std) if is_known_by_change(n, std) else (0.0, e.prior_scale)
                 name = group_parameter(e.location or e.cause, taken)
                 taken.append(name)
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
@@ -246,15 +246,15 @@ class _Added:
         return model.channel_rows(theta)
 
 
-def by_change(included: IncludedEffect, size_std: float) -> bool:
+def is_known_by_change(included: IncludedEffect, size_std: float) -> bool:
     """Whether a size is known from a change within the record, and not only as a share of absolute values."""
     return included.time_profile.kind in CHANGES and size_std > 0
 
 
-def described(added: EffectParameter, included: IncludedEffect, size_std: float) -> EffectParameter:
+def describe_parameter(added: EffectParameter, included: IncludedEffect, size_std: float) -> EffectParameter:
     """The parameter that the model gets for a finding, its time profile stated in its description."""
     stated = replace(added, location=f"{added.location}; diagnosed as {_profile_words(included)}")
-    if not by_change(included, size_std):
+    if not is_known_by_change(included, size_std):
         return stated
     centre = min(max(added.neutral + included.size, added.lower), added.upper)
     return replace(stated, initial=centre, std=size_std, prior="normal")
@@ -270,7 +270,7 @@ def _profile_words(included: IncludedEffect) -> str:
     }[time_profile.kind]
 
 
-def _added_table(added: _Added, included: IncludedEffect) -> dict:
+def _added_table(added: _AddedParameters, included: IncludedEffect) -> dict:
     """What became of one finding."""
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
@@ -325,7 +325,7 @@ def corrections(n_channel: int, included: Sequence[IncludedEffect], values: Sequ
     return A, shift
 
 
-def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[IncludedEffect]) -> ModalData:
+def correct_sensors(problem: DiagnosisProblem, data: ModalData, included: Sequence[IncludedEffect]) -> ModalData:
     """The sets that the diagnosis used, without what it found the sensors to do."""
     blocks, (data, _) = problem.blocks, of_model(data)
     rows = [data.channels.index(c) for c in blocks.channels]
@@ -341,10 +341,10 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
                                    float(frequency[j]))
             undo = np.linalg.inv(A)
             # a channel that was not measured stays so, and takes along only those that were mixed with it
-            shape[rows, j] = _applied(undo, shape[rows, j])
-            std[rows, j] = np.sqrt(np.real(_applied(np.abs(undo) ** 2, std[rows, j] ** 2)))
+            shape[rows, j] = _apply_matrix(undo, shape[rows, j])
+            std[rows, j] = np.sqrt(np.real(_apply_matrix(np.abs(undo) ** 2, std[rows, j] ** 2)))
             if changes is not None:
-                changes[rows, j] = np.column_stack([_applied(undo, c) for c in changes[rows, j].T])
+                changes[rows, j] = np.column_stack([_apply_matrix(undo, c) for c in changes[rows, j].T])
             frequency[j] *= np.exp(-shift)
             frequency_std[j] *= np.exp(-shift)
         covariance_factors = s.covariance_factors
@@ -358,7 +358,7 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
     return replace(data, sets=tuple(sets), reference_set=chosen)
 
 
-def _applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _apply_matrix(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """A x, NaN only where an entry that counts is NaN."""
     lost = np.isnan(x)
     result = A @ np.where(lost, 0.0, x)
@@ -386,7 +386,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
     references = predictor.references(local, float(centres[usual]))
-    seen_there = observed(references, [(n.effect, n.size) for n in seen])
+    seen_there = observe(references, [(n.effect, n.size) for n in seen])
     for q, group in enumerate(blocks.groups):
         weight = np.where(chosen, design.noise.weight[q], 0.0)
         if not weight.any():
@@ -420,7 +420,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
 # What it says -----------------------------------------------------------------------------------------------------
 
 
-def updated(model: AffineModel, data: ModalData) -> dict:
+def update_extended(model: AffineModel, data: ModalData) -> dict:
     """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its standard
     deviations by Laplace's method."""
     problem = build_problem(model, data, weights=default_likelihood(model, data))
@@ -452,7 +452,7 @@ def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
             for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]
 
 
-def identified(problem: DiagnosisProblem, fitted: Fit) -> dict:
+def finding_precision(problem: DiagnosisProblem, fitted: Fit) -> dict:
     """The same from the whole record: of each finding its standard deviation over its prior's, and pairs that go
     together."""
     design, n_own = fitted.design, len(problem.updated)

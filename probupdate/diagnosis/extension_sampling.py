@@ -31,7 +31,7 @@ APART, WIDER, ERRORS = 0.5, 1.25, 3.0
 QUANTILES = (5, 50, 95)
 
 
-def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
+def sampler_settings(seed: int, *, turbine: bool) -> SamplerSettings:
     """What a diagnosis asks of the sampler unless stated otherwise."""
     return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS, ensembles=2,
                            max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)
@@ -42,7 +42,7 @@ def not_sampled(**why: str) -> dict:
     return {"asked": "refused" in why, **why, "parameters": []}
 
 
-def sampled(
+def sample_extended(
     model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, runs: Executor,
     progress: Progress,
 ) -> dict:
@@ -104,14 +104,14 @@ def sampler_statements(chain: Mapping, laplace: list[dict]) -> list[str]:
                     f"has{how}")
     said.append(chain["laplace_check"])
     rows = {p["name"]: p for p in laplace}
-    apart = [words for p in chain["parameters"] if (words := _apart(p, rows[p["name"]]))]
+    apart = [words for p in chain["parameters"] if (words := _difference_words(p, rows[p["name"]]))]
     said += apart or ["sampler and Laplace's approximation agree: no mean differs by more than "
                       f"{APART:g} standard deviations, none of these by more than a factor of {WIDER:g}, beyond the "
                       "chain's own error"]
     return said
 
 
-def _apart(p: Mapping, laplace: Mapping) -> str:
+def _difference_words(p: Mapping, laplace: Mapping) -> str:
     """Where the chain parts from Laplace by more than its own error, by how much; else nothing."""
     effective = p["effective_draws"]
     if not (np.isfinite(effective) and effective > 1 and p["std"] > 0):

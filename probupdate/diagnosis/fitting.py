@@ -12,7 +12,7 @@ from probupdate.diagnosis.expected import local_at, residuals_at, signatures_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.mode_numbers import tensor_turn
 from probupdate.diagnosis.noise import Noise, estimate_noise
-from probupdate.diagnosis.predictor import observed
+from probupdate.diagnosis.predictor import observe
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Delay, Effect, FrequencyResponse, Gain
@@ -277,7 +277,7 @@ def _turns(
         if not seen:
             continue
         plain = predictor.references(local, float(centres[int(bins[there[0], -1])]))
-        for turn, axes, before, after in zip(turns, predictor.axes, plain, observed(plain, seen), strict=True):
+        for turn, axes, before, after in zip(turns, predictor.axes, plain, observe(plain, seen), strict=True):
             if turn is not None:
                 turn[there] = tensor_turn(after.shape, axes) @ tensor_turn(before.shape, axes).T
     return tuple(turns)
@@ -397,13 +397,13 @@ def fitted_without_candidates(
                 design = design_without_candidates(problem, theta, included, noise, None if fresh else design)
             else:
                 design = replace(design, noise=noise)
-        residuals = kept(here, noise)
+        residuals = kept_columns(here, noise)
         centred = centred_residuals(problem, design, theta, included, residuals)
         newton = _newton(problem, design, theta, included, centred)
         before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
-        relaxed, way = _relaxed(relaxed, way, newton.way(included))
+        relaxed, way = _relax_step(relaxed, way, newton.way(included))
         trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before, relaxed)
         if trial is not None:
             # a step that had to be shortened is not a small one
@@ -412,7 +412,7 @@ def fitted_without_candidates(
             # the least value along this line
             step = 0.0
         elif leaps == MOST_LEAPS:
-            return _ended(problem, theta, included, noise, here, number)
+            return _unsettled_fit(problem, theta, included, noise, here, number)
         else:
             # noise and signatures are others farther on: over the hill, as the equations say
             leaps += 1
@@ -424,7 +424,7 @@ def fitted_without_candidates(
                        steps=number, last_step=step, short=short)
         if trial is not None:
             theta, included, here = trial.theta, trial.included, trial.there
-    return _ended(problem, theta, included, noise, here, MOST_STEPS)
+    return _unsettled_fit(problem, theta, included, noise, here, MOST_STEPS)
 
 
 def first_steps(
@@ -465,7 +465,7 @@ class _Newton:
         return self.whole * np.array([*self.move, *sizes])
 
 
-def _relaxed(share: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
+def _relax_step(share: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
     """The share of the next step that is taken, after `share` of the last one, and the `way` itself: half of it where
     that leads back along the way `before` (empty for the first). Of two points each may be better as seen from the
     other, as what is not known of an effect grows with its size."""
@@ -543,10 +543,10 @@ def _trial(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
     newton: _Newton, share: float,
 ) -> _Trial:
-    moved_theta, moved = _moved(problem, theta, included, share * newton.move * newton.scale, share * newton.change)
+    moved_theta, moved = _step(problem, theta, included, share * newton.move * newton.scale, share * newton.change)
     there = residuals_at(problem, moved_theta, moved)
     held = design.held(len(problem.updated))
-    misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, moved_theta, moved, included)
+    misfit = design.misfit(kept_columns(there, design.noise), held) + penalty(problem, moved_theta, moved, included)
     return _Trial(theta=moved_theta, included=moved, there=there, misfit=misfit, share=share)
 
 
@@ -563,7 +563,7 @@ def _length(
     return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
 
 
-def _ended(
+def _unsettled_fit(
     problem: DiagnosisProblem,
     theta: np.ndarray,
     included: tuple[IncludedEffect, ...],
@@ -582,11 +582,11 @@ def about(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """Residuals from theta and the included effects as far as they count, and less what the prior's centre makes."""
-    residuals = kept(residuals, design.noise)
+    residuals = kept_columns(residuals, design.noise)
     return residuals, centred_residuals(problem, design, theta, included, residuals)
 
 
-def linearised(
+def linearise(
     problem: DiagnosisProblem,
     theta: np.ndarray,
     included: Sequence[IncludedEffect],
@@ -663,7 +663,7 @@ def _scatter_share(seen: np.ndarray, known: np.ndarray) -> float:
     return float(optimize.minimize_scalar(misfit, bounds=(0.0, 5 * COLUMN_SCATTER), method="bounded").x)
 
 
-def kept(residuals, noise: Noise):
+def kept_columns(residuals, noise: Noise):
     return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(residuals, noise.weight, strict=True))
 
 
@@ -680,7 +680,7 @@ def penalty(
     return float(total)
 
 
-def _moved(
+def _step(
     problem: DiagnosisProblem,
     theta: np.ndarray,
     included: Sequence[IncludedEffect],

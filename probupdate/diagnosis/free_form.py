@@ -60,7 +60,7 @@ class FreeForm:
     content: dict
 
 
-def most_promising(
+def promising_parts(
     problem: DiagnosisProblem, fitted: Fit, parts: Sequence[Part]
 ) -> tuple[list[int], list[IncludedEffect]]:
     """Numbers of the parts that promise most to first order beside a fit, N_KEPT of each kind, and what to begin with,
@@ -71,7 +71,7 @@ def most_promising(
     for cause in PART_CAUSES:
         of_kind = [int(k) for k in order if parts[k][0].cause == cause]
         kept |= {*of_kind[:N_KEPT]}
-        for k in at_different_places(parts, of_kind, FITTED):
+        for k in parts_at_different_places(parts, of_kind, FITTED):
             c = int(np.argmax(gain[k]))
             if gain[k, c] > 0:
                 begun.append(IncludedEffect(effect=parts[k][0], time_profile=profiles[c], size=0.0)
@@ -80,7 +80,7 @@ def most_promising(
     return sorted(kept), begun
 
 
-def at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
+def parts_at_different_places(parts: Sequence[Part], order: Sequence[int], most: int) -> list[int]:
     """The first of these parts; of masses on springs the first of each place that move both ways, and one way."""
     first: dict[Hashable, int] = {}
     for k in order:
@@ -130,7 +130,7 @@ def free_form(
     parts = parts_of(prepared, heights=PLACED_HEIGHTS)
     if not parts:
         return None
-    kept, begun = most_promising(known.problem, known.null, parts)
+    kept, begun = promising_parts(known.problem, known.null, parts)
     wider = prepared_with(prepared, [parts[k] for k in kept])
     try:
         outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)
@@ -152,13 +152,13 @@ def _content(outcome: Outcome, placed: Mapping[Hashable, Attachment]) -> dict:
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
             "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            **by_place(found, placed), "modes": modes_moved(outcome, number), **tuned(outcome, n),
+            **place_probabilities(found, placed), "modes": modes_moved(outcome, number), **tuned_frequency(outcome, n),
         })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
 
 
-def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
+def channel_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
     """What `free_form` says of elementary parts, of channels with a frequency response of their own."""
     own = outcome.own_response
     if own is None:
@@ -180,7 +180,7 @@ def own_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
             "gain": measures(problem, outcome.null, fitted, noise=outcome.null.design.noise)}
 
 
-def by_place(found: Finding, placed: Mapping[Hashable, Attachment]) -> dict:
+def place_probabilities(found: Finding, placed: Mapping[Hashable, Attachment]) -> dict:
     """The probability of a part's place, and what may be meant instead with more than POSSIBLE: masses on springs at
     one place are one, whatever their frequency. `placed`: the parts by the identity of their rows."""
     together: dict[Hashable, dict] = {}
@@ -196,7 +196,7 @@ def by_place(found: Finding, placed: Mapping[Hashable, Attachment]) -> dict:
                                    key=lambda row: -row["posterior_probability"])}
 
 
-def tuned(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
+def tuned_frequency(outcome: Outcome, n: IncludedEffect) -> dict[str, float]:
     """The frequency of a mass on springs as fitted, and its standard deviation."""
     problem, fitted = outcome.problem, outcome.fitted
     small = problem.predictor.small

@@ -22,14 +22,14 @@ from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import (
     Own,
     Prediction,
-    carried,
+    carried_unknowns,
     covariance_root,
     cross,
     crps,
     log_density,
     posterior,
     predict,
-    predicted,
+    predict_groups,
     solve_covariance,
     transient,
 )
@@ -69,7 +69,7 @@ def folds(n_block: int, n_fold: int = N_FOLD) -> np.ndarray:
     return np.arange(n_block) * min(n_fold, n_block) // n_block
 
 
-def how_many(n_block: int, included: Sequence[IncludedEffect]) -> int:
+def count_folds(n_block: int, included: Sequence[IncludedEffect]) -> int:
     """Folds: none holds more than half of what lies on one side of a step, else nothing is left to show its size
     from."""
     sides = [min(n.time_profile.at, n_block - n.time_profile.at) for n in included if n.time_profile.kind == "step"]
@@ -105,15 +105,15 @@ def contest(
     centred = [y for _, y in (before, after)]
     sides = [tuple(predict(d, y, fold == k) for k in range(fold.max() + 1))
              for d, y in zip(designs, centred, strict=True)]
-    residuals = [_joined(side) for side in sides]
-    whole = [carried(d, y, every) for d, y in zip(designs, centred, strict=True)]
+    residuals = [_join_residuals(side) for side in sides]
+    whole = [carried_unknowns(d, y, every) for d, y in zip(designs, centred, strict=True)]
     unknown, own = zip(*(shared_covariance(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
                        strict=True)
     densities = [log_density(d, every, Q, r, o)[0]
                  for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]
     # by which predictions from the whole record differ: what varies between folds is no difference of the models
     left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
-             zip(y, predicted(d, every, mean), noise.weight, strict=True)]
+             zip(y, predict_groups(d, every, mean), noise.weight, strict=True)]
             for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]
     difference = [a - b for a, b in zip(*left, strict=True)]
     solution = solve_covariance(designs[0], every, unknown[0], difference, own[0])
@@ -147,7 +147,7 @@ def shared_covariance(design: Design, Q: np.ndarray, predictions: Sequence[Predi
     return root @ root.T, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
 
 
-def _joined(predictions: Sequence[Prediction]) -> list[np.ndarray]:
+def _join_residuals(predictions: Sequence[Prediction]) -> list[np.ndarray]:
     """Residuals of all blocks per group (n_block, n_response)."""
     order = np.argsort(np.concatenate([p.rows for p in predictions]))
     return [np.concatenate(parts)[order] for parts in zip(*(p.residual for p in predictions), strict=True)]
@@ -180,7 +180,7 @@ def measures(
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
     the larger eigenvalue of its tensor's error), largest over modes and folds of the mean over a fold, and root
     mean square over single blocks; MAC likewise."""
-    n_fold = n_fold or how_many(len(problem.blocks), new.included)
+    n_fold = n_fold or count_folds(len(problem.blocks), new.included)
     first = replace(old.design, noise=noise or old.design.noise)
     found = contest((first, old.centred), (new.design, new.centred), n_fold=n_fold)
     result = {
@@ -225,8 +225,8 @@ def gains(
 def _sensor_errors(
     problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]], one: Fit | None
 ) -> dict[str, tuple[float, float]]:
-    """`held_out_sensors` of a fit, nothing where there is none."""
-    return {} if one is None else held_out_sensors(problem, one, noise, levels)
+    """`predict_held_out_sensors` of a fit, nothing where there is none."""
+    return {} if one is None else predict_held_out_sensors(problem, one, noise, levels)
 
 
 def _finding_gain(
@@ -302,7 +302,7 @@ def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dic
 # Sensors that took no part ------------------------------------------------------------------------------------------
 
 
-def held_out_sensors(
+def predict_held_out_sensors(
     problem: DiagnosisProblem, fitted: Fit, noise: Noise, levels: Mapping[str, Sequence[str]], n_fold: int = N_FOLD
 ) -> dict[str, tuple[float, float]]:
     """Motion predicted at each level (name -> its channels) from all other channels, effects' times and kinds known:
@@ -316,7 +316,7 @@ def held_out_sensors(
         kept = np.setdiff1d(np.arange(len(channels)), hidden)
         maps = [_hiding(t, kept, hidden) for t in problem.predictor.axes]
         design = with_noise(fitted.design, noise)
-        reduced = _mapped(design, [seen for seen, _ in maps])
+        reduced = _map_design(design, [seen for seen, _ in maps])
         blocks = np.arange(len(problem.blocks))
         mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
         solution = np.zeros(design.n_unknown)
@@ -349,7 +349,7 @@ def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[n
             np.hstack([np.zeros((parts * len(hidden), n_log)), linalg.block_diag(*[aligned] * parts)]))
 
 
-def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
+def _map_design(design: Design, maps: Sequence[np.ndarray]) -> Design:
     """The design of the responses B y."""
     covariance = [B @ C @ B.T for B, C in zip(maps, design.noise.covariance, strict=True)]
     noise = replace(design.noise, covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)),

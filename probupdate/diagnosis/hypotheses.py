@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.adequacy import explains
-from probupdate.diagnosis.evidence import linear_evidence, log_size_prior, over_error_scales
+from probupdate.diagnosis.evidence import error_scale_mean, linear_evidence, log_size_prior
 from probupdate.diagnosis.expected import parameters_with, residuals_at
-from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, linearised
+from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, linearise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.proposals import (
     SHARE_STEP,
-    Tried,
+    TriedCandidate,
     changed_together,
-    sharpened,
+    sharpen_time,
     sharpened_again,
-    tried_whole,
+    try_candidates,
     with_crosstalk,
 )
 from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of, prior_shares
@@ -51,7 +51,7 @@ SAME_TIME = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Explored:
+class Exploration:
     """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
     (the model as it is) and that at the most probable one, without their draws. `one_more`: whether one more effect may
     make the record more probable there: it promises to, and was not shown not to. `problem` with the crosstalks that
@@ -83,13 +83,13 @@ def without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, f
     included = tuple(n for i, n in enumerate(fitted.included) if i != number)
     noise = fitted.design.noise
     there = residuals_at(problem, fitted.theta, included)
-    design, residuals, centred = linearised(problem, fitted.theta, included, noise, there)
+    design, residuals, centred = linearise(problem, fitted.theta, included, noise, there)
     rest = replace(fitted, included=included, design=design, residuals=residuals, centred=centred)
     return rest, _about_itself(rest) - _about_itself(fitted)
 
 
 def _about_itself(fitted: Fit) -> float:
-    return log_size_prior(fitted.included) + over_error_scales(
+    return log_size_prior(fitted.included) + error_scale_mean(
         fitted.design, lambda d: linear_evidence(d, fitted.centred)
     )
 
@@ -130,9 +130,9 @@ def moves_from(problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: 
             # the hypothesis itself, but for the time of a step
             itself = (effect_of == effect_of[own]) & np.array([name == names[own] for name in names])
             promises = [np.where(itself, -np.inf, p) for p in promises]
-        chosen = {k: float(p[k]) for p in reversed(promises) for k in _most_promising(problem, p, enough)}
+        chosen = {k: float(p[k]) for p in reversed(promises) for k in _promising_candidates(problem, p, enough)}
         for k, promise in chosen.items():
-            added = _added(problem, base, k, size[k])
+            added = _begin_effect(problem, base, k, size[k])
             result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=promise,
                                included=(*base.included, added), theta=_restore_parameters(problem, base.theta, added)))
     return sorted(result, key=lambda m: -m.promise)
@@ -150,7 +150,7 @@ def _to_first_order(
     return usable, z, *gains(problem, u, np.where(usable, v, 0.0))
 
 
-def _one_more_promises(problem: DiagnosisProblem, here: Hypothesis, found: Search) -> bool:
+def _is_one_more_promising(problem: DiagnosisProblem, here: Hypothesis, found: Search) -> bool:
     """Whether what a search beside a hypothesis found beyond its threshold promises, before any fit, to make the record
     more probable."""
     if not found.statistic.max() > found.threshold:
@@ -169,19 +169,19 @@ def _score_correlation(base: Fit, own: int, usable: np.ndarray) -> np.ndarray:
     return np.where(usable & (alike > ALIKE), alike, -np.inf)
 
 
-def _most_promising(problem: DiagnosisProblem, promise: np.ndarray, enough: float) -> list[int]:
+def _promising_candidates(problem: DiagnosisProblem, promise: np.ndarray, enough: float) -> list[int]:
     """Of every effect the candidate that promises most, of these the MOST_MOVES first that promise `enough`."""
     order = np.argsort(-promise, kind="stable")
     _, first = np.unique(problem.which[order, 0], return_index=True)
     return [int(k) for k in order[np.sort(first)][:MOST_MOVES] if promise[k] > enough]
 
 
-def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) -> IncludedEffect:
+def _begin_effect(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) -> IncludedEffect:
     """A candidate to begin a fit with beside `base`: well within its bounds, a step at its best time."""
     j, c = problem.which[candidate]
     effect, time_profile = problem.effects[j], problem.time_profiles[c]
     if time_profile.kind == "step":
-        time_profile = sharpened(problem, base, int(j), time_profile)
+        time_profile = sharpen_time(problem, base, int(j), time_profile)
     return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).begun_at(size)
 
 
@@ -205,7 +205,7 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
     taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
     free = ~taken & (np.arange(len(problem.which)) < n_searched)
     try:
-        tried = tried_whole(problem, included, free)
+        tried = try_candidates(problem, included, free)
     except ConvergenceError:
         # where the prior expects the parameters the model has no modes that pair with the measured ones
         return []
@@ -228,7 +228,7 @@ def _fit_at_last(
         moves += large_moves(problem, start, first, len(first.z))
     fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
     for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
-        known[key] = _renewed(problem, known[key])
+        known[key] = _renew_hypothesis(problem, known[key])
 
 
 def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search, most: int) -> list[Move]:
@@ -258,7 +258,7 @@ def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search
                  theta=theta, promise=np.inf) for n in range(1, len(parts) + 1)]
 
 
-def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
+def _begun(problem: DiagnosisProblem, tried: TriedCandidate) -> IncludedEffect:
     effect = problem.effects[problem.which[tried.candidate, 0]]
     return IncludedEffect(effect=effect, time_profile=tried.time_profile, size=tried.size)
 
@@ -266,7 +266,7 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
 def explore(
     problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, runs: Executor, progress: Progress,
     begun: Sequence[IncludedEffect] = (),
-) -> Explored:
+) -> Exploration:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects; those that do
     not need one another side by side on the executor `runs`. `begun`: effects tried first, each at its size."""
     n_searched = len(problem.which)
@@ -279,7 +279,7 @@ def explore(
     def beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
 
-    known = _explore_first(problem, null, [_tried_first(problem, n, first) for n in begun], runs)
+    known = _explore_first(problem, null, [_first_move(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
         key = _choose_next(keys, relative, searches)
@@ -315,8 +315,8 @@ def explore(
     found = searches.get(keys[0]) or beside(last)
     # what was promised and, fitted, is less probable is none more
     tried = keys[0] in searches and len(keys[0]) < most
-    return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
-                    first=first, last=found, one_more=not tried and _one_more_promises(problem, last, found))
+    return Exploration(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
+                       first=first, last=found, one_more=not tried and _is_one_more_promising(problem, last, found))
 
 
 def _explore_first(
@@ -329,7 +329,7 @@ def _explore_first(
     return known
 
 
-def _tried_first(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> Move:
+def _first_move(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> Move:
     """From the model as it is to that with one effect of this size and time profile, begun where the prior expects the
     parameters."""
     k = next(k for k, (j, c) in enumerate(problem.which)
@@ -363,8 +363,8 @@ def _choose_next(
 def _renewed_with_its_like(
     problem: DiagnosisProblem, known: Mapping[frozenset, Hypothesis], key: frozenset, renewed: Set[frozenset]
 ) -> dict[frozenset, Hypothesis]:
-    """The hypothesis of that key `_renewed`, and with its noise and times those of as many effects that were not."""
-    here = _renewed(problem, known[key])
+    """That hypothesis renewed, and with its noise and times those of as many effects that were not."""
+    here = _renew_hypothesis(problem, known[key])
     return {k: transfer_noise_and_times(h, known[key], here) for k, h in known.items()
             if len(k) == len(key) and k not in renewed} | {key: here}
 
@@ -397,7 +397,7 @@ def fit_moves(
     base = None if noise_anew else replace(here.fitted, design=replace(here.fitted.design))
     numbers = [number for number in range(len(moves)) if worth_it(number)]
     tasks = [(here.fitted.theta if moves[k].theta is None else moves[k].theta, moves[k]) for k in numbers]
-    for number, fitted in zip(numbers, runs.in_order(_fitted, tasks, shared=(problem, base)), strict=True):
+    for number, fitted in zip(numbers, runs.in_order(_fit_move, tasks, shared=(problem, base)), strict=True):
         if fitted is None or not worth_it(number):
             continue
         before = known.get(there[number])
@@ -405,7 +405,7 @@ def fit_moves(
             known[there[number]] = _restore_fit_state(fitted, moves[number], base)
 
 
-def _fitted(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move: Move) -> Hypothesis | None:
+def _fit_move(problem: DiagnosisProblem, base: Fit | None, theta: np.ndarray, move: Move) -> Hypothesis | None:
     """The hypothesis that a move leads to, from these parameters and with the noise of `base` if that is given; None
     where the model has no modes there or nothing is left of an effect."""
     try:
@@ -430,7 +430,7 @@ def _restore_fit_state(one: Hypothesis, move: Move, base: Fit | None) -> Hypothe
                    stored=None if one.stored is None else own(one.stored))
 
 
-def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
+def _renew_hypothesis(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
     """The same with its own noise, as what a strong effect does to the shapes changes how they scatter, and with the
     times of its steps found again; where the model then has no modes, as it was, marked as not settled."""
     try:
@@ -467,7 +467,7 @@ def transfer_noise_and_times(one: Hypothesis, before: Hypothesis, after: Hypothe
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 
 
-def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:
+def exchange_effect(explored: Exploration, number: int) -> tuple[list[Effect | None], list[float], list[float]]:
     """What may be meant instead of an effect of the most probable hypothesis: the effect itself, others, none of them
     (None), each with its most probable time profile beside all the other effects; ln evidence and ln prior of each
     relative to it."""

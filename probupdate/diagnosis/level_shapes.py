@@ -249,7 +249,7 @@ class PutRight(EffectSet):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tested:
+class EffectTest:
     """Of an effect to first order: |z| from which it would be found, standard deviation of its size, share of its
     signature that is left beside what is unknown, z."""
 
@@ -267,7 +267,7 @@ class LevelAnswer:
     findings: tuple[Finding, ...]
     log_odds: float
     unexplained: bool
-    tested: tuple[tuple[Effect, Tested], ...]
+    tested: tuple[tuple[Effect, EffectTest], ...]
 
 
 def judge_levels(levels: LevelReference, effects: Sequence[Effect], share: float) -> LevelAnswer:
@@ -277,7 +277,7 @@ def judge_levels(levels: LevelReference, effects: Sequence[Effect], share: float
     best = PutRight(effects=(), size=(), size_std=(), levels=levels, log_odds=0.0)
     tried: dict[frozenset, PutRight] = {}
     for number in range(MOST_AT_ONCE):
-        tried |= {one.keys: one for one in _one_more(best, effects, prior)}
+        tried |= {one.keys: one for one in _add_one_effect(best, effects, prior)}
         best = max([best, *tried.values()], key=lambda one: one.log_odds)
         if len(best.effects) <= number:
             break
@@ -289,10 +289,11 @@ def judge_levels(levels: LevelReference, effects: Sequence[Effect], share: float
         found = findings_of(sets, [one.log_odds for one in sets], [(ODD, "structure", odd), (CHANCE, "", 0.0)],
                             time_profile="constant")
     return LevelAnswer(findings=() if found is None else found[1], log_odds=log_odds, unexplained=unexplained,
-                       tested=tuple((e, _tested(levels, e, prior[e.key], share)) for e in effects if not e.discrete))
+                       tested=tuple((e, _judge_effect(levels, e, prior[e.key], share)) for e in effects
+                                    if not e.discrete))
 
 
-def _one_more(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashable, float]) -> list[PutRight]:
+def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashable, float]) -> list[PutRight]:
     """The effects that first order, or their only size, promises most of beside those begun with, each put right at the
     size that leaves nothing of it; and each place of sensors with a response of its own."""
     levels, once = begun.levels, begun.levels.once
@@ -310,7 +311,8 @@ def _one_more(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashabl
     order = sorted(promised, key=lambda e: -promised[e] - prior[e.key])[:MOST_TRIED]
     found = [_correct_effect(begun, e, prior[e.key]) for e in order]
     if all(e.cause != OWN_RESPONSE for e in begun.effects):
-        found += [_own_response(begun, name, rows, min(prior.values())) for name, rows in levels.motions.of_their_own]
+        found += [_fit_channel_response(begun, name, rows, min(prior.values()))
+                  for name, rows in levels.motions.of_their_own]
     return [one for one in found if one is not None]
 
 
@@ -364,7 +366,7 @@ class MeasuredResponse:
                          for hz, a, g in sorted(zip(self.at_hz, self.phase, self.gain, strict=True)))
 
 
-def _own_response(begun: PutRight, place: str, rows: tuple[int, ...], log_prior: float) -> PutRight | None:
+def _fit_channel_response(begun: PutRight, place: str, rows: tuple[int, ...], log_prior: float) -> PutRight | None:
     """As probable before as one row; each mode's phase and gain pay for what they may be. None where no phases below a
     half turn settle."""
     n = len(begun.levels.shape)
@@ -395,13 +397,13 @@ def _response(place: str, observe: MeasuredResponse) -> Effect:
                   check="look at its mount, its cable and its filter")
 
 
-def _tested(levels: LevelReference, effect: Effect, log_prior: float, share: float) -> Tested:
+def _judge_effect(levels: LevelReference, effect: Effect, log_prior: float, share: float) -> EffectTest:
     score, v, left = levels.scored(effect)
     if left < LEAST_LEFT:
-        return Tested(needed=np.inf, size_std=np.inf, share_left=left, z=0.0)
+        return EffectTest(needed=np.inf, size_std=np.inf, share_left=left, z=0.0)
     # the odds of what is found just so, at the size that it then has
     std, needed = v**-0.5, 0.0
     for _ in range(2):
         weight = log_weight_of_size(effect, needed * std, std)
         needed = float(np.sqrt(2 * max(-np.log(share) - log_prior - weight, 0.0)))
-    return Tested(needed=needed, size_std=std, share_left=left, z=score * std)
+    return EffectTest(needed=needed, size_std=std, share_left=left, z=score * std)

@@ -158,7 +158,7 @@ def signature(
     except np.linalg.LinAlgError:
         raise ConvergenceError(ACROSS, axes) from None
     plane_change = _times_columns(onto, shape_change)
-    turning, aligned = _onto_columns(plane_change, back), _onto_columns(shape_change, back)
+    turning, aligned = _turn_columns(plane_change, back), _turn_columns(shape_change, back)
     outside = aligned - _times_columns(reference.shape @ back, turning)
     tensor = tensor_change
     if in_plane.shape[-1] > 1:
@@ -178,7 +178,7 @@ def _times_columns(matrix: np.ndarray, change: np.ndarray) -> np.ndarray:
     return product.reshape(*product.shape[:-1], k, n)
 
 
-def _onto_columns(change: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def _turn_columns(change: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """(..., m, k, n) of change (..., m, k, n) of columns that are then multiplied with turn (..., k, k)."""
     return sum(change[..., [j], :] * turn[..., None, j, :, None] for j in range(turn.shape[-1]))
 
@@ -196,7 +196,7 @@ def _tensor_change(
     below = np.where(np.tri(log.shape[-1], k=-1) > 0, -1, 1)
     apart = np.where(np.abs(apart) < EQUAL, EQUAL * below, apart)[..., None]
     shape = in_plane @ turn
-    change = _onto_columns(plane_change, turn) + _times_columns(shape, np.where(itself, 0.0, of_modes / apart))
+    change = _turn_columns(plane_change, turn) + _times_columns(shape, np.where(itself, 0.0, of_modes / apart))
     phase = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=-2)))[..., None, :]
     shape, change = (shape * phase).real, (change * phase[..., None]).real
     length = np.linalg.norm(shape, axis=-2)[..., None, :]
@@ -211,7 +211,7 @@ def _tensor_change(
     return np.einsum("...ia,...abn,...jb->...ijn", rotation, np.where(itself, of_modes, spin * apart), rotation)
 
 
-def stated_columns(
+def stated_covariance_columns(
     frequency_hz: np.ndarray, shape: np.ndarray, d_log: np.ndarray, d_shape: np.ndarray, axes: np.ndarray
 ) -> np.ndarray | None:
     """What the identification's standard deviations of one block, d_log (k, n) of ln f and d_shape (n_channel, k, n),

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.evidence import linear_evidence, log_size_prior, over_error_scales
+from probupdate.diagnosis.evidence import error_scale_mean, linear_evidence, log_size_prior
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.hypotheses import without
 from probupdate.diagnosis.problem import DiagnosisProblem
@@ -54,7 +54,7 @@ def _log_evidence(fitted: Fit, factors: Sequence[np.ndarray]) -> float:
     """ln evidence with the discrepancy so many times as large, all unknowns to first order about the fit."""
     design = replace(fitted.design, discrepancy_std=tuple(
         std * factor for std, factor in zip(fitted.design.discrepancy_std, factors, strict=True)))
-    return log_size_prior(fitted.included) + over_error_scales(design, lambda d: linear_evidence(d, fitted.centred))
+    return log_size_prior(fitted.included) + error_scale_mean(design, lambda d: linear_evidence(d, fitted.centred))
 
 
 def stated_error(problem: DiagnosisProblem, frequencies: float = 1.0, shapes: float = 1.0) -> dict[str, float]:

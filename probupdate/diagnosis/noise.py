@@ -166,7 +166,7 @@ def estimate_noise(
         if not len(differences[q]):
             found = np.eye(m)
         elif pattern is not None:
-            found = _scaled(pattern, differences[q], kinds[q])
+            found = _scale_pattern(pattern, differences[q], kinds[q])
         else:
             found = _shrunk(differences[q]) if mixing is None else _common_variances(differences[q], kinds[q])
         covariances.append(found + np.diag(_least(m, n_log) ** 2))
@@ -359,7 +359,7 @@ def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndar
     return np.where(ok, weight, 0.0)
 
 
-def _scaled(pattern: np.ndarray, sample: np.ndarray, kinds: Sequence[slice]) -> np.ndarray:
+def _scale_pattern(pattern: np.ndarray, sample: np.ndarray, kinds: Sequence[slice]) -> np.ndarray:
     """The stated covariance with its standard deviations times what the sample's are over them, in each of these
     kinds."""
     scale = np.ones(len(pattern))
@@ -380,7 +380,7 @@ def agrees(covariance: np.ndarray, numbers: np.ndarray, n_log: int) -> bool:
     if len(numbers) < 3:
         return True
     difference = usual(np.diff(numbers, axis=0) / np.sqrt(2))
-    covariance = _scaled(covariance, difference, _kinds(len(covariance), n_log, apart=True))
+    covariance = _scale_pattern(covariance, difference, _kinds(len(covariance), n_log, apart=True))
     std = np.sqrt(np.diag(covariance))
     used = std > 0
     value, turn = np.linalg.eigh(covariance[np.ix_(used, used)] / np.outer(std[used], std[used]))
@@ -393,7 +393,7 @@ def agrees(covariance: np.ndarray, numbers: np.ndarray, n_log: int) -> bool:
     return bool(largest < BEYOND_EDGE * (1 + np.sqrt(p / n)) ** 2 * np.median(square[there]))
 
 
-def factored(sample: np.ndarray) -> np.ndarray:
+def factor_covariance(sample: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of rows of mean zero as few common factors and a scatter of each response's own: modes mix in a
     few directions, channels have their own noise. Maximum likelihood (Joereskog 1967); factors are those whose
     eigenvalue noise alone would not reach (Marchenko & Pastur 1967).

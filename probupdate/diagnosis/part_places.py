@@ -78,13 +78,13 @@ def words_of(points: np.ndarray, place: Callable[[np.ndarray], str], extent_m: f
     found = [place(point) for point in points]
     where = [coordinates(point, digits) for point in points]
     found = [f"{words}, at {at}" if words != at and many else words
-             for words, at, many in zip(found, where, _repeated(found), strict=True)]
+             for words, at, many in zip(found, where, _find_repeated(found), strict=True)]
     count = np.zeros(len(found), int)
-    for k, many in enumerate(_repeated(found)):
+    for k, many in enumerate(_find_repeated(found)):
         count[k] = 1 + sum(words == found[k] for words in found[:k]) if many else 0
     return [f"{words}, no. {number}" if number else words for words, number in zip(found, count, strict=True)]
 
 
-def _repeated(words: Sequence[str]) -> list[bool]:
+def _find_repeated(words: Sequence[str]) -> list[bool]:
     number = Counter(words)
     return [number[one] > 1 for one in words]

@@ -99,7 +99,7 @@ def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weight
     return total
 
 
-def predicted(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[np.ndarray]:
+def predict_groups(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[np.ndarray]:
     """X u per group (len(blocks), n_response)."""
     return [y[blocks] for y in design.expected(unknowns)]
 
@@ -127,7 +127,7 @@ def posterior(
     return mean, covariance
 
 
-def carried(
+def carried_unknowns(
     design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What `blocks` show other blocks of the unknowns: mean, zero of what is `transient`, and covariance Q of how the
@@ -143,10 +143,10 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     """Predict the blocks where `held` (n_block,) bool from all others; `centred` residuals per group (n_block,
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
-    mean, Q = carried(design, centred, np.flatnonzero(~held))
+    mean, Q = carried_unknowns(design, centred, np.flatnonzero(~held))
 
     weight = tuple(w[rows] for w in design.noise.weight)
-    expected = predicted(design, rows, mean)
+    expected = predict_groups(design, rows, mean)
     residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
                      for y, m, w in zip(centred, expected, weight, strict=True))
     shares, squares = log_density(design, rows, Q, residual)
@@ -182,7 +182,7 @@ Own = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Solved:
+class SolvedResiduals:
     """C^-1 y per group (len(rows), n_response); shares (len(rows),) that add up to y^T C^-1 y: of each block what the
     unknowns' best values leave, and evenly what these values cost; logarithm of what the unknowns multiply the noise's
     determinant with."""
@@ -194,7 +194,7 @@ class Solved:
 
 def solve_covariance(
     design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray], own: Sequence[Own] = ()
-) -> Solved:
+) -> SolvedResiduals:
     """With C = X Q X^T + R, and in the blocks of every fold of `own` its X Q_own X^T besides."""
     everywhere = (np.arange(len(rows)), covariance_root(Q, design.prior_std))
     parts = [everywhere, *((places, covariance_root(covariance, design.prior_std[: len(covariance)]))
@@ -216,7 +216,7 @@ def solve_covariance(
     for k, (places, root) in enumerate(parts):
         unknowns = np.zeros(design.n_unknown)
         unknowns[: len(root)] = root @ solution[ends[k] : ends[k + 1]]
-        for m, made in zip(moved, predicted(design, rows[places], unknowns), strict=True):
+        for m, made in zip(moved, predict_groups(design, rows[places], unknowns), strict=True):
             m[places] += made
     solved, shares, common, numbers = [], np.zeros(len(rows)), 0.0, np.zeros(len(rows))
     for q, (r, m) in enumerate(zip(y, moved, strict=True)):
@@ -225,8 +225,8 @@ def solve_covariance(
         shares += np.sum((r - m) * solved[-1], axis=1)
         common += float(np.sum(m * solved[-1]))
         numbers += (w[:, 0] > 0) * r.shape[1]
-    return Solved(solved=solved, shares=shares + common * numbers / max(numbers.sum(), 1.0),
-                  log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))
+    return SolvedResiduals(solved=solved, shares=shares + common * numbers / max(numbers.sum(), 1.0),
+                           log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))
 
 
 def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:

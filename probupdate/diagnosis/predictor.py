@@ -82,7 +82,7 @@ class ModalPredictor:
         for q, (plane, log) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
             there = np.flatnonzero(blocks.present[:, q] & chosen)
             if len(there):
-                own, its = _measured(blocks, blocks.groups[q], there)
+                own, its = _measured_plane(blocks, blocks.groups[q], there)
                 alike = float(np.sum((own.T @ plane) ** 2)) / plane.shape[1] if len(plane) else 1.0
                 others |= alike + _nearness(its.mean() - log.mean()) < 2.0 - ANOTHER_STATE
                 plane, log = own, its
@@ -134,7 +134,7 @@ class ModalPredictor:
     def _scores(self, shape: np.ndarray, log: np.ndarray, has_tuned: bool) -> np.ndarray:
         """(n_measured, n_search) share of a computed shape in the measured plane and closeness of frequencies, 2 at
         most, which a pairing is by; -1 of modes that no sensor sees."""
-        score, seen = [], _seen(shape)
+        score, seen = [], _is_seen(shape)
         for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
             share = _squares(plane.T @ shape) / np.where(seen, _squares(shape), 1.0)
             near = _nearness(log - expected.mean())
@@ -196,7 +196,7 @@ class ModalPredictor:
             change = np.zeros((n_channel, k, k * len(std)))
             for j in range(k):
                 change[:, j, j * len(std) : (j + 1) * len(std)] = others
-            made = signature(observed([reference], seen)[0], np.zeros((k, k, k * len(std))),
+            made = signature(observe([reference], seen)[0], np.zeros((k, k, k * len(std))),
                              _observed_change(reference, change, seen), axes)
             result.append((made, np.tile(std, k)))
         return result
@@ -231,7 +231,7 @@ class ModalPredictor:
         return result
 
 
-def observed(references: Sequence[Reference], effects: Sequence[tuple[Effect, float]]) -> list[Reference]:
+def observe(references: Sequence[Reference], effects: Sequence[tuple[Effect, float]]) -> list[Reference]:
     """The references as sensors with these effects and sizes see them, each where it stands on the way of a signal."""
     if not effects:
         return list(references)
@@ -285,7 +285,7 @@ def effect_signatures(
     amounts = sparse.csr_array(amounts.T)
     plain = [reference for (reference, _, _), _ in places]
     d_shape, d_log = _sensor_changes([e for e in effects if e.observe is not None], plain, seen)
-    own, there = _columns(plain), observed(plain, seen)
+    own, there = _columns(plain), observe(plain, seen)
     of_group: dict[int, list[int]] = {}
     for number, (_, axes) in enumerate(places):
         of_group.setdefault(id(axes), []).append(number)
@@ -295,8 +295,8 @@ def effect_signatures(
         reference = Reference(tensor=np.array([there[i].tensor for i in numbers]),
                               shape=np.array([there[i].shape for i in numbers]))
         # of real numbers by themselves in half of the time
-        moved = signature(reference, _summed(np.array([tensor for _, tensor, _ in sloped]), amounts),
-                          _summed(np.array([_observed_change(*one[::2], seen) for one in sloped]), amounts), axes)
+        moved = signature(reference, _sum_changes(np.array([tensor for _, tensor, _ in sloped]), amounts),
+                          _sum_changes(np.array([_observed_change(*one[::2], seen) for one in sloped]), amounts), axes)
         made = np.empty((*moved.shape[:2], len(effects)))
         made[:, :, ~of_sensors] = moved
         if of_sensors.any():
@@ -309,7 +309,7 @@ def effect_signatures(
     return result
 
 
-def _summed(change: np.ndarray, amounts: sparse.csr_array) -> np.ndarray:
+def _sum_changes(change: np.ndarray, amounts: sparse.csr_array) -> np.ndarray:
     """(..., n_effect) of changes (..., n_param) and the parameters' amounts in each effect (n_effect, n_param)."""
     *lead, n_param = change.shape
     return (amounts @ change.reshape(int(np.prod(lead)), n_param).T).T.reshape(*lead, amounts.shape[0])
@@ -389,7 +389,7 @@ def expected_frequencies(
     modes = small.at(theta).solve()
     shape, members = start._paired(small.at(theta), modes)
     found, seen = {name: float(np.nanmedian(hz)) for name, hz in zip(blocks.labels, blocks.frequency_hz.T, strict=True)
-                   if name in unmatched}, _seen(shape)
+                   if name in unmatched}, _is_seen(shape)
     for name, plane, (i,) in zip((blocks.labels[j] for j in of_model), start.planes, members, strict=True):
         if not seen[i]:
             continue
@@ -424,7 +424,7 @@ def unit_scores(
     return np.array(found)
 
 
-def _seen(shape: np.ndarray) -> np.ndarray:
+def _is_seen(shape: np.ndarray) -> np.ndarray:
     """(n_mode,) bool: modes of unit modal mass whose shapes (n_channel, n_mode) are not across all sensors."""
     size = np.linalg.norm(shape, axis=0)
     if not len(shape):
@@ -452,13 +452,13 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     planes, logs = [], []
     for group in groups:
         members = list(group)
-        plane, log = _measured(blocks, group, np.flatnonzero(blocks.have(members)))
+        plane, log = _measured_plane(blocks, group, np.flatnonzero(blocks.have(members)))
         planes.append(plane)
         logs.append(log)
     return ModalPredictor(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
 
 
-def _measured(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _measured_plane(blocks: Blocks, group: Sequence[int], there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The plane (n_channel, k) and ln f (k,) of a group's modes over the blocks numbered `there`."""
     members = list(group)
     log = np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0)

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from probupdate.diagnosis.blocks import KNOWN_SHARE, Blocks, gather, of_model, with_derived
-from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
-from probupdate.diagnosis.noise import Mixing, agrees, factored, mixing_of
+from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_covariance_columns
+from probupdate.diagnosis.noise import Mixing, agrees, factor_covariance, mixing_of
 from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies, unit_scores
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.small_model import SmallModel
@@ -180,8 +180,8 @@ class DiagnosisProblem:
             ln_frequency, shape = d.read()
             for q in np.flatnonzero(blocks.present[k]):
                 members = list(blocks.groups[q])
-                columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
-                                         ln_frequency[members], shape[:, members], self.predictor.axes[q])
+                columns = stated_covariance_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
+                                                    ln_frequency[members], shape[:, members], self.predictor.axes[q])
                 if columns is not None:
                     of_group[q].append(columns / blocks.relative_std[k, q])
         result = []
@@ -194,7 +194,7 @@ class DiagnosisProblem:
                 result.append(None)
                 continue
             # each block's standard deviations come from few parts of it
-            covariance = factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
+            covariance = factor_covariance(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
             numbers = self.measured[0][q][self.measured[1][q]]
             n_log = 1 if len(group) == 1 else 3
             result.append(covariance if not blocks.std_alone or agrees(covariance, numbers, n_log) else None)
@@ -259,7 +259,7 @@ def diagnosis_problem(
     effects = prepared.effects_on(blocks.channels, float(np.nanmax(np.nanmedian(blocks.frequency_hz, axis=0))))
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
-    unrecorded = _unrecorded(with_columns, effects)
+    unrecorded = _unrecorded_effects(with_columns, effects)
     notes = [*joined_modes, *blocks.notes, *blocks.rarely_whole(), *with_columns.little_known(columns)]
     if unrecorded:
         notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and "
@@ -306,7 +306,7 @@ def _refuse_another_order(
         raise InputError(f"set {most.id}", f"its modes are not this model's: {found.sentence}", found.remedy)
 
 
-def _unrecorded(blocks: Blocks, effects: Sequence[Effect]) -> tuple[tuple[int, TimeProfile, float], ...]:
+def _unrecorded_effects(blocks: Blocks, effects: Sequence[Effect]) -> tuple[tuple[int, TimeProfile, float], ...]:
     """What warms and cools the structure where the sets do not say how warm it was."""
     if np.isfinite(blocks.numbers(TEMPERATURE)).mean() >= KNOWN_SHARE:
         return ()

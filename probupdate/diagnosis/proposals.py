@@ -22,7 +22,7 @@ import numpy as np
 from scipy import optimize
 
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
-from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, kept, linearised, noise_of
+from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, kept_columns, linearise, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.predictor import MATE
@@ -40,7 +40,7 @@ MOST_SOLVED, MOST_SOLVED_ALONE = 6, 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tried:
+class TriedCandidate:
     """A candidate with the time profile and size that explain most, and by how much it lowers -2 ln posterior with the
     scale of all noise as the record then asks for. `whole`: at that size itself, not to first order."""
 
@@ -81,7 +81,7 @@ class _AtOwnSizes:
 
     def surprise(self, each: Sequence[Sequence[IncludedEffect]]) -> np.ndarray:
         """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
-        left = kept(residuals_of_sizes(self.problem, self.theta, each, self.answers), self.noise)
+        left = kept_columns(residuals_of_sizes(self.problem, self.theta, each, self.answers), self.noise)
         return self.count * np.log(
             self.design.misfits(tuple(y - c for y, c in zip(left, self.centre, strict=True)), []))
 
@@ -89,7 +89,7 @@ class _AtOwnSizes:
     def before(self) -> float:
         return float(self.surprise([self.included])[0])
 
-    def at_best_size(self, t: Tried) -> Tried:
+    def at_best_size(self, t: TriedCandidate) -> TriedCandidate:
         """At that of all sizes tried that explains most."""
         effect = self.problem.effects[self.problem.which[t.candidate, 0]]
         sizes = _about(effect, t.size) if effect.observe is None else sizes_of(effect)
@@ -101,16 +101,16 @@ class _AtOwnSizes:
         return replace(t, size=sizes[best], gain=float(gain[best]), whole=True)
 
 
-def tried_whole(
+def try_candidates(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], candidates: np.ndarray
-) -> list[Tried]:
+) -> list[TriedCandidate]:
     """The `candidates` (bool) beside what is included already, each effect's best time profile of every kind, the most
     telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
     answers = ModelAnswers()
     here = residuals_at(problem, theta, included, answers)
     noise = noise_of(problem, here)
-    design, residuals, centred = linearised(problem, theta, included, noise, here)
+    design, residuals, centred = linearise(problem, theta, included, noise, here)
     own = _AtOwnSizes(problem=problem, included=included, theta=theta, design=design, noise=noise, answers=answers,
                       centre=[y - c for y, c in zip(residuals, centred, strict=True)])
     misfit = design.misfit(centred, [])
@@ -122,9 +122,9 @@ def tried_whole(
     linear = own.count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
     result, structural = [], []
 
-    def at_first(k: int) -> Tried:
-        return Tried(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
-                     gain=float(linear[k]), whole=False)
+    def at_first(k: int) -> TriedCandidate:
+        return TriedCandidate(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
+                              gain=float(linear[k]), whole=False)
 
     for rows in _group_by_effect_and_kind(problem, candidates):
         t = at_first(int(rows[np.argmax(lower[rows])]))
@@ -170,7 +170,7 @@ def _about(effect: Effect, size: float) -> list[float]:
 
 def changed_together(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], rows: Sequence[int], profile: TimeProfile, most: int
-) -> tuple[np.ndarray, list[Tried]]:
+) -> tuple[np.ndarray, list[TriedCandidate]]:
     """The few candidates among `rows`, at most so many, that changed together along a time profile, beside what is
     included already: all that change one parameter each are estimated at once, of which their heavy-tailed prior lets
     few be large; then those that explain most of these sizes, one after the other, members of a group as the group.
@@ -187,10 +187,10 @@ def changed_together(
     precision = np.linalg.inv(fitted.design.unknowns_cov(range(start, start + len(own))))
     shares = {k: np.array([names.get(name, 0.0) / moving[alone[name]][name] for name in alone])
               for k, names in moving.items() if set(names) <= set(alone)}
-    chosen: list[Tried] = []
+    chosen: list[TriedCandidate] = []
     explained = 0.0
     while len(chosen) < most:
-        found = {k: _explained(size, precision, [*(shares[t.candidate] for t in chosen), share])
+        found = {k: _best_combination(size, precision, [*(shares[t.candidate] for t in chosen), share])
                  for k, share in shares.items() if k not in [t.candidate for t in chosen]}
         best = max(found, key=lambda k: found[k][0], default=None)
         if best is None or found[best][0] - explained < 2 * MARGIN:
@@ -198,13 +198,14 @@ def changed_together(
         (total, best_sizes), parts = found[best], [*(t.candidate for t in chosen), best]
         gained = [*(t.gain for t in chosen), total - explained]
         within = [float(np.clip(s, effects[k].lower, effects[k].upper)) for k, s in zip(parts, best_sizes, strict=True)]
-        chosen = [Tried(candidate=k, time_profile=profile, size=s, gain=g, whole=True)
+        chosen = [TriedCandidate(candidate=k, time_profile=profile, size=s, gain=g, whole=True)
                   for k, s, g in zip(parts, within, gained, strict=True)]
         explained = total
     return fitted.theta, chosen
 
 
-def _explained(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+def _best_combination(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.ndarray]) -> tuple[float,
+                                                                                                       np.ndarray]:
     """How much of size^T precision size the best combination of these columns explains, and that combination."""
     E = np.column_stack(columns)
     right = E.T @ precision @ size
@@ -290,7 +291,7 @@ def problem_with_effects(
 SHARE_STEP, WITHIN = 0.005, 16.0
 
 
-def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile: TimeProfile) -> TimeProfile:
+def sharpen_time(problem: DiagnosisProblem, fitted: Fit, effect: int, time_profile: TimeProfile) -> TimeProfile:
     """The step of effect number `effect` that scores highest among all blocks between the neighbours of `time_profile`
     in the search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
     tried = _steps_between_neighbours(problem, time_profile)
@@ -313,7 +314,7 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
         def left(time_profile: TimeProfile, design=fitted.design, n=n, i=i) -> float:
             tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
             residuals = residuals_at(problem, fitted.theta, tried, answers)
-            return design.misfit(kept(residuals, noise), held)
+            return design.misfit(kept_columns(residuals, noise), held)
 
         # where two leave the same the one that is there
         there = step_profile(len(problem.blocks), n.time_profile.at)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, only_promised
+from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, promised_evidence
 from probupdate.diagnosis.expected import ModelAnswers
 from probupdate.diagnosis.fitting import Fit, design_at
 from probupdate.diagnosis.noise import Noise
@@ -24,8 +24,8 @@ CLOSE = 40.0
 class Hypothesis:
     """Effects with their time profiles beside the model (`candidates`, rows of the problem's `which`, in the order of
     `fitted.included`), fitted; score z of each when it was proposed; ln prior probability of the set; ln evidence by
-    Laplace's method at its own noise, and what of it is `only_promised`, and what it has for ways that it leaves free
-    (`not_predicted`). `stored`: the effects that its design, which is not kept, was made with."""
+    Laplace's method at its own noise, and what of it is `promised_evidence`, and what it has for ways that it leaves
+    free (`not_predicted`). `stored`: the effects that its design, which is not kept, was made with."""
 
     candidates: tuple[int, ...]
     z: tuple[float, ...]
@@ -93,7 +93,7 @@ def hypothesis_of(
     """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
     own = log_evidence(problem, fitted)
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
-                      log_evidence=own, promised=only_promised(problem, fitted),
+                      log_evidence=own, promised=promised_evidence(problem, fitted),
                       not_predicted=_unpredicted_evidence(problem, fitted, own))
 
 

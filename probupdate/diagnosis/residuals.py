@@ -151,7 +151,7 @@ def _bands(r: Residual, problem: DiagnosisProblem) -> dict:
     free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means
     keep = linalg.block_diag(*free)
-    white = whitened(keep.T @ covariance @ keep, keep.T @ mean)
+    white = whiten(keep.T @ covariance @ keep, keep.T @ mean)
     single = []
     for q, part in enumerate(free):
         if not part.size:
@@ -164,14 +164,14 @@ def _bands(r: Residual, problem: DiagnosisProblem) -> dict:
         own = part.T @ r.design.noise.covariance[q] @ part
         # a block is part of the mean that was taken off
         size = np.sqrt(1 / weight[rows] - 1 / weight.sum())
-        single.append((whitened(own, about.T) / size).ravel())
+        single.append((whiten(own, about.T) / size).ravel())
     return {
         "means": _shares(white) | {"p": _two(stats.chi2.sf(float(white @ white), white.size))},
         "blocks": _shares(np.concatenate(single) if single else np.zeros(0)),
     }
 
 
-def whitened(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
+def whiten(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (n, ...) along the covariance's own directions, over their standard deviations; directions that rounding
     alone fills are left out. Each is scaled by its own standard deviation first, as frequencies and shapes are powers
     of ten apart."""
@@ -200,7 +200,7 @@ def _shares(white: np.ndarray) -> dict:
 # Along the record --------------------------------------------------------------------------------------------------
 
 
-def _shown(
+def _drawn_residuals(
     both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]
 ) -> list[tuple[int, int, str, float]]:
     """(group, response, name, z) of what is drawn over time: frequencies, and the parts of shapes that move most."""
@@ -231,7 +231,7 @@ def _shape_name(problem: DiagnosisProblem, q: int, response: int, n_log: int) ->
 def _time(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]) -> dict:
     """Series of what is shown, in per cent about their mean, with the standard deviation expected of each point."""
     blocks = problem.blocks
-    shown = _shown(both, problem, words)
+    shown = _drawn_residuals(both, problem, words)
     most = max(20, min(MOST_POINTS, MOST_NUMBERS // max(1, (len(both) + 1) * len(shown))))
     chunks = np.array_split(np.arange(len(blocks)), min(len(blocks), most))
     masks = [np.isin(np.arange(len(blocks)), p) for p in chunks]
@@ -363,11 +363,11 @@ def _measurement(problem: DiagnosisProblem, first: Search) -> list[dict]:
     return rows
 
 
-def _rounded(digits: int) -> Callable[[float], float | None]:
+def _rounding_to(digits: int) -> Callable[[float], float | None]:
     def rounded(value: float) -> float | None:
         return float(f"{value:.{digits - 1}e}") if np.isfinite(value) else None
 
     return rounded
 
 
-_two, _three, _four = _rounded(2), _rounded(3), _rounded(4)
+_two, _three, _four = _rounding_to(2), _rounding_to(3), _rounding_to(4)

@@ -14,8 +14,8 @@ from probupdate.campaign.usable import lacking_notes
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend as extend_model
-from probupdate.diagnosis.extension_sampling import bounded
-from probupdate.diagnosis.free_form import free_form, own_response_content
+from probupdate.diagnosis.extension_sampling import sampler_settings
+from probupdate.diagnosis.free_form import channel_response_content, free_form
 from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.hypotheses import MOST_MOVES
 from probupdate.diagnosis.model_error import LARGER_ERRORS
@@ -179,7 +179,7 @@ def _whole(
         return found
     # last, as it writes files: a run that is interrupted leaves those that stand beside an earlier diagnosis
     if sampler is True:
-        sampler = bounded(seed, turbine=prepared.description is not None)
+        sampler = sampler_settings(seed, turbine=prepared.description is not None)
     more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
                         seed=seed, runs=runs, progress=progress)
     return replace(found, extended_model=more.model, extension=more.content)
@@ -212,7 +212,7 @@ def _unknown_cause(
     """What no row describes, of sensors or, where these are as they should be, of the structure, and what it gains on
     held-out blocks."""
     if outcome.own_response is not None:
-        return own_response_content(outcome, seed=seed)
+        return channel_response_content(outcome, seed=seed)
     free = free_form(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
     if free is None:
         return {}

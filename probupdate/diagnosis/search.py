@@ -101,7 +101,7 @@ def search(
     largest = float(np.max(np.where(allowed, np.abs(z), 0.0)))
     alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
     return Search(which=problem.which, z=z, size=np.where(usable, z * scale, 0.0), size_std=std, allowed=allowed,
-                  usable=usable, threshold=exceeded(maxima, alarms, heavy=heavy),
+                  usable=usable, threshold=value_exceeded_by(maxima, alarms, heavy=heavy),
                   p_value=tail(maxima, largest, heavy=heavy),
                   maxima=maxima, heavier=heavier, u=u)
 
@@ -173,7 +173,7 @@ def tail(maxima: np.ndarray, value: float, *, heavy: bool = False) -> float:
     return float(min(beyond, 11 / (len(maxima) + 1)))
 
 
-def exceeded(maxima: np.ndarray, share: float, *, heavy: bool = False) -> float:
+def value_exceeded_by(maxima: np.ndarray, share: float, *, heavy: bool = False) -> float:
     """The value above which `tail` is less than `share`; infinite where draws are all zero: nothing can be scored."""
     if not np.any(maxima):
         return np.inf
@@ -257,8 +257,8 @@ def _length(profile: TimeProfile) -> float:
 def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of every candidate beside a linear model with scores u and information v (n_candidate,): ln Bayes factor, size
     that explains most on a side that it can be on. The prior of a size is the Cauchy density of `IncludedEffect`."""
-    empty = [IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=0.0) for j,
-             c in problem.which]
+    empty = [IncludedEffect(effect=problem.effects[j], time_profile=problem.time_profiles[c], size=0.0)
+             for j, c in problem.which]
     only = np.array([n.effect.discrete[0] if n.effect.discrete else np.nan for n in empty])
     prior_scale, (lower, upper) = np.array([n.prior_scale for n in empty]), np.array([n.bounds for n in empty]).T
     # an effect that is not linear explains more at its bound than its slope promises there: its side alone counts

@@ -15,13 +15,13 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.empirical_reference import look, mended, residuals, signatures
-from probupdate.diagnosis.empirical_search import Followed, log_prior_of_effects, watch
+from probupdate.diagnosis.empirical_reference import correct_blocks, look, residuals, signatures
+from probupdate.diagnosis.empirical_search import ReferencedBlocks, log_prior_of_effects, watch
 from probupdate.diagnosis.engine.library import sizes
 from probupdate.diagnosis.engine.verdict import CHANCE, EffectSet, findings_of
 from probupdate.diagnosis.evidence import log_weight_of_size, size_at_bound, size_by_secant
 from probupdate.diagnosis.results import Finding
-from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, step_profile
+from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, blocks_between_steps, step_profile
 from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 
@@ -66,7 +66,7 @@ class Case:
     profile: TimeProfile
     log_prior: float
 
-    def seen(self, blocks: Blocks, effects: Sequence[Effect] = ()) -> Followed:
+    def seen(self, blocks: Blocks, effects: Sequence[Effect] = ()) -> ReferencedBlocks:
         """Blocks beside what was before the step."""
         return watch(blocks, effects, self.sensors, self.known, [self.profile], self.profile.value)
 
@@ -87,20 +87,20 @@ def changes_of_sensors(
     tried: dict[frozenset, PutRight] = {}
     nothing = PutRight(effects=(), size=(), size_std=(), blocks=blocks, log_prior=0.0)
     best = nothing
-    judged: Judged | None = None
+    judged: SetOdds | None = None
     for number in range(MOST_AT_ONCE):
-        more = _one_more(case, best)
+        more = _add_one_effect(case, best)
         if not number and more:
-            judged = _judged(case, more)
+            judged = _judge_hypotheses(case, more)
             sharper = _sharper(case, max(more, key=lambda one: judged.of[one.keys]))
             if sharper.at != case.profile.at:
                 case, judged = replace(case, profile=sharper), None
-                more = _one_more(case, best)
+                more = _add_one_effect(case, best)
         if not more:
             break
         tried |= {one.keys: one for one in more}
         if number or judged is None:
-            judged = _judged(case, list(tried.values()))
+            judged = _judge_hypotheses(case, list(tried.values()))
         first = max(judged.of, key=lambda key: judged.of[key])
         best = tried[first]
         if len(first) <= number or judged.left[first] < 0:
@@ -110,7 +110,7 @@ def changes_of_sensors(
     return _answer(case, tried, judged)
 
 
-def _one_more(case: Case, begun: PutRight) -> list[PutRight]:
+def _add_one_effect(case: Case, begun: PutRight) -> list[PutRight]:
     """The effects that first order or their own large size promise most beside those begun with, each put right at the
     size that leaves nothing of it."""
     seen = case.seen(begun.blocks, case.catalogue)
@@ -128,13 +128,13 @@ def _one_more(case: Case, begun: PutRight) -> list[PutRight]:
 
 
 def _correct_effect(
-    case: Case, begun: PutRight, seen: Followed, effect: Effect, start: float
+    case: Case, begun: PutRight, seen: ReferencedBlocks, effect: Effect, start: float
 ) -> PutRight | None:
     """None where the size ends at a bound: what was measured asks for something else."""
     value = case.profile.value
 
     def left(size: float) -> tuple[float, float]:
-        now = mended(begun.blocks, effect, size * value)
+        now = correct_blocks(begun.blocks, effect, size * value)
         empirical = look(now, case.sensors, value)
         then = seen.with_residuals(residuals(empirical, case.known), empirical.used)
         found, std = sizes(then.along, then.directions.turn @ signatures([effect], empirical))
@@ -145,7 +145,7 @@ def _correct_effect(
         return None
     odds = log_prior_of_effects(case.catalogue, "step")[case.catalogue.index(effect)]
     return PutRight(effects=(*begun.effects, effect), size=(*begun.size, size), size_std=(*begun.size_std, std),
-                    blocks=mended(begun.blocks, effect, size * value),
+                    blocks=correct_blocks(begun.blocks, effect, size * value),
                     log_prior=begun.log_prior + odds + log_weight_of_size(effect, size, std))
 
 
@@ -179,7 +179,7 @@ def _fit_large_sizes(blocks: Blocks, effects: Sequence[Effect], at: int) -> list
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Judged:
+class SetOdds:
     """ln posterior odds over nothing: `of` each set of sensors' effects by its keys, and of what `left` by them a
     change of the structure would explain; of the `structure` alone."""
 
@@ -188,7 +188,7 @@ class Judged:
     structure: float
 
 
-def _judged(case: Case, hypotheses: Sequence[PutRight]) -> Judged:
+def _judge_hypotheses(case: Case, hypotheses: Sequence[PutRight]) -> SetOdds:
     """All on the same numbers: in the directions in which the record scatters once the one is put right that leaves
     nothing, or that is the most probable of those that do."""
     first = _judge_numbers(case, case.seen(hypotheses[0].blocks), hypotheses)
@@ -196,7 +196,7 @@ def _judged(case: Case, hypotheses: Sequence[PutRight]) -> Judged:
     return first if best is hypotheses[0] else _judge_numbers(case, case.seen(best.blocks), hypotheses)
 
 
-def _judge_numbers(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -> Judged:
+def _judge_numbers(case: Case, seen: ReferencedBlocks, hypotheses: Sequence[PutRight]) -> SetOdds:
     measured, used = case.rest(case.blocks)
     rests = [case.rest(one.blocks) for one in hypotheses]
     used = [np.all(q, axis=0) for q in zip(used, *(r[1] for r in rests), strict=True)]
@@ -215,11 +215,11 @@ def _judge_numbers(case: Case, seen: Followed, hypotheses: Sequence[PutRight]) -
         unknown = put_right.unknown()
         left[one.keys] = float(np.logaddexp(unknown.of_any[0] + case.log_prior,
                                             unknown.frequencies[0] + np.log(LOOKS_ALIKE)))
-    return Judged(of=odds, left=left, structure=structure)
+    return SetOdds(of=odds, left=left, structure=structure)
 
 
 def _answer(
-    case: Case, tried: Mapping[frozenset, PutRight], judged: Judged
+    case: Case, tried: Mapping[frozenset, PutRight], judged: SetOdds
 ) -> tuple[list[Change], Blocks] | None:
     sets, own = list(tried.values()), [judged.of[k] for k in tried]
     # what the most probable ones leave is the structure's
@@ -242,7 +242,7 @@ def _sharper(case: Case, one: PutRight) -> TimeProfile:
     @cache
     def log_density(at: int) -> float:
         value = step_profile(n, at).value
-        empirical = look(mended(case.blocks, effect, size * value), case.sensors, case.profile.value)
+        empirical = look(correct_blocks(case.blocks, effect, size * value), case.sensors, case.profile.value)
         own = seen.with_residuals(residuals(empirical, case.known), empirical.used).log_nothing
         return own - _log_stretch(effect, size, value != 0, case.blocks, empirical.used, empirical.axes)
 
@@ -251,7 +251,7 @@ def _sharper(case: Case, one: PutRight) -> TimeProfile:
 
 def best_time(n: int, at: int, log_density: Callable[[int], float]) -> int:
     """Of n blocks the one from which a step is most probable, by halved steps from one of a coarse grid."""
-    step = between_steps(n)
+    step = blocks_between_steps(n)
     while True:
         best = max((k for k in (at, at - step, at + step) if EDGE <= k <= n - EDGE), key=log_density)
         if best == at and step == 1:

@@ -15,7 +15,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
-from probupdate.structure.projected_terms import Expansion, ProjectedTerms, patterned
+from probupdate.structure.projected_terms import Expansion, ProjectedTerms, union_pattern
 
 # modes a snapshot holds beyond those looked for: modes may trade places
 SPARE = 1
@@ -43,7 +43,7 @@ MASSLESS = 1e-14
 
 def _term_harmonics(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list[sparse.csc_array]:
     """Harmonics of a term that is known at all TURNS_DEG; what does not turn in it has none but the first."""
-    pattern, entry = patterned(terms)
+    pattern, entry = union_pattern(terms)
     at = entry.toarray()
     found = turn @ at
     found[1:][np.abs(found[1:]) < 1e-14 * np.abs(at).max(axis=0)] = 0.0
@@ -88,8 +88,8 @@ def small_model(
     energy, directions = energy_directions(_snapshots(models, points, count, n_mode, size), K)
     basis, error, wrong = directions[:, :0], np.inf, np.inf
     for _ in range(MOST_ROUNDS):
-        verified = _Verified.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
-                                   _alone(first.parameters, effects, reach, rng), count, sure)
+        verified = _VerifiedPoints.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
+                                         _single_effect_points(first.parameters, effects, reach, rng), count, sure)
         # each basis holds the ones before it
         projected = verified.projected(directions[:, energy > min(CUTS)])
         for cut in CUTS:
@@ -109,7 +109,7 @@ def small_model(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Verified:
+class _VerifiedPoints:
     """The full model's answers at points that took no part in the basis: K and M of `unseen` ones with the `sure`
     lowest frequencies there, of effects by themselves (the first without any) with ln f, and all their modes (n_dof, n)
     of unit energy."""
@@ -122,7 +122,7 @@ class _Verified:
     sure: int
 
     @classmethod
-    def solve(cls, models: Sequence[AffineModel], check, alone, count: int, sure: int) -> _Verified:
+    def solve(cls, models: Sequence[AffineModel], check, alone, count: int, sure: int) -> _VerifiedPoints:
         unseen = [_Sum(models[k % len(models)]).both(theta) for k, theta in enumerate(check)]
         one = _Sum(models[0])
         lonely = [one.both(theta) for theta in alone]
@@ -208,7 +208,7 @@ def _range_points(parameters: Parameters, numbers: Sequence[int], reach: np.ndar
     return theta
 
 
-def _alone(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
+def _single_effect_points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
     """The prior's centre, and some of the effects by themselves there, half as strong as may be and stronger."""
     chosen = rng.permutation(np.asarray(effects, int))[:N_CHANGE]
     theta = np.tile(parameters.initial, (1 + len(chosen), 1))
@@ -237,7 +237,7 @@ class _Sum:
 
     def __init__(self, model: AffineModel):
         self.model = model
-        self._parts = [patterned(terms) for terms in (model.stiffness, model.mass)]
+        self._parts = [union_pattern(terms) for terms in (model.stiffness, model.mass)]
 
     def K(self, theta: np.ndarray) -> sparse.csc_array:
         return self._weighted(0, self.model.coefficients(theta)[0])

@@ -53,7 +53,7 @@ def _candidate(problem: DiagnosisProblem, finding: Finding, key: Hashable) -> in
     return min(found)[1] if found else None
 
 
-def needed_z(score_correlation: float, error: float = 0.0) -> float:
+def distinguishing_z(score_correlation: float, error: float = 0.0) -> float:
     """|z| from which two causes whose scores correlate by `score_correlation` are distinguished in 95 % of records,
     their signatures known but for a share `error` (`model_error_dispersion`); inf where no |z| is enough."""
     by_noise = QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
@@ -65,7 +65,7 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     score_correlation = float(np.abs(design.score_correlation([best, competitor])[0, 1]))
     first, second = (problem.effects[problem.which[k, 0]] for k in (best, competitor))
     error = error_scale(first)
-    needed = needed_z(score_correlation, error)
+    needed = distinguishing_z(score_correlation, error)
     text = (f"{first.name} and {second.name} have a score correlation of {score_correlation:.2f} once all that is "
             "normal has taken its part: ")
     if score_correlation > 0.999:

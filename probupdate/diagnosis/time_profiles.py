@@ -85,7 +85,7 @@ def weather_profiles(hours: np.ndarray) -> list[tuple[TimeProfile, float]]:
             for value, std, column in waves if np.ptp(value) > 1e-6]
 
 
-def between_steps(n: int, n_step: int = N_STEP) -> int:
+def blocks_between_steps(n: int, n_step: int = N_STEP) -> int:
     """Blocks from one of `n_step` times of a step that are tried in n blocks to the next, at most."""
     return -(-(n - 2 * EDGE) // n_step)
 

@@ -14,16 +14,16 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
-from probupdate.diagnosis.blocks import FEWEST, mode_words, unmatched, unmatched_words
+from probupdate.diagnosis.blocks import FEWEST, find_unmatched_modes, mode_words, unmatched_words
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.elementary import FITTED, Part, hung_near
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, first_steps, fitted_without_candidates, noise_of, with_candidates
 from probupdate.diagnosis.free_form import (
     POSSIBLE,
-    at_different_places,
     modes_moved,
-    tuned,
+    parts_at_different_places,
+    tuned_frequency,
     with_tuned_mass,
 )
 from probupdate.diagnosis.gain import measures
@@ -64,7 +64,7 @@ class TunedMassFit:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Unmatched:
+class UnmatchedMode:
     """What is said of one mode: probabilities that a mass on springs has it (`of_mass`) and that it is the model's own,
     which was not recognised (`of_model`), the rest being something else; p of what a mass leaves (`adequacy_p`);
     `content` of diagnosis.json, empty where a mass does not explain the mode; `instead`: what was found is no more
@@ -81,12 +81,12 @@ class Unmatched:
 def unmatched_modes(
     prepared: Prepared, known: Outcome, data: ModalData, *, seed: int = 1, runs: Executor = SERIAL,
     progress: Progress = silent,
-) -> list[Unmatched]:
+) -> list[UnmatchedMode]:
     """Every mode that is none of the model's, by itself, beside what the diagnosis of all others (`known`) found."""
     ids = set(known.problem.blocks.ids)
     data, _ = join_modes(data)
     data = replace(data, sets=tuple(s for s in data.sets if s.id in ids))
-    records = unmatched(data)
+    records = find_unmatched_modes(data)
     compared = len(known.problem.blocks.labels)
     if known.problem.blocks.few or compared >= prepared.small.n_search:
         return []
@@ -96,7 +96,7 @@ def unmatched_modes(
         hz = tuple(float(record.frequency_hz * np.exp(shift)) for shift in NEAR)
         problem, parts = _with_mode(prepared, known, data, record.label), hung_near(prepared, hz)
         if problem is not None and parts:
-            result.append(_explained(known, problem, record, parts, seed=seed, runs=runs))
+            result.append(_explain_mode(known, problem, record, parts, seed=seed, runs=runs))
     return result
 
 
@@ -113,7 +113,7 @@ def _with_mode(prepared: Prepared, known: Outcome, data: ModalData, label: str) 
                    time_profiles=known.problem.time_profiles)
 
 
-def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
+def with_unmatched(found: Diagnosis, modes: Sequence[UnmatchedMode]) -> Diagnosis:
     """The diagnosis with what is said of modes that are none of the model's: where a mass on springs has one, the model
     lacks it, whatever else was found."""
     if not modes:
@@ -131,7 +131,7 @@ def with_unmatched(found: Diagnosis, modes: Sequence[Unmatched]) -> Diagnosis:
                    verdict="unexplained" if explained and found.verdict == "none" else found.verdict)
 
 
-def _words(one: Unmatched) -> str:
+def _words(one: UnmatchedMode) -> str:
     known = unmatched_words(one.record)
     if one.content:
         return (f"{mode_words(one.record)}, is none of the model's: a mass on springs has it, with probability "
@@ -145,18 +145,18 @@ def _words(one: Unmatched) -> str:
             f"(p = {one.adequacy_p:.2g})")
 
 
-def _explained(
+def _explain_mode(
     known: Outcome, problem: DiagnosisProblem, record: ModeRecord, parts: Sequence[Part], *, seed: int, runs: Executor,
-) -> Unmatched:
+) -> UnmatchedMode:
     profile = _beginning_profile(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
     stepped = initialise_tuned_mass(problem.taken(there), noise_of_sets(problem).taken(there), parts, runs)
-    begun = [(parts[k], size) for k in at_different_places(parts, [*stepped], FITTED)
+    begun = [(parts[k], size) for k in parts_at_different_places(parts, [*stepped], FITTED)
              for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
     shared = problem, _effects_found(known), profile
-    found = [one for one in runs.in_order(_fitted, begun, shared=shared) if one is not None]
+    found = [one for one in runs.in_order(_fit_with_part, begun, shared=shared) if one is not None]
     if not found:
-        return Unmatched(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
+        return UnmatchedMode(record=record, of_mass=0.0, of_model=0.0, adequacy_p=0.0, content={})
     best = max(found, key=lambda one: one.log_evidence)
     best, instead = _substitute_for_findings(problem, best)
     noise = best.fitted.design.noise
@@ -172,8 +172,8 @@ def _explained(
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
     where = {one.part[1].key.untuned: one.part[1].where for one in found}
     content = _content(known, best, record, value, where) if of_mass >= PROBABLE and p >= ADEQUATE else {}
-    return Unmatched(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p, instead=instead,
-                     content=content and {**content, "complete": True, "adequacy_p": p})
+    return UnmatchedMode(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p, instead=instead,
+                         content=content and {**content, "complete": True, "adequacy_p": p})
 
 
 def _substitute_for_findings(
@@ -183,7 +183,7 @@ def _substitute_for_findings(
     stood for what the mass does to the other modes."""
     beside = best.fitted.included[:-1]
     n = best.fitted.included[-1]
-    alone = _fitted(problem, (), n.time_profile, best.part, n.size, best.fitted.theta) if beside else None
+    alone = _fit_with_part(problem, (), n.time_profile, best.part, n.size, best.fitted.theta) if beside else None
     if alone is None:
         return best, False
     noise = best.fitted.design.noise
@@ -249,7 +249,7 @@ def initialise_tuned_mass(
     step, at every place and every second frequency (where none does, those that move one way); where they explain most
     they go some more, and those that move along one direction too.
     """
-    rows = at_one_heading(problem)
+    rows = blocks_at_one_heading(problem)
     shared = problem.taken(rows), noise.taken(rows)
     hung: dict[PartKey, list[int]] = {}
     for k, part in enumerate(parts):
@@ -257,7 +257,8 @@ def initialise_tuned_mass(
             hung.setdefault(part[1].key.untuned, []).append(k)
 
     def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
-        found = zip(numbers, runs.in_order(_stepped, [(parts[k], count) for k in numbers], shared=shared), strict=True)
+        found = zip(numbers, runs.in_order(_fit_tuned_mass, [(parts[k], count) for k in numbers], shared=shared),
+                    strict=True)
         return sorted((one[0], k, *one[1:]) for k, one in found if one is not None)
 
     both_ways = any(key.way is None for key in hung)
@@ -272,13 +273,13 @@ def initialise_tuned_mass(
     return {k: size for _, k, size, _ in steps(again, MORE_STEPS)}
 
 
-def at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
+def blocks_at_one_heading(problem: DiagnosisProblem) -> np.ndarray:
     """Numbers of the blocks of the heading at which most are known."""
     _, bin_of = problem.bins
     return np.flatnonzero(bin_of == np.argmax(np.bincount(bin_of)))
 
 
-def _stepped(
+def _fit_tuned_mass(
     problem: DiagnosisProblem, noise: Noise, part: Part, count: int
 ) -> tuple[float, float, float] | None:
     """-2 ln posterior, mass and frequency where so many steps with a mass on springs lead; None where the model has no
@@ -292,7 +293,7 @@ def _stepped(
     return misfit, n.size, hung.hz * float(np.exp(theta[hung.tuning]))
 
 
-def _fitted(
+def _fit_with_part(
     problem: DiagnosisProblem, included: Sequence[IncludedEffect], profile: TimeProfile, part: Part, size: float,
     theta: np.ndarray | None = None,
 ) -> TunedMassFit | None:
@@ -361,13 +362,13 @@ def _content(
         "posterior_probability": places.pop(here),
         "alternatives": [{"cause": n.effect.cause, "location": where[place], "posterior_probability": p}
                          for place, p in sorted(places.items(), key=lambda pair: -pair[1]) if p > POSSIBLE],
-        **tuned(outcome, n),
+        **tuned_frequency(outcome, n),
         "has_mode": {"label": record.label, "frequency_hz": record.frequency_hz,
                      "computed_hz": float(np.exp(computed.tensor[0, 0])),
                      "mac": float(mac(axes, computed.shape)[0, 0])},
     }
     # how it moves the modes that the model has, and predicts them
-    one = _fitted(known.problem, fitted.included[:-1], n.time_profile, best.part, n.size, fitted.theta)
+    one = _fit_with_part(known.problem, fitted.included[:-1], n.time_profile, best.part, n.size, fitted.theta)
     if one is None:
         return {"parts": [row]}
     moved = modes_moved(replace(known, problem=one.problem, fitted=one.fitted), len(one.fitted.included) - 1)

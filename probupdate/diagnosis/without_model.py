@@ -13,16 +13,16 @@ from itertools import combinations
 import numpy as np
 from scipy.special import logsumexp
 
-from probupdate.campaign.rigid_bodies import levelled
+from probupdate.campaign.rigid_bodies import name_levels
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.empirical_reference import look
-from probupdate.diagnosis.empirical_search import Followed, Odds, log_prior_of_profiles, odds_of, watch
+from probupdate.diagnosis.empirical_search import Odds, ReferencedBlocks, log_prior_of_profiles, odds_of, watch
 from probupdate.diagnosis.engine.library import Unknown, sizes
 from probupdate.diagnosis.engine.verdict import POWER, SURE, verdict_of
 from probupdate.diagnosis.level_shapes import OWN_RESPONSE, LevelAnswer, judge_levels, level_reference
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.sensor_changes import Change, changes_of_sensors
-from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, between_steps, make_time_profiles, step_profile
+from probupdate.diagnosis.time_profiles import EDGE, TimeProfile, blocks_between_steps, make_time_profiles, step_profile
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.joined_modes import join_modes
@@ -57,7 +57,7 @@ NOT_CONDITIONS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", 
                   "yaw_", "n_", "sampling_")
 
 
-def moved_frequencies(followed: Followed, column: int) -> tuple[dict, ...]:
+def moved_frequencies(followed: ReferencedBlocks, column: int) -> tuple[dict, ...]:
     """Of every number of the frequencies, of their mean, and of the two single modes of which one moves most clearly
     against the other: its change for the profile's unit, with standard deviation and z."""
     blocks, d = followed.blocks, followed.directions
@@ -72,16 +72,16 @@ def moved_frequencies(followed: Followed, column: int) -> tuple[dict, ...]:
     if len(single) > 1:
         names.append("all modes")
         rows.append(_best_mean(followed, single, column))
-    moved = [_moved(name, *_change_along(followed, row, column)) for name, row in zip(names, rows, strict=True)]
-    against = [_moved(f"{blocks.group_name(b)} over {blocks.group_name(a)}",
-                      *_change_along(followed, single[b] - single[a], column))
+    moved = [_moved_mode(name, *_change_along(followed, row, column)) for name, row in zip(names, rows, strict=True)]
+    against = [_moved_mode(f"{blocks.group_name(b)} over {blocks.group_name(a)}",
+                           *_change_along(followed, single[b] - single[a], column))
                for a, b in combinations(range(len(single)), 2)
                if len(blocks.groups[a]) == len(blocks.groups[b]) == 1]
     against = sorted((m for m in against if np.isfinite(m["std_percent"])), key=lambda m: -abs(m["z"]))
     return (*(m for m in moved if np.isfinite(m["std_percent"])), *against[:1])
 
 
-def _change_along(followed: Followed, row: np.ndarray, column: int) -> tuple[float, float]:
+def _change_along(followed: ReferencedBlocks, row: np.ndarray, column: int) -> tuple[float, float]:
     """Change of a sum of responses by their shares `row`, per unit of the profile, and its standard deviation."""
     share = followed.directions.back.T @ row
     amount, variance = followed.along.amounts
@@ -90,14 +90,14 @@ def _change_along(followed: Followed, row: np.ndarray, column: int) -> tuple[flo
     return float(share[used] @ amount[used, column]) / followed.span[column], spread / followed.span[column]
 
 
-def _best_mean(followed: Followed, rows: Sequence[np.ndarray], column: int) -> np.ndarray:
+def _best_mean(followed: ReferencedBlocks, rows: Sequence[np.ndarray], column: int) -> np.ndarray:
     """The mean of several by how well each is known."""
     std = np.array([_change_along(followed, row, column)[1] for row in rows])
     weight = np.where(np.isfinite(std), 1 / np.where(np.isfinite(std), std, 1.0) ** 2, 0.0)
     return np.array(rows).T @ (weight / max(weight.sum(), 1e-300))
 
 
-def _moved(mode: str, change: float, std: float) -> dict:
+def _moved_mode(mode: str, change: float, std: float) -> dict:
     return {"mode": mode, "change_percent": 100 * change, "std_percent": 100 * std,
             "z": change / std if 0 < std < np.inf else 0.0}
 
@@ -117,13 +117,13 @@ def _cause(name: str) -> tuple[str, str, str]:
     return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
 
 
-def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray,
-               sensors: Sequence[Sensor]) -> TimeProfile:
+def _sharpen_step(followed: ReferencedBlocks, time_profile: TimeProfile, known: np.ndarray,
+                  sensors: Sequence[Sensor]) -> TimeProfile:
     """The step near one of those tried that is the most probable: of a long record not all times are tried."""
     n = len(followed.blocks)
     if time_profile.kind != "step" or n - 2 * EDGE < STEPS:
         return time_profile
-    reach = between_steps(n, STEPS)
+    reach = blocks_between_steps(n, STEPS)
     near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach), min(n - EDGE,
                                                                                         time_profile.at + reach) + 1)]
     finer = watch(followed.blocks, (), sensors, known, near)
@@ -131,13 +131,13 @@ def _sharpened(followed: Followed, time_profile: TimeProfile, known: np.ndarray,
 
 
 def _condition(
-    followed: Followed, unknown: Unknown, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
+    followed: ReferencedBlocks, unknown: Unknown, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
 ) -> Change:
     """What no effect of sensors explains: the column that it goes with, or since when it is there."""
     names = _profile_probabilities(followed.profiles, odds.unknown)
     name = next(iter(names))
     best = int(np.argmax(np.where([c.name == name for c in followed.profiles], odds.unknown, -np.inf)))
-    time_profile = _sharpened(followed, followed.profiles[best], known, sensors)
+    time_profile = _sharpen_step(followed, followed.profiles[best], known, sensors)
     if unknown.frequencies[best] <= 0:
         return Change(finding=None, time_profile=time_profile, moved=())
     moved = moved_frequencies(followed, best)
@@ -190,7 +190,7 @@ def diagnose_without_model(
                  if e.observe is not None and not e.discrete and set(e.time_profiles) != {"constant"})
     whole = tuple(e for e in of_sensors if e.discrete)
     # what moves as one body is a matter of places, whatever these are called
-    placed = levelled(placed)
+    placed = name_levels(placed)
     columns = (*condition_columns(blocks), *(c for e in effects for c in e.time_profiles))
     time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns)), STEPS)
                      if c.kind != "constant"]
@@ -235,14 +235,14 @@ def _too_few(blocks: Blocks) -> InputError:
 def _remove_changes(
     blocks: Blocks, time_profiles: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
     placed: Sequence[Sensor], share: float, progress: Progress,
-) -> tuple[list[Change], Blocks, Followed, float, bool]:
+) -> tuple[list[Change], Blocks, ReferencedBlocks, float, bool]:
     """What changes along the record, one after the other, and the blocks without what sensors were found to do; what
     the first look followed and its ln odds over nothing, and whether the last one still found something."""
     known = np.zeros((len(blocks), 0))
     catalogue = (*rows, *whole)
     prior = dict(zip((p.kind for p in time_profiles), log_prior_of_profiles(time_profiles) - np.log(2), strict=True))
     changes: list[Change] = []
-    first: tuple[Followed, float] | None = None
+    first: tuple[ReferencedBlocks, float] | None = None
     for number in range(MOST_CHANGES + 1):
         progress("diagnosing", number, MOST_CHANGES + 1)
         followed = watch(blocks, rows, placed, known, time_profiles)
@@ -274,7 +274,7 @@ def _remove_changes(
 
 
 def _step(
-    followed: Followed, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
+    followed: ReferencedBlocks, odds: Odds, known: np.ndarray, sensors: Sequence[Sensor]
 ) -> TimeProfile | None:
     """The step along which effects of sensors are looked for: the most probable profile, if it is one and there are
     sensors."""
@@ -284,7 +284,7 @@ def _step(
     for (_, h), own in zip(odds.weighed.rows, odds.of_sensors, strict=True):
         every[h] = np.logaddexp(every[h], own)
     best = followed.profiles[int(np.argmax(every))]
-    return _sharpened(followed, best, known, sensors) if best.kind == "step" else None
+    return _sharpen_step(followed, best, known, sensors) if best.kind == "step" else None
 
 
 def _steady(
@@ -333,7 +333,7 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
     return notes
 
 
-def _threshold(followed: Followed, share: float) -> np.ndarray:
+def _threshold(followed: ReferencedBlocks, share: float) -> np.ndarray:
     """(n_profile,) |z| at which one number alone would be found: where Student's t outweighs the prior odds and the
     width of the amount's prior."""
     names = [p.name for p in followed.profiles]
@@ -343,7 +343,7 @@ def _threshold(followed: Followed, share: float) -> np.ndarray:
     return np.sqrt(degrees * np.expm1(2 * needed / degrees))
 
 
-def _detectable_sizes(followed: Followed, share: float) -> tuple[DetectableSize, ...]:
+def _detectable_sizes(followed: ReferencedBlocks, share: float) -> tuple[DetectableSize, ...]:
     """The least change of every frequency, and size of every sensor's effect, that would be found along each time
     profile."""
     needed = _threshold(followed, share) + POWER

@@ -113,15 +113,15 @@ def structural_changes(content: Mapping) -> list[Mapping]:
     return [f for f in content.get("findings", ()) if f["kind"] == "structural" and f.get("time_profile") in CHANGES]
 
 
-def found_words(content: Mapping) -> list[str]:
+def words_of_findings(content: Mapping) -> list[str]:
     """Findings, or the elementary parts of an unknown cause, a line each; empty where there are none."""
     return [finding_words(f, content) for f in content["findings"]] or [
         f"no row, but something like {_with_article(name_of(part))}" for part in _parts(content) if part["elementary"]]
 
 
-def own_response_actions(content: Mapping) -> list[str]:
+def channel_response_actions(content: Mapping) -> list[str]:
     """What to do about channels with a frequency response of their own; empty where there are none."""
-    return [f"{part['location']}: {_own_response_action(part)}" for part in _parts(content) if "factors" in part]
+    return [f"{part['location']}: {_channel_response_action(part)}" for part in _parts(content) if "factors" in part]
 
 
 def _parts(content: Mapping) -> Sequence[Mapping]:
@@ -131,7 +131,7 @@ def _parts(content: Mapping) -> Sequence[Mapping]:
 def part_words(part: Mapping) -> str:
     """"a spring to ground, leg A, z = 2.0 m, along 45 deg: 20 +- 3 MN/m, from ... on; it moves FA1/SS1 by +1.2 %"."""
     if "factors" in part:
-        return _own_response_words(part)
+        return _channel_response_words(part)
     scale, unit = SCALED.get(part["unit"], (1.0, part["unit"]))
     std = part.get("size_std")
     size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
@@ -148,7 +148,7 @@ def part_words(part: Mapping) -> str:
     return words + (f"; or {', or '.join(others)}" if others else "")
 
 
-def _own_response_words(part: Mapping) -> str:
+def _channel_response_words(part: Mapping) -> str:
     """"frequency response of its own, TP-A-y, all through the record: T1 factor 1.16 +- 0.02, phase -9.8 +- 0.6 deg,
     ...", modes that do not show it left out."""
     shown = [f"{m['mode']} factor {m['factor']:.2f} ± {m['factor_std']:.2f}, phase {m['phase_deg']:+.1f} ± "
@@ -156,10 +156,10 @@ def _own_response_words(part: Mapping) -> str:
              if abs(m["factor"] - 1) > SHOWN * m["factor_std"] or abs(m["phase_deg"]) > SHOWN * m["phase_std_deg"]]
     seen = f": {', '.join(shown)}" if shown else ""
     when = time_profile_words(part["time_profile"], part.get("since", ""))
-    return f"{name_of(part)}, {when}{seen}; {_own_response_action(part)}"
+    return f"{name_of(part)}, {when}{seen}; {_channel_response_action(part)}"
 
 
-def _own_response_action(part: Mapping) -> str:
+def _channel_response_action(part: Mapping) -> str:
     return f"{part['check']}, and diagnose again without it (--without {shlex.join(part['channels'])})"
 
 

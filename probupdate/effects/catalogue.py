@@ -19,7 +19,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
-from probupdate.modal.sensor_places import at_one_place
+from probupdate.modal.sensor_places import sensors_by_place
 from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
@@ -404,10 +404,10 @@ def positions(
 ) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
     """Of sensors at one place what their channels' names share (all of them, where those of another place share as
     much), their rows, and themselves."""
-    found = [[placed[k] for k in there] for there in at_one_place(placed)]
+    found = [[placed[k] for k in there] for there in sensors_by_place(placed)]
     channels = [tuple(s.channel for s in there) for there in found]
     short = [_common(names) for names in channels]
-    return [(one if short.count(one) == 1 else _listed(names), tuple(row[name] for name in names), there)
+    return [(one if short.count(one) == 1 else _list_words(names), tuple(row[name] for name in names), there)
             for one, names, there in zip(short, channels, found, strict=True)]
 
 
@@ -415,10 +415,10 @@ def _common(names: tuple[str, ...]) -> str:
     """What the channels' names share at their beginning, or all of them."""
     if len(names) == 1:
         return names[0]
-    return commonprefix(names).rstrip("-_ .") or _listed(names)
+    return commonprefix(names).rstrip("-_ .") or _list_words(names)
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _list_words(names: tuple[str, ...]) -> str:
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last
 

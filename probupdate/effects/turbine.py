@@ -33,7 +33,7 @@ from probupdate.structure.description import (
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter
 from probupdate.structure.joints import joint_law
-from probupdate.structure.readings import across_gravity
+from probupdate.structure.readings import rotation_reading
 from probupdate.structure.turbine_frame import build_frame
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
@@ -53,7 +53,7 @@ def turbine_effects(d: Description, *, sensors: Sequence[Sensor] | None = None) 
     """Every row for this turbine, with those of its sensors that the model answers for (`sensors`: others than the
     file's)."""
     placed = described_sensors(d) if sensors is None else sensors
-    level = [(s.channel, bool(s.gravity)) for s in placed if across_gravity(s.direction).any()]
+    level = [(s.channel, bool(s.gravity)) for s in placed if rotation_reading(s.direction).any()]
     rows = [*_theory(d)]
     if isinstance(d, OnJacket):
         rows += [*_jacket(d), *_transition_piece(d), *_flanges(d), *_pile_heads(d)]
@@ -120,7 +120,7 @@ def _jacket(d: OnJacket) -> Iterator[Effect]:
                        signature="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
 
 
-def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:
+def _flexibility_of_three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:
     """Flexibility of three diameters of a tube in bending, rad/(GN m), and along its axis, m/GN: a connection as soft
     as that is noticed."""
     tube = Tube(diameter_m=diameter_m, thickness_m=thickness_m)
@@ -155,7 +155,7 @@ def _transition_piece(d: OnJacket) -> Iterator[Effect]:
 
 def _flanges(d: Description) -> Iterator[Effect]:
     for number, station in enumerate(d.tower.station[:-1]):
-        soft, _ = _three_diameters(d, station.diameter_m, station.thickness_m)
+        soft, _ = _flexibility_of_three_diameters(d, station.diameter_m, station.thickness_m)
         yield _row(f"hinge_{station.z_m:g}".replace(".", "_"), "hinge", "tower flange flexibility",
                    f"tower at {station.z_m:g} m", settings={"at_m": station.z_m}, on={"group": "tower"}, low=0.0,
                    high=5 * soft, tolerance=0.01 * soft, prior_scale=0.25 * soft,
@@ -165,7 +165,7 @@ def _flanges(d: Description) -> Iterator[Effect]:
 
 def _pile_heads(d: OnJacket) -> Iterator[Effect]:
     head = d.jacket.bottom.z_m
-    soft, long = _three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
+    soft, long = _flexibility_of_three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
     for kind, name, words, scale in (("hinge", "hinge_pile", "grout flexibility in bending", soft),
                                      ("slip", "slip_pile", "grout flexibility along the pile", long)):
         for leg in d.jacket.leg_names:
@@ -246,7 +246,7 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
     return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
 
 
-def _most_corrosion(d: Offshore) -> float:
+def _largest_corrosion(d: Offshore) -> float:
     """Loss of wall in m that leaves a tenth of the thinnest tube of the splash zone where the file's own parameters
     leave it least; legs may lose as much once more by themselves."""
     low = {p.name: p.lower if p.update else p.initial for p in d.parameter}
@@ -282,7 +282,7 @@ def _water(d: Offshore) -> Iterator[Effect]:
         yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
                    on={"group": "leg", "leg": leg}, signature="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
-    corroded = {"low": 0.0, "high": min(0.008, _most_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3,
+    corroded = {"low": 0.0, "high": min(0.008, _largest_corrosion(d)), "tolerance": 5e-4, "prior_scale": 2e-3,
                 "time_profiles": ("constant", "step", "ramp"), "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone" if _legs(d) else
                "monopile in the splash zone", on={"level_m": band},

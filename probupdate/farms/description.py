@@ -214,7 +214,7 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
     folders = list(_folders(root, turbine.campaigns, where))
     found = sorted((f for f in folders if (f / CAMPAIGN).is_file()), key=lambda folder: natural_order(folder.name))
     if not found:
-        others = "; ".join(f"{f.name}: {_why_none(f)}" for f in folders[:3])
+        others = "; ".join(f"{f.name}: {_folder_error(f)}" for f in folders[:3])
         raise InputError(f"{where}, campaigns", f"'{turbine.campaigns}' finds no folder with a campaign.toml"
                          f"{f' ({others})' if others else ''}",
                          "write the pattern relative to farm.toml, such as 'T12/2019-*'")
@@ -234,10 +234,10 @@ def _excluded_folders(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, 
     folders = _folders(root, turbine.campaigns, turbine.name)
     for folder in sorted(folders, key=lambda folder: natural_order(folder.name)):
         if not (folder / CAMPAIGN).is_file():
-            yield turbine.name, folder.name, _why_none(folder)
+            yield turbine.name, folder.name, _folder_error(folder)
 
 
-def _why_none(folder: Path) -> str:
+def _folder_error(folder: Path) -> str:
     close = difflib.get_close_matches(CAMPAIGN, [p.name for p in folder.iterdir() if p.name != CAMPAIGN], n=1,
                                       cutoff=0.7)
     there = [p.name for p in folder.iterdir() if p.name.casefold() == CAMPAIGN] or close

@@ -17,7 +17,7 @@ from probupdate.io.files import write_table
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress
-from probupdate.updating.discrepancy import LikelihoodSettings, stated_weights
+from probupdate.updating.discrepancy import LikelihoodSettings, weights_by_name
 from probupdate.updating.joint_file import FarmJoint, read_joint
 from probupdate.updating.joint_inference import JointSettings, TurbineSets
 from probupdate.updating.joint_result import infer_farm
@@ -80,7 +80,7 @@ def run_joint(
         if kept is not None:
             return JointRun(found=kept)
         (out / RESULT).unlink(missing_ok=True)
-        found = _inferred(farm, turbines, out, jobs, progress)
+        found = _infer_farm(farm, turbines, out, jobs, progress)
         found = replace(found, settings={**found.settings, MADE_OF: made})
         found.write(out / RESULT)
         write_table(out / TABLE, found.to_frame())
@@ -112,7 +112,7 @@ def _input_hash(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path) 
     return content.hexdigest()
 
 
-def _inferred(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path, jobs: Executor, progress: Progress):
+def _infer_farm(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path, jobs: Executor, progress: Progress):
     likelihood = LikelihoodSettings(**asdict(farm.options.update))
     first = next(iter(turbines.values()))[0]
     # what the model misses is of the design: learnt once, from the first turbine's sets
@@ -143,7 +143,7 @@ def month_sets(
     theta = read_update(out / month.folder / "update.json").map_theta
     data, outliers = without_outliers(compared_modes(path, None))
     notes = [f"{where}: {text}" for text in outliers]
-    model_at = _opened(month.model, path, data)
+    model_at = _open_model(month.model, path, data)
     weights = _weights(likelihood, weights, data, theta, model_at)
     problems = tuple(_problems(model_at, data, weights, where, notes))
     if not problems:
@@ -152,7 +152,7 @@ def month_sets(
     return number, TurbineSets(name=month.turbine, month=month.month, problems=problems, theta=theta), notes
 
 
-def _opened(model: str, path: Path, data: ModalData) -> ModelAt:
+def _open_model(model: str, path: Path, data: ModalData) -> ModelAt:
     key = model, repr(sorted(data.felt.items()))
     if key not in _OPENED:
         _OPENED[key] = ModelAt(model, None, str(path), data.felt)
@@ -165,8 +165,9 @@ def _weights(
     """As of the first turbine, the sources of error linear about this one's estimate; numbers of its own modes where
     the weights state some."""
     if weights.frequency_cov:
-        weights = stated_weights(likelihood.weights, data, frequencies=likelihood.frequencies, shapes=likelihood.shapes,
-                                 tolerances=likelihood.tolerances)
+        weights = weights_by_name(likelihood.weights, data, frequencies=likelihood.frequencies,
+                                  shapes=likelihood.shapes,
+                                  tolerances=likelihood.tolerances)
     if weights.at is None:
         return weights
     parameters = model_at(data.set()).parameters

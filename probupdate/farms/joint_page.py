@@ -91,7 +91,7 @@ def turbine_picture(found: FarmJoint) -> Picture:
     """A panel a parameter: a row a turbine with its 90 % interval, the population's behind."""
     from probupdate.reporting import style
 
-    @style.styled
+    @style.with_style
     def draw():
         columns = [r for r in found.population if r.role != "common"] or list(found.population)
         figure = style.new_figure(style.FULL_IN, 0.8 + ROW_IN * len(found.turbines))
@@ -123,7 +123,7 @@ def month_picture(months: Sequence[MonthValue]) -> Picture:
     """A panel a parameter: a line a turbine over its months."""
     from probupdate.reporting import style
 
-    @style.styled
+    @style.with_style
     def draw():
         names = list(dict.fromkeys(m.parameter for m in months))
         times = sorted({m.month for m in months}, key=natural_order)

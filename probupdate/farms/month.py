@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1
-# step -> what of `made_of` it depends on beside what `identify` does; step -> the steps that it takes something of
+# step -> what of `month_sources` it depends on beside what `identify` does; step -> the steps whose results it takes
 DEPENDS = {
     "identify": ("records", "campaign", "model", "version", "options of identify"),
     "select": ("scada", "options of select"),
@@ -81,7 +81,7 @@ def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) ->
     return state is not None and not state.failed and len(still_finished(state, farm, made_of)) == len(farm.steps)
 
 
-def made_of(month: Month, farm: Farm, records: Mapping[str, Mapping[str, str]] | None = None) -> dict[str, str]:
+def month_sources(month: Month, farm: Farm, records: Mapping[str, Mapping[str, str]] | None = None) -> dict[str, str]:
     """What a month's results depend on: records, the other files of campaign and model by content, the options of every
     step, whether sets are selected, the seed, the version. records: `record_table`; None: it is made."""
     table = record_table(month.campaign / "acceleration", {}) if records is None else records
@@ -134,7 +134,7 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
     try:
         kept = read_kept(folder)
         records = record_table(month.campaign / "acceleration", kept)
-        now = made_of(month, farm, records)
+        now = month_sources(month, farm, records)
         known = read_state(folder)
         finished = still_finished(known, farm, now)
         if "identify" not in finished and known is not None:
@@ -151,13 +151,13 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
             finished[step] = round(time.monotonic() - begun, 3)
             write_state(folder, MonthState(format=FORMAT, made_of=now, finished=finished))
     except (ProbupdateError, OSError, MemoryError) as error:
-        return _failed(folder, now, finished, step, _words(error))
+        return _failure(folder, now, finished, step, _words(error))
     except Exception as error:
         # a defect in one month must not end the others; its trace is kept for whoever corrects it
         write_text(folder / TRACE, traceback.format_exc())
         last = str(error).strip().splitlines() or ["no words"]
-        return _failed(folder, now, finished, step, f"a defect of the program ({type(error).__name__}: {last[0]}); "
-                       f"its trace is in {month.folder.as_posix()}/{TRACE}")
+        return _failure(folder, now, finished, step, f"a defect of the program ({type(error).__name__}: {last[0]}); "
+                        f"its trace is in {month.folder.as_posix()}/{TRACE}")
     (folder / TRACE).unlink(missing_ok=True)
     return MonthState(format=FORMAT, made_of=now, finished=finished)
 
@@ -179,11 +179,11 @@ def ended_month(month: Month, farm: Farm, out: Path) -> MonthState:
     known = read_state(out / month.folder)
     finished = {} if known is None else dict(known.finished)
     step = next((s for s in farm.steps if s not in finished), farm.steps[-1])
-    return _failed(out / month.folder, {} if known is None else dict(known.made_of), finished, step,
-                   "its process was ended from outside (out of memory?); run again with fewer jobs, or more memory")
+    return _failure(out / month.folder, {} if known is None else dict(known.made_of), finished, step,
+                    "its process was ended from outside (out of memory?); run again with fewer jobs, or more memory")
 
 
-def _failed(folder: Path, now: Mapping[str, str], finished: Mapping[str, float], step: str, text: str) -> MonthState:
+def _failure(folder: Path, now: Mapping[str, str], finished: Mapping[str, float], step: str, text: str) -> MonthState:
     state = MonthState(format=FORMAT, made_of=now, finished=finished, failed_step=step, failed=plain(text)[:2000])
     write_state(folder, state)
     return state
@@ -241,7 +241,8 @@ def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
 def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked, out, model = options.diagnose, folder / "diagnosis.json", verbs.model_path(month.model)
     sensors = read_campaign(month.campaign).sensors if asked.records and model.suffix == ".toml" else None
-    verbs.diagnose(_prepared(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records else None,
+    verbs.diagnose(_prepare_model(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records
+                   else None,
                    seed=seed, out=out, extend=asked.extend, sampler=False).write(out)
 
 
@@ -249,7 +250,7 @@ def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
 _KEPT: dict[str, Prepared] = {}
 
 
-def _prepared(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
+def _prepare_model(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
     """What `diagnose` would make of the model first: three quarters of its time, and the same for all months of a
     turbine and all turbines of one model with the same sensors."""
     from probupdate.diagnosis.prepare import prepare

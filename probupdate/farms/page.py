@@ -93,7 +93,7 @@ def frequency_figure(rows: Sequence[MonthRow]):
 
     from probupdate.reporting import style
 
-    @style.styled
+    @style.with_style
     def draw():
         labels, months = labels_of(rows), months_of(rows)
         figure = style.new_figure(style.FULL_IN, 0.9 + PANEL_IN * len(labels))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.farms.description import Farm, Month, read_farm
 from probupdate.farms.joint import JointRun, refuse_other_parameters, run_joint
-from probupdate.farms.month import MonthState, ended_month, is_done, made_of, read_state, run_month
+from probupdate.farms.month import MonthState, ended_month, is_done, month_sources, read_state, run_month
 from probupdate.farms.page import write_page
 from probupdate.farms.records import read_kept, record_table
 from probupdate.farms.summary import FAILED, LEFT_OUT, WAITING, MonthRow, farm_rows, rows_table, write_rows
@@ -112,7 +112,7 @@ def _ended_from_outside(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, M
 
 def _input_hashes(month: Month, farm: Farm, folder: Path) -> dict[str, str]:
     try:
-        return made_of(month, farm, record_table(month.campaign / "acceleration", read_kept(folder)))
+        return month_sources(month, farm, record_table(month.campaign / "acceleration", read_kept(folder)))
     except (ProbupdateError, OSError):
         # said by the month itself
         return {}

@@ -75,15 +75,16 @@ def farm_rows(farm: Farm, known: Mapping[Month, MonthState | None], out: Path) -
         if row.frequency:
             before[month.turbine] = row
         rows.append(row)
-    return rows + [replace(_nothing(turbine, name), state=LEFT_OUT, failed=why) for turbine, name, why in farm.left_out]
+    return rows + [replace(_empty_row(turbine, name), state=LEFT_OUT, failed=why)
+                   for turbine, name, why in farm.left_out]
 
 
-def _nothing(turbine: str, month: str) -> MonthRow:
+def _empty_row(turbine: str, month: str) -> MonthRow:
     return MonthRow(turbine=turbine, month=month, state=WAITING, frequency={}, parameters={}, change={})
 
 
 def _row(month: Month, farm: Farm, state: MonthState | None, folder: Path) -> MonthRow:
-    nothing = _nothing(month.turbine, month.month)
+    nothing = _empty_row(month.turbine, month.month)
     if state is None:
         return nothing
     row = replace(nothing, failed_step=state.failed_step, failed=state.failed)

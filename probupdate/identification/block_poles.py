@@ -12,16 +12,16 @@ import pandas as pd
 
 from probupdate.campaign.blocks import LONGEST_BREAK_S, Block, read_block
 from probupdate.campaign.plausible import refuse_time
-from probupdate.campaign.quantity import as_quantity
+from probupdate.campaign.quantity import convert_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
 from probupdate.identification.free_decay import SAID, DecayRecord, decay_of
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.lost_samples import LossyRecord, WholeRecord, without_pairs
-from probupdate.identification.order_average import ModePoles, alone, averages, twins
-from probupdate.identification.preprocessing import PASS_SHARE, filter_reach, resampled
+from probupdate.identification.order_average import ModePoles, averages, single_pole_key, twins
+from probupdate.identification.preprocessing import PASS_SHARE, filter_reach, resample
 from probupdate.identification.record import IdentifiedRecord, references_within
-from probupdate.identification.refinement import refined
+from probupdate.identification.refinement import refine_modes
 from probupdate.identification.ssi import Poles
 from probupdate.identification.steadiness import amplitude_kurtosis
 from probupdate.modal.modes import Sensor
@@ -123,7 +123,7 @@ class BlockFactors:
         """(model order, index) of each pole -> standard deviations of its frequency (Hz) and damping ratio."""
         of_ln, of_damping = (np.linalg.norm(f, axis=1) for f in (self.poles.factors.ln_frequency,
                                                                  self.poles.factors.damping_ratio))
-        return {(order, alone(k) if k < 0 else k): (float(s * f), float(z)) for (order, k), f, s, z in zip(
+        return {(order, single_pole_key(k) if k < 0 else k): (float(s * f), float(z)) for (order, k), f, s, z in zip(
             self.key, self.poles.frequency_hz, of_ln, of_damping, strict=True)}
 
 
@@ -139,8 +139,8 @@ def identify_block(
         return _skipped_block(block, quantity, reason)
     variance = np.var if (block.measured == 1).all() else np.nanvar
     rms = float(np.sqrt(np.mean(variance(block.data, axis=0))))
-    record, remark = _prepared(block, campaign, settings, rotor_rpm)
-    found = _identified(record, block, settings, sub_records=0)
+    record, remark = _prepare_record(block, campaign, settings, rotor_rpm)
+    found = _identify_record(record, block, settings, sub_records=0)
     line, spectrum = record.summed_spectrum()
     _, singular = record.singular_spectrum()
     return BlockPoles(
@@ -165,10 +165,10 @@ def identify_factors(
     block, reason = usable_block(campaign, start, files)
     if reason:
         raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
-    record, _ = _prepared(block, campaign, settings, rotor_rpm)
+    record, _ = _prepare_record(block, campaign, settings, rotor_rpm)
     alike = [twins(known.every_order, *key) for key in keys]
     asked = tuple(sorted({order for some in alike for order, _ in some}))
-    found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
+    found = _identify_record(record, block, settings, sub_records=settings.sub_records, orders=asked)
     before, now = ({p.order: p for p in some} for some in (known.every_order, found.by_order))
     again = [[(n, _find_same_pole(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
     poles = averages(found, again)
@@ -176,7 +176,7 @@ def identify_factors(
     by_likelihood = np.zeros(len(keys), bool)
     if whole:
         thinned = settings.target_rate_hz < block.sampling_rate_hz * (1 - 1e-9)
-        poles, by_likelihood = refined(
+        poles, by_likelihood = refine_modes(
             record.data, record.target_hz, poles, quantity=common_quantity(campaign.sensors),
             highest_hz=(PASS_SHARE if thinned else 1.0) * record.target_hz / 2,
             fixed=np.array([k < 0 for _, k in keys]))
@@ -187,7 +187,7 @@ def identify_factors(
 
 def _find_same_pole(before: Poles, index: int, now: Poles, where: str) -> int:
     f, zeta = before.frequency_hz[index], before.damping_ratio[index]
-    found = same_pole(now, f, zeta)
+    found = find_same_pole(now, f, zeta)
     if found is None:
         raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is another when the record is read once more: it was "
                          "changed meanwhile, or its channels are exact copies of one another",
@@ -196,7 +196,7 @@ def _find_same_pole(before: Poles, index: int, now: Poles, where: str) -> int:
     return found
 
 
-def same_pole(poles: Poles, frequency_hz: float, damping_ratio: float) -> int | None:
+def find_same_pole(poles: Poles, frequency_hz: float, damping_ratio: float) -> int | None:
     """The pole of these values among those of another pass over the same record, which differ by rounding."""
     away = np.abs(poles.frequency_hz / frequency_hz - 1) + np.abs(poles.damping_ratio - damping_ratio)
     return int(np.argmin(away)) if np.min(away, initial=1.0) < 1e-4 else None
@@ -208,7 +208,7 @@ def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFil
     refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
     if reason := block.excluded or _silent_channels(block, campaign.channels):
         return block, reason
-    block = as_quantity(block, campaign.sensors, common_quantity(campaign.sensors))
+    block = convert_quantity(block, campaign.sensors, common_quantity(campaign.sensors))
     gone = [c for c, lost in zip(campaign.channels, np.isnan(block.data[0]), strict=True)
             if lost and np.isnan(block.data[:, campaign.channels.index(c)]).all()]
     if gone:
@@ -218,14 +218,14 @@ def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFil
     return block, without_pairs(np.isfinite(block.data), block.repeated, block.sampling_rate_hz)
 
 
-def _prepared(
+def _prepare_record(
     block: Block, campaign: Campaign, settings: BlockSettings, rotor_rpm: tuple[float, float] | None
 ) -> tuple[WholeRecord | LossyRecord | DecayRecord, tuple[str, ...]]:
     """The record as it is identified, without harmonics if so asked, and what was done about them."""
     rate, target = campaign.sampling_rate_hz, settings.target_rate_hz
     whole = (block.measured == 1).all() or np.isfinite(block.data).all()
     lossy = None if whole else LossyRecord(data=block.data, rate_hz=rate, target_hz=target)
-    record = WholeRecord(data=resampled(block.data, rate, target), target_hz=target) if lossy is None else lossy
+    record = WholeRecord(data=resample(block.data, rate, target), target_hz=target) if lossy is None else lossy
     if lossy is None and (decay := decay_of(record, edge=filter_reach(rate, target), order=settings.order,
                                             block_rows=settings.block_rows)):
         return decay, (SAID,)
@@ -241,7 +241,7 @@ def _prepared(
     return lossy.less(thin - cleaned.record), (said, BRIDGED)
 
 
-def _identified(
+def _identify_record(
     record: WholeRecord | LossyRecord | DecayRecord, block: Block, settings: BlockSettings, sub_records: int,
     orders: tuple[int, ...] | None = None,
 ) -> IdentifiedRecord:

@@ -31,12 +31,12 @@ from probupdate.identification.block_poles import (
     identify_block,
     identify_factors,
 )
-from probupdate.identification.order_average import ModePoles, alone
+from probupdate.identification.order_average import ModePoles, single_pole_key
 from probupdate.identification.ssi import Poles
 from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.modal.modes import CovarianceFactors
 from probupdate.runtime.arrays import frozen_array
-from probupdate.runtime.executors import Executor, Shard, completed
+from probupdate.runtime.executors import Executor, Shard, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 
 FORMAT = 5
@@ -237,7 +237,7 @@ class BlockStore:
     def _run(self, what: str, function, tasks: list, total: int, jobs: int | Executor, progress: Progress) -> None:
         done = total - len(tasks)
         progress(what, done, total)
-        for count, _ in enumerate(completed(function, tasks, jobs=jobs), 1):
+        for count, _ in enumerate(iterate_completed(function, tasks, jobs=jobs), 1):
             progress(what, done + count, total)
         # the last of a killed run's processes may have gone since
         remove_stale(self.folder)
@@ -249,7 +249,7 @@ class BlockStore:
 
     def std_of(self, block: BlockPoles) -> dict[tuple[int, int], tuple[float, float]]:
         """`BlockFactors.std` of every pole of a block, each by itself; reads its record."""
-        keys = tuple((p.order, alone(k)) for p in block.every_order for k in range(len(p.frequency_hz)))
+        keys = tuple((p.order, single_pole_key(k)) for p in block.every_order for k in range(len(p.frequency_hz)))
         if not keys or not self._settings.sub_records:
             return {}
         return identify_factors(*self._task(block.start), block, keys).std
@@ -263,7 +263,7 @@ class BlockStore:
 
     def read_head(self, start: pd.Timestamp) -> BlockPoles:
         """A block without its poles and spectra, which are most of a file."""
-        with _opened(self.folder / (self._stem(start) + POLES)) as content:
+        with _open_block(self.folder / (self._stem(start) + POLES)) as content:
             return _block_of(content, **WITHOUT_ARRAYS)
 
     def read_factors(self, start: pd.Timestamp) -> BlockFactors:
@@ -390,7 +390,7 @@ def write_block_factors(path: Path, found: BlockFactors) -> None:
 
 
 def read_block_factors(path: Path) -> BlockFactors:
-    with of_file(path), _opened(path) as content:
+    with of_file(path), _open_block(path) as content:
         return BlockFactors(
             key=tuple((int(a), int(b)) for a, b in content["key"]), kurtosis=frozen_array(content["kurtosis"]),
             by_likelihood=frozen_array(content["by_likelihood"], bool),
@@ -420,8 +420,8 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
         "head": np.frombuffer(json.dumps(head).encode(), np.uint8),
         "order": np.array([p.order for p in every], np.int32),
         "count": np.array([len(p.frequency_hz) for p in every], np.int32),
-        "frequency_hz": _joined([p.frequency_hz for p in every]),
-        "damping_ratio": _joined([p.damping_ratio for p in every]),
+        "frequency_hz": _join_arrays([p.frequency_hz for p in every]),
+        "damping_ratio": _join_arrays([p.damping_ratio for p in every]),
         "shape": np.concatenate([p.shape.T for p in every]).astype(np.complex64) if every else np.zeros((0, 0)),
         "line_hz": block.line_hz, "spectrum": block.spectrum.astype(np.float32),
         "singular": block.singular.astype(np.float32),
@@ -445,7 +445,7 @@ def _whole(path: Path) -> Mapping | None:
     if not path.exists():
         return None
     try:
-        with _opened(path) as content:
+        with _open_block(path) as content:
             arrays = {name: content[name] for name in content}
     except InputError:
         return None
@@ -459,7 +459,7 @@ def _whole_sources(path: Path) -> list[str] | None:
 
 
 def read_block_poles(path: Path) -> BlockPoles:
-    with _opened(path) as content:
+    with _open_block(path) as content:
         every = _split(content)
         return _block_of(
             content, poles=every[0] if every else None, others=tuple(every[1:]),
@@ -486,7 +486,7 @@ def _split(content: Mapping) -> list[Poles]:
     ]
 
 
-def _joined(arrays: list[np.ndarray]) -> np.ndarray:
+def _join_arrays(arrays: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.zeros(0)
 
 
@@ -495,12 +495,12 @@ def _store_head(content: Mapping) -> dict:
 
 
 def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
-    with _opened(path) as content:
+    with _open_block(path) as content:
         return content[CHECKSUM].tobytes().hex(), list(_store_head(content)["sources"])
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Mapping]:
+def _open_block(path: Path) -> Iterator[Mapping]:
     """The arrays of one block's file; what is missing in them is said like what cannot be read."""
     with archive(path, "is not an identified block",
                  "delete it: it is identified again", largest=LARGEST_BLOCK) as content:

@@ -24,10 +24,10 @@ from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
 from probupdate.identification.environment import environment_of, fore_aft_deg
 from probupdate.identification.hand_picked import HandPicked
-from probupdate.identification.order_average import alone
+from probupdate.identification.order_average import single_pole_key
 from probupdate.identification.physical import PhysicalModes
-from probupdate.identification.reference import ReferenceModes, turned
-from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
+from probupdate.identification.reference import ReferenceModes, turn_reference
+from probupdate.identification.tracking import Choice, JudgedPoles, TrackedModes
 from probupdate.modal.modes import CovarianceFactors, ModalSet, unit_largest
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
@@ -97,7 +97,7 @@ class FollowedModes:
 
     found: list[StoredBlock]
     usable: list[StoredBlock]
-    tracked: Tracked
+    tracked: TrackedModes
     picked: dict[pd.Timestamp, ChosenPoles]
     judge: Callable[[StoredBlock], JudgedBlock]
     order: int
@@ -110,7 +110,7 @@ def follow(
 ) -> FollowedModes:
     """`hand`: poles that stand for the modes because they were picked, and those that may not."""
     # a year's poles are gigabytes: a block is held against the modes twice, for its votes and for its choice
-    judge = partial(_held_against, blocks, campaign, physical.modes, reference, settings, hand)
+    judge = partial(_judge_block, blocks, campaign, physical.modes, reference, settings, hand)
     found, votes = [], []
     for number, start in enumerate(blocks.starts):
         progress("classifying modes", number, 2 * len(blocks.starts))
@@ -130,22 +130,22 @@ def follow(
         choice, start = tracking.choose(judged.poles, row, settings.classifier), one.block.start
         if hand is not None:
             choice = hand.chosen(start, judged.poles, choice)
-        picked[start] = _picked(judged, choice, settings.order, start, hand)
+        picked[start] = _pick_poles(judged, choice, settings.order, start, hand)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
-    tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
-                      centre_hz=frozen_array(centre), support=frozen_array(support))
+    tracked = TrackedModes(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
+                           centre_hz=frozen_array(centre), support=frozen_array(support))
     return FollowedModes(found=found, usable=usable, tracked=tracked, picked=picked, judge=judge, order=settings.order,
                          hand=hand)
 
 
-def _held_against(
+def _judge_block(
     blocks: BlockStore, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
     hand: HandPicked | None, one: StoredBlock, block: BlockPoles | None = None,
 ) -> JudgedBlock:
     """`block` if it was read already."""
     block = block or blocks.read(one.block.start)
     stack = pole_stack(block, settings)
-    here = turned(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
+    here = turn_reference(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
     like = rules.comparison(stack, here)
     bands = rules.rotor_bands(one.environment, settings.classifier)
     judged = JudgedPoles(
@@ -161,10 +161,10 @@ def _held_against(
 
 def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
     own = block.every_order[:1]
-    return rules.stacked((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
+    return rules.stack_poles((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
 
 
-def _picked(
+def _pick_poles(
     judged: JudgedBlock, choice: Choice, chosen_order: int, start: pd.Timestamp, hand: HandPicked | None
 ) -> ChosenPoles:
     """Poles that were picked by hand stand for themselves, not for an average over orders."""
@@ -178,7 +178,7 @@ def _picked(
     frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
     shape[:, there] = unit_largest(poles.shape[:, taken])
     index = {int(p): int(p - np.argmax(poles.order == poles.order[p])) for p in taken}
-    keys = {(int(poles.order[p]), alone(k) if by_hand else k): p for p, k in index.items()}
+    keys = {(int(poles.order[p]), single_pole_key(k) if by_hand else k): p for p, k in index.items()}
     # the number of the mode that a pole stands for, else of the one that it is most like, marked by a minus
     mode = -1 - judged.single.best_mode
     mode[taken] = there
@@ -207,12 +207,12 @@ def without_uncertain(
     """
     place = {one.block.start: k for k, one in enumerate(first.usable)}
     by_hand = {} if first.hand is None else {s: first.picked[s] for s in first.hand.picked if s in first.picked}
-    blocks.fill_factors(all_wanted(by_hand), jobs=jobs, progress=progress)
+    blocks.fill_factors(chosen_keys(by_hand), jobs=jobs, progress=progress)
     known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
     ruled_out: defaultdict[pd.Timestamp, set[int]] = defaultdict(set)
     todo, again = {start: stands for start, stands in first.picked.items() if start not in by_hand}, {}
     while todo:
-        wanted = all_wanted(todo)
+        wanted = chosen_keys(todo)
         blocks.fill_factors(wanted, jobs=jobs, progress=progress)
         before, todo = todo, {}
         for start in wanted:
@@ -243,11 +243,11 @@ def without_uncertain(
             poles = replace(judged.poles, verdict=verdict)
             judged = replace(judged, poles=poles if first.hand is None else first.hand.judged(start, poles))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
-            again[start] = todo[start] = _picked(judged, choice, first.order, start, first.hand)
+            again[start] = todo[start] = _pick_poles(judged, choice, first.order, start, first.hand)
     return again
 
 
-def all_wanted(picked: Mapping[pd.Timestamp, ChosenPoles]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
+def chosen_keys(picked: Mapping[pd.Timestamp, ChosenPoles]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
     """Start of a block -> keys of the poles that stand for modes in it, of blocks that have any."""
     return {start: tuple(stands.keys) for start, stands in picked.items() if stands.keys}
 

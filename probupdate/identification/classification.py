@@ -115,7 +115,7 @@ class PoleStack:
         return np.unique(self.order)
 
 
-def stacked(poles: Sequence[Poles] | Poles) -> PoleStack:
+def stack_poles(poles: Sequence[Poles] | Poles) -> PoleStack:
     """Poles of one order or of several, stacked in the order given."""
     several = (poles,) if isinstance(poles, Poles) else tuple(poles)
     return PoleStack(
@@ -160,7 +160,7 @@ def comparison(poles: PoleStack, reference: ReferenceModes, stability: np.ndarra
     ])
     nearness = 1.0
     if reference.range_hz is not None:
-        away = _outside(poles.frequency_hz, reference.range_hz, reference.groups)
+        away = _range_distance(poles.frequency_hz, reference.range_hz, reference.groups)
         similarity = np.where(away <= RANGE_MARGIN, similarity, 0.0)
         # with few channels several modes have one shape: then the nearest in frequency
         nearness = np.exp(-0.5 * (away / RANGE_MARGIN) ** 2)
@@ -173,7 +173,7 @@ def comparison(poles: PoleStack, reference: ReferenceModes, stability: np.ndarra
     )
 
 
-def _outside(frequency_hz: np.ndarray, range_hz: np.ndarray, groups: tuple[tuple[int, ...], ...]) -> np.ndarray:
+def _range_distance(frequency_hz: np.ndarray, range_hz: np.ndarray, groups: tuple[tuple[int, ...], ...]) -> np.ndarray:
     """(n_pole, n_group) distance in ln f of each pole from the range of each group."""
     low, high = (np.log(np.array([ends(range_hz[list(g), side]) for g in groups]))
                  for side, ends in ((0, np.min), (1, np.max)))
@@ -212,7 +212,7 @@ def rotor_bands(conditions: Mapping[str, float | str], settings: ClassifierSetti
     return np.array(settings.harmonics)[:, None] * range_hz
 
 
-def within(frequency_hz: np.ndarray, bands: np.ndarray) -> np.ndarray:
+def is_within(frequency_hz: np.ndarray, bands: np.ndarray) -> np.ndarray:
     """(n,) bool: in any of the bands (n_band, 2)."""
     return np.any((frequency_hz[:, None] >= bands[:, 0]) & (frequency_hz[:, None] <= bands[:, 1]), axis=1)
 
@@ -225,7 +225,7 @@ def paper_criteria(poles: PoleStack, found: PoleComparison, bands: np.ndarray,
     The complexity is the MPC: with s the share of the imaginary part in |phi|^2 after rotation, MPC = (1 - 2 s)^2.
     Without a rotor speed every complex pole counts as near.
     """
-    near = within(poles.frequency_hz, bands) if len(bands) else np.ones(len(poles.frequency_hz), bool)
+    near = is_within(poles.frequency_hz, bands) if len(bands) else np.ones(len(poles.frequency_hz), bool)
     verdict = np.full(len(poles.frequency_hz), KEPT, dtype=object)
     verdict[near & (found.mpc < settings.paper_collinearity)] = COMPLEXITY
     verdict[~(found.best_mac > settings.mac)] = SHAPE
@@ -249,7 +249,7 @@ def block_criteria(
         ratio = poles.frequency_hz / np.array([reference.group_hz(g) for g in reference.groups])[group]
         elsewhere = (ratio < settings.frequency_window[0]) | (ratio > settings.frequency_window[1])
     else:
-        away = _outside(poles.frequency_hz, reference.range_hz, reference.groups)
+        away = _range_distance(poles.frequency_hz, reference.range_hz, reference.groups)
         elsewhere = away[np.arange(len(group)), group] > RANGE_MARGIN
     verdict = np.full(len(group), KEPT, dtype=object)
     # asked in this order: the first that fails gives its name, so the last written is the first asked
@@ -263,7 +263,7 @@ def block_criteria(
     return verdict
 
 
-def trusted(found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
+def is_trusted(found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
     """(n_pole,) bool: alike enough to vote on where a mode lies; single modes by `mac`, pairs by `plane_mac`."""
     paired = np.array([len(g) > 1 for g in reference.groups])[found.group]
     similar = found.similarity[np.arange(len(paired)), found.group]

@@ -83,7 +83,7 @@ def model_comparison(
     return ModelComparison(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
 
 
-def paired(
+def pair_modes(
     like: ModelComparison, model: ReferenceModes, sought: int | None = None
 ) -> tuple[dict[int, int], np.ndarray]:
     """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
@@ -102,17 +102,17 @@ def paired(
         return np.nan_to_num(weight - none, nan=-np.inf)
 
     usual = gain(MODEL_MAC, MODEL_FREQUENCY)
-    partner = _assigned(usual)
-    if not _all_near(partner, like, sought):
+    partner = _assign_modes(usual)
+    if not _are_all_near(partner, like, sought):
         by_frequency = gain(WRONG_MAC, SURE_FREQUENCY)
-        unlike = _assigned(by_frequency)
-        if sought >= FEWEST_SOUGHT and _all_near(unlike, like, sought):
+        unlike = _assign_modes(by_frequency)
+        if sought >= FEWEST_SOUGHT and _are_all_near(unlike, like, sought):
             partner, usual = unlike, by_frequency
     odds = np.exp(np.minimum(usual, 500.0))
     return partner, odds / (1 + odds.sum(axis=1, keepdims=True))
 
 
-def _assigned(gain: np.ndarray) -> dict[int, int]:
+def _assign_modes(gain: np.ndarray) -> dict[int, int]:
     """Mode -> mode of the model, one to one, with the largest sum of gains."""
     from scipy import optimize
 
@@ -121,14 +121,14 @@ def _assigned(gain: np.ndarray) -> dict[int, int]:
     return {int(j): int(i) for j, i in zip(rows, columns, strict=True) if score[j, i] > 0}
 
 
-def _all_near(partner: dict[int, int], like: ModelComparison, sought: int) -> bool:
+def _are_all_near(partner: dict[int, int], like: ModelComparison, sought: int) -> bool:
     """Whether each of the model's first `sought` modes has a partner near its frequency."""
     near = {i for j, i in partner.items() if abs(np.log(like.ratio[j, i])) <= ALL_NEAR}
     return near >= set(range(sought))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Matched:
+class MatchedModes:
     """The campaign's modes held against a model's: similarities, mode -> the model's mode, probability (n_mode,
     n_model) that a mode is each."""
 
@@ -137,26 +137,26 @@ class Matched:
     partner: dict[int, int]
     probability: np.ndarray
 
-    def at(self, columns: Sequence[int]) -> Matched:
+    def at(self, columns: Sequence[int]) -> MatchedModes:
         """Of those modes, in that order; what -1 stands for is none of the model's."""
         columns = list(columns)
-        return Matched(model=self.model, like=self.like.at(columns),
-                       partner={k: self.partner[j] for k, j in enumerate(columns) if j in self.partner},
-                       probability=self.probability[columns] * (np.array(columns) >= 0)[:, None])
+        return MatchedModes(model=self.model, like=self.like.at(columns),
+                            partner={k: self.partner[j] for k, j in enumerate(columns) if j in self.partner},
+                            probability=self.probability[columns] * (np.array(columns) >= 0)[:, None])
 
 
 def match_modes(
     sets: Sequence[ModalSet], pairs: Sequence[tuple[int, int]], turned_to: Sequence[ReferenceModes],
     model: ReferenceModes, sought: int | None = None,
-) -> Matched:
-    """The comparison and who is whose, as `paired`; `turned_to`: the model's modes as each set's nacelle has them."""
+) -> MatchedModes:
+    """The comparison and the pairs, as `pair_modes`; `turned_to`: the model's modes as each set's nacelle has them."""
     like = model_comparison(sets, pairs, turned_to)
-    partner, probability = paired(like, model, sought)
-    return Matched(model=model, like=like, partner=partner, probability=probability)
+    partner, probability = pair_modes(like, model, sought)
+    return MatchedModes(model=model, like=like, partner=partner, probability=probability)
 
 
 def records_of(
-    sets: Sequence[ModalSet], names: Sequence[str], matched: Matched | None, *, in_pair: Collection[int],
+    sets: Sequence[ModalSet], names: Sequence[str], matched: MatchedModes | None, *, in_pair: Collection[int],
     settings: ClassifierSettings, highest_hz: float, wanted: Sequence[str],
 ) -> tuple[tuple[ModeRecord, ...], tuple[ModelMode, ...], list[str]]:
     """A record of each mode; and where there is a model, its modes below `highest_hz`, or `wanted`, that were not
@@ -169,7 +169,7 @@ def records_of(
 
 
 def _mode_records(
-    sets: Sequence[ModalSet], names: Sequence[str], matched: Matched | None, in_pair: Collection[int],
+    sets: Sequence[ModalSet], names: Sequence[str], matched: MatchedModes | None, in_pair: Collection[int],
     settings: ClassifierSettings,
 ) -> tuple[ModeRecord, ...]:
     """What is known of every mode of the campaign: where it was found, and what it is in the model."""
@@ -201,7 +201,7 @@ def _detection_values(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
     }
 
 
-def _model_comparison(j: int, matched: Matched, limit: float) -> dict[str, Any]:
+def _model_comparison(j: int, matched: MatchedModes, limit: float) -> dict[str, Any]:
     """How mode j compares with the model's mode that it is; alike from `limit` of the MAC upwards."""
     i, like, model = matched.partner.get(j), matched.like, matched.model
     if i is None:
@@ -215,7 +215,7 @@ def _model_comparison(j: int, matched: Matched, limit: float) -> dict[str, Any]:
 
 
 def _model_only(
-    matched: Matched, found_hz: Sequence[float], highest_hz: float, wanted: Sequence[str]
+    matched: MatchedModes, found_hz: Sequence[float], highest_hz: float, wanted: Sequence[str]
 ) -> tuple[ModelMode, ...]:
     """Modes of the model below `highest_hz` that no measured one is, and whether the excitation should show them: those
     that move the sensors as others do and lie between modes that were found, so that the band was excited."""
@@ -248,12 +248,13 @@ def further_modes_left_out(records: Sequence[ModeRecord]) -> list[str]:
     """Why an update leaves these out: a sentence each, of many one for all."""
     end = "not of interest; --every-mode takes those that are alike"
     if len(records) > MOST_SINGLE:
-        return [f"{len(records)} modes, {_listed(records)}: {end} (frequencies and MAC in the file of the modal sets)"]
+        return [f"{len(records)} modes, {_list_words(records)}: {end} "
+                "(frequencies and MAC in the file of the modal sets)"]
     return [f"{one.label} ({one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks): the model's "
             f"{one.model_label} (MAC {one.mac:.2f}), {end}" for one in records]
 
 
-def _listed(further: Sequence[ModeRecord]) -> str:
+def _list_words(further: Sequence[ModeRecord]) -> str:
     return (f"{', '.join(one.label for one in further)}, which are the model's "
             f"{', '.join(one.model_label for one in further)}")
 
@@ -278,7 +279,7 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
             lines.append(f"{place} {counterpart_words(one)}; kept as mode {one.label}")
     further = further_modes(records)
     if len(further) > MOST_SINGLE:
-        lines.append(f"{len(further)} modes, {_listed(further)}, were not asked for; they are kept by number "
+        lines.append(f"{len(further)} modes, {_list_words(further)}, were not asked for; they are kept by number "
                      "(frequencies and MAC in the file)")
     else:
         lines += [f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks, is the model's "

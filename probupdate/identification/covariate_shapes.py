@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.identification.slow_error import whitened
+from probupdate.identification.slow_error import whiten_columns
 
 # odds over the model without it from which a shape is taken; shapes share an even chance
 ODDS, MOST_SHAPES = 20.0, 4
@@ -154,7 +154,7 @@ def _evidence(
     coefficient = np.empty((len(points), len(options), q))
     all_columns = np.column_stack([fixed, every, value - value.mean()])
     for p, (last, ratio) in enumerate(points):
-        white, log_determinant = whitened(all_columns, noise, unit * ratio, np.exp(-step / last))
+        white, log_determinant = whiten_columns(all_columns, noise, unit * ratio, np.exp(-step / last))
         q_fixed = np.linalg.qr(white[:, : fixed.shape[1]])[0]
         left = white[:, fixed.shape[1]:] - q_fixed @ (q_fixed.T @ white[:, fixed.shape[1]:])
         y = left[:, -1]
@@ -207,7 +207,7 @@ def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> lis
             lags = np.geomspace(step, span / 6, N_COARSE)
             found.append(_Candidate(
                 "lag", name, lags, lambda tau, x=x: np.column_stack([
-                    lagged(x, time_h, tau), np.exp(-(time_h - time_h[0]) / tau)]),
+                    lag_covariate(x, time_h, tau), np.exp(-(time_h - time_h[0]) / tau)]),
                 lambda tau, name=name: (name,), nuisance=1))
     if span > 2 * DAY_H and step < DAY_H / 4:
         turn = 2 * np.pi * time_h / DAY_H
@@ -238,7 +238,7 @@ def _hinges(name: str, x: np.ndarray, points: np.ndarray) -> list[_Candidate]:
     ]
 
 
-def lagged(x: np.ndarray, time_h: np.ndarray, tau_h: float) -> np.ndarray:
+def lag_covariate(x: np.ndarray, time_h: np.ndarray, tau_h: float) -> np.ndarray:
     """First-order low-pass dz/dt = (x - z) / tau of x (n_row,), linear between rows, from z = x at the first."""
     z = np.empty_like(x)
     z[0] = x[0]
@@ -258,7 +258,7 @@ def play(x: np.ndarray, width: float) -> np.ndarray:
     return z
 
 
-def alone(value: np.ndarray, noise: np.ndarray, base: np.ndarray, limit: float, around: int = 3) -> np.ndarray:
+def find_lone_rows(value: np.ndarray, noise: np.ndarray, base: np.ndarray, limit: float, around: int = 3) -> np.ndarray:
     """(n_row,) bool: rows that lie off their neighbours in time by more than `limit` robust standard deviations, what
     base (n_row, n_column) explains by least absolute deviations taken away: what lasts is no outlier."""
     weight = np.ones(len(value))

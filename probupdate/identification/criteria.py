@@ -13,7 +13,7 @@ from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.io.schema import Range, checked, table_as
-from probupdate.modal.labels import along_x, is_bending, label_across
+from probupdate.modal.labels import is_along_x, is_bending, label_across
 from probupdate.modal.modes import ModalSet
 
 # a threshold may be infinite, which leaves its criterion out
@@ -146,7 +146,7 @@ def required_modes(
 def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
     """(FAk, SSk), or (Xk, Yk), of one number k."""
     return [(j, labels.index(label_across(t))) for j, t in enumerate(labels)
-            if along_x(t) and label_across(t) in labels]
+            if is_along_x(t) and label_across(t) in labels]
 
 
 def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
@@ -164,7 +164,7 @@ def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
     return float(np.degrees(np.arccos(min(cosine, 1.0))))
 
 
-def resolved(s: ModalSet, i: int, j: int) -> bool:
+def are_resolved(s: ModalSet, i: int, j: int) -> bool:
     """Two modes of a set lie further apart than their half-power bandwidths reach: |f1 - f2| >= zeta1 f1 + zeta2 f2."""
     f, zeta = s.frequency_hz[[i, j]], s.damping_ratio[[i, j]]
     return bool(abs(f[1] - f[0]) >= np.sum(zeta * f))
@@ -184,7 +184,7 @@ def failed_criteria(
     if not all(s.measured[j] for j in required):
         failed.append("modes not identified")
     for i, j in pairs:
-        least = criteria.least_angle_deg if resolved(s, i, j) else criteria.unresolved_angle_deg
+        least = criteria.least_angle_deg if are_resolved(s, i, j) else criteria.unresolved_angle_deg
         # NaN, where one is missing, is below nothing
         if pair_angle_deg(s, i, j) < least:
             failed.append("planes not perpendicular")

@@ -71,7 +71,7 @@ def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> 
         return None
     found = DecayRecord(data=kept, target_hz=record.target_hz)
     poles = found.identified(limited=None, sub_records=0, block_rows=block_rows, order=order).poles
-    explained = _explained(kept, record.target_hz, poles.frequency_hz, poles.damping_ratio)
+    explained = _explained_share(kept, record.target_hz, poles.frequency_hz, poles.damping_ratio)
     return found if explained > EXPLAINED else None
 
 
@@ -91,7 +91,7 @@ def _mean_products(data: np.ndarray, n_lag: int, sub_records: int) -> tuple[np.n
     return covariance, sums * np.sqrt(n_part / (n_part - 1))
 
 
-def _explained(data: np.ndarray, rate_hz: float, frequency_hz: np.ndarray, damping: np.ndarray) -> float:
+def _explained_share(data: np.ndarray, rate_hz: float, frequency_hz: np.ndarray, damping: np.ndarray) -> float:
     """Share of the energy that decaying modes of these poles explain, from any start."""
     sound = (damping > 0) & (damping < 1)
     rate = 2 * np.pi * frequency_hz[sound] * (-damping[sound] + 1j * np.sqrt(1 - damping[sound] ** 2))

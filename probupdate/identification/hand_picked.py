@@ -17,11 +17,11 @@ import pandas as pd
 from probupdate.campaign.reading import Campaign
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
-from probupdate.identification.block_poles import BlockPoles, BlockSettings, same_pole
+from probupdate.identification.block_poles import BlockPoles, BlockSettings, find_same_pole
 from probupdate.identification.block_store import BlockStore, start_of, store_head
 from probupdate.identification.classification import PoleStack
 from probupdate.identification.order_average import TWIN_FREQUENCY, TWIN_MAC
-from probupdate.identification.physical import SAME_MODE, Candidates, PhysicalModes, stated_modes
+from probupdate.identification.physical import SAME_MODE, Candidates, PhysicalModes, modes_from_groups
 from probupdate.identification.tracking import Choice, JudgedPoles
 from probupdate.modal.mode_choice import ChosenPole, ModeChoice, read_choice
 from probupdate.modal.modes import mac, pair_by_mac
@@ -131,7 +131,7 @@ def _key(block: BlockPoles, pole: ChosenPole, exact: bool, where: str) -> tuple[
     poles = next((p for p in block.every_order if p.order == pole.order), None)
     if poles is None or not len(poles.frequency_hz):
         raise InputError(where, f"chose a pole of order {pole.order}, which block {pole.block:.40} has not", ELSEWHERE)
-    near = same_pole(poles, pole.frequency_hz, pole.damping_ratio)
+    near = find_same_pole(poles, pole.frequency_hz, pole.damping_ratio)
     if near is None or (exact and near != pole.index):
         raise InputError(where, f"block {pole.block:.40} has no pole at {pole.frequency_hz:.6g} Hz with a damping "
                          f"ratio of {pole.damping_ratio:.4g} as number {pole.index} of order {pole.order}", ELSEWHERE)
@@ -163,7 +163,7 @@ def _modes(
                 groups[mate[i]].append(int(row))
             else:
                 groups.append([int(row)])
-    physical = stated_modes(c, [np.array(group) for group in groups], notes)
+    physical = modes_from_groups(c, [np.array(group) for group in groups], notes)
     picked: dict[pd.Timestamp, dict[int, tuple[int, int]]] = {start: {} for start in found}
     for mode, rows in enumerate(physical.rows):
         for row in rows:

@@ -79,8 +79,8 @@ def without_harmonics(
     coarse = _coarse_speed(record, rate_hz, low, high, (line, *others))
     # of the smoothings the one by which the others go best
     angles = [_angle(record, rate_hz, coarse, line, smooth_s) for smooth_s in SMOOTH_S]
-    angle = max(angles, key=lambda a: sum(_explained(record, a, _speed(a, rate_hz), n) for n in others))
-    speed = _speed(angle, rate_hz)
+    angle = max(angles, key=lambda a: sum(_explained_power(record, a, _rotor_speed(a, rate_hz), n) for n in others))
+    speed = _rotor_speed(angle, rate_hz)
     gain = {n: _gain(record, rate_hz, angle, speed, n) for n in used}
     if not any(gain[n] >= LEAST_GAIN for n in others):
         best = max(others, key=lambda n: gain[n])
@@ -128,7 +128,7 @@ def _coarse_speed(record, rate_hz, low, high, multiples) -> np.ndarray:
     return np.interp(np.arange(len(record)) / rate_hz, time, grid[path[::-1]])
 
 
-def _speed(angle, rate_hz) -> np.ndarray:
+def _rotor_speed(angle, rate_hz) -> np.ndarray:
     """(n_sample,) rotor frequency in Hz."""
     return np.gradient(angle) * rate_hz / (2 * np.pi)
 
@@ -161,7 +161,7 @@ def _columns(angle, speed, n) -> np.ndarray:
     return np.hstack([np.cos(n * angle)[:, None] * slow, np.sin(n * angle)[:, None] * slow])
 
 
-def _explained(record, angle, speed, n) -> float:
+def _explained_power(record, angle, speed, n) -> float:
     """Power of the record, channels scaled alike, that goes with the angle's n-th multiple."""
     q, _ = np.linalg.qr(_columns(angle, speed, n))
     return float(np.sum((q.T @ record) ** 2 / np.maximum(record.var(axis=0), 1e-300)))
@@ -170,5 +170,5 @@ def _explained(record, angle, speed, n) -> float:
 def _gain(record, rate_hz, angle, speed, n) -> float:
     """That power over the mean of what decoys beside the angle explain."""
     time = np.arange(len(angle)) / rate_hz
-    decoys = [_explained(record, angle + 2 * np.pi * shift * time / n, speed, n) for shift in DECOYS_HZ]
-    return _explained(record, angle, speed, n) / max(float(np.mean(decoys)), 1e-300)
+    decoys = [_explained_power(record, angle + 2 * np.pi * shift * time / n, speed, n) for shift in DECOYS_HZ]
+    return _explained_power(record, angle, speed, n) / max(float(np.mean(decoys)), 1e-300)

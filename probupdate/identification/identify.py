@@ -21,8 +21,8 @@ from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import (
     SSISettings,
-    all_wanted,
     averaged_over_orders,
+    chosen_keys,
     covariance_factors_of,
     follow,
     modal_set,
@@ -37,15 +37,15 @@ from probupdate.identification.physical import (
     PersistenceSettings,
     PhysicalModes,
     block_candidates,
-    evenly,
-    gathered,
+    even_blocks,
+    gather_candidates,
     physical_modes,
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.steadiness import of_steady_modes
 from probupdate.identification.summary import of_likelihood, summarise
-from probupdate.identification.tracking import Tracked
+from probupdate.identification.tracking import TrackedModes
 from probupdate.io.files import write_table
 from probupdate.io.result_table import table_of
 from probupdate.modal.mode_choice import ModeChoice
@@ -76,7 +76,7 @@ class Identification:
     poles: pd.DataFrame
     settings: SSISettings
     centre_hz: dict[str, float]
-    tracked: Tracked
+    tracked: TrackedModes
     notes: tuple[str, ...]
     summary: str
 
@@ -137,10 +137,11 @@ def identify(
         hand = None if picked is None else hand_picked(picked, blocks, where)
         found = hand.physical if hand is not None else physical_of(blocks, campaign, settings=settings, rule=rule,
                                                                    progress=progress)
-        result = classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, hand=hand,
-                            every=hand is not None, jobs=runs, progress=progress)
+        result = classify_blocks(blocks, campaign, found, reference, others=others, settings=settings, rule=rule,
+                                 hand=hand,
+                                 every=hand is not None, jobs=runs, progress=progress)
         result = replace(result, data=replace(result.data, choice=picked))
-        return in_memory(result) if store is None else result
+        return load_factors(result) if store is None else result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +195,7 @@ def identify_shard(
         if not n_left:
             found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
             first = follow(blocks, campaign, found, None, settings=settings, rule=rule, progress=progress)
-            wanted = all_wanted(first.picked) if settings.sub_records else {}
+            wanted = chosen_keys(first.picked) if settings.sub_records else {}
             done = blocks.fill_factors(wanted, jobs=runs, shard=shard, progress=progress)
             n_without = blocks.without_factors(wanted)
     return ShardOfBlocks(shard=shard, identified=identified, with_std=done, n_block=len(blocks.starts),
@@ -218,7 +219,7 @@ def physical_of(
         raise InputError(str(campaign.path), f"none of {len(blocks.starts)} blocks can be used; the first: {reason}",
                          remedy(campaign))
     parts, bands, angles, waves, state = [], [], [], [], []
-    chosen = evenly(states)
+    chosen = even_blocks(states)
     for number, k in enumerate(chosen):
         progress("classifying modes", number, len(chosen))
         block = blocks.read(usable[k])
@@ -231,7 +232,7 @@ def physical_of(
         state.append(states[k])
     progress("classifying modes", len(chosen), len(chosen))
     return physical_modes(
-        gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
+        gather_candidates(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
         angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes,
         highest_hz=passed_hz(campaign, settings), where=str(campaign.path))
 
@@ -261,7 +262,7 @@ def passed_hz(campaign: Campaign, settings: SSISettings) -> float:
     return (PASS_SHARE if thinned else 1.0) * settings.target_rate_hz / 2
 
 
-def classified(
+def classify_blocks(
     blocks: BlockStore,
     campaign: Campaign,
     physical: PhysicalModes,
@@ -320,7 +321,7 @@ def classified(
     )
 
 
-def in_memory(identification: Identification) -> Identification:
+def load_factors(identification: Identification) -> Identification:
     """The same with its covariance factors in memory, before the store goes that they are read from."""
     sets = tuple(s if s.covariance_factors is None else replace(s, covariance_factors=s.covariance_factors.loaded())
                  for s in identification.data.sets)

@@ -20,8 +20,8 @@ from probupdate.identification.physical import (
     PersistenceSettings,
     PhysicalModes,
     block_candidates,
-    evenly,
-    gathered,
+    even_blocks,
+    gather_candidates,
     physical_modes,
 )
 from probupdate.identification.selection import scatter_of, shape_scatter
@@ -73,7 +73,7 @@ def modes_of_poles(tables: PoleTables) -> ImportedModes:
         raise InputError(str(tables.source), "does not say how long the record behind a block is",
                          "write block_minutes in poles.toml, or name the campaign (--sensors)")
     physical = _physical(tables, settings)
-    judged = [_judged(block, physical, settings) for block in tables.blocks]
+    judged = [_judge_poles(block, physical, settings) for block in tables.blocks]
     choices = track(judged, settings).choices
     sets = [_modal_set(block, choice, tables) for block, choice in zip(tables.blocks, choices, strict=True)]
     named = name_modes(sets, physical, None, None, None, settings=settings, highest_hz=np.inf, every=False)
@@ -81,7 +81,7 @@ def modes_of_poles(tables: PoleTables) -> ImportedModes:
     filled, said = _with_scatter(named, physical)
     data = ModalData(channels=tables.channels, sets=filled, labels=named.labels, records=named.records)
     return ImportedModes(data=data, poles=poles, notes=(
-        *_counted(tables, poles, data), *physical.notes, *named.notes, *said))
+        *_count_notes(tables, poles, data), *physical.notes, *named.notes, *said))
 
 
 def _stack(block: BlockOfPoles) -> PoleStack:
@@ -92,16 +92,17 @@ def _stack(block: BlockOfPoles) -> PoleStack:
 
 def _physical(tables: PoleTables, settings: ClassifierSettings) -> PhysicalModes:
     persistence = PersistenceSettings()
-    chosen = evenly([""] * len(tables.blocks))
+    chosen = even_blocks([""] * len(tables.blocks))
     parts = [block_candidates(_stack(tables.blocks[k]), number, settings, persistence)
              for number, k in enumerate(chosen) if len(tables.blocks[k].order)]
     # of one block nothing is asked that its length decides
     minutes = tables.block_minutes if np.isfinite(tables.block_minutes) else 1.0
-    return physical_modes(gathered(parts), n_block=len(chosen), settings=persistence, block_seconds=60 * minutes,
+    return physical_modes(gather_candidates(parts), n_block=len(chosen), settings=persistence,
+                          block_seconds=60 * minutes,
                           where=str(tables.source))
 
 
-def _judged(block: BlockOfPoles, physical: PhysicalModes, settings: ClassifierSettings) -> JudgedPoles:
+def _judge_poles(block: BlockOfPoles, physical: PhysicalModes, settings: ClassifierSettings) -> JudgedPoles:
     stack = _stack(block)
     like = rules.comparison(stack, physical.modes)
     return JudgedPoles(id=block.id, poles=stack, comparison=like, bands=np.zeros((0, 2)), reference=physical.modes,
@@ -175,7 +176,7 @@ def _pole_table(blocks: Sequence[BlockOfPoles], choices: Sequence[Choice], named
     return pd.concat(parts, ignore_index=True)
 
 
-def _counted(tables: PoleTables, poles: pd.DataFrame, data: ModalData) -> list[str]:
+def _count_notes(tables: PoleTables, poles: pd.DataFrame, data: ModalData) -> list[str]:
     count = Counter(poles["criterion"])
     lines = [f"{plural(len(tables.blocks), 'block')}, {len(poles) + sum(tables.incomplete.values())} poles: "
              f"{count.pop(rules.KEPT, 0)} stand for {plural(data.n_mode, 'mode')}"]

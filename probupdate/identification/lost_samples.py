@@ -18,9 +18,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
-from probupdate.campaign.gaps import interpolated, zero_filled
+from probupdate.campaign.gaps import fill_short_gaps, zero_filled
 from probupdate.errors import InputError
-from probupdate.identification.preprocessing import covariance_weights, resampled
+from probupdate.identification.preprocessing import covariance_weights, resample
 from probupdate.identification.record import IdentifiedRecord, identify_covariances, identify_record
 from probupdate.identification.ssi import LaggedProducts, output_covariances, reference_projection
 from probupdate.runtime.arrays import frozen_array
@@ -97,12 +97,12 @@ class LossyRecord:
 
     @cached_property
     def _filled(self) -> WholeRecord:
-        return WholeRecord(data=resampled(zero_filled(self.data), self.rate_hz, self.target_hz),
+        return WholeRecord(data=resample(zero_filled(self.data), self.rate_hz, self.target_hz),
                            target_hz=self.target_hz)
 
     def bridged(self) -> np.ndarray:
         """(n_sample, n_channel) at target_hz with straight lines over gaps: good for following a rotor's angle."""
-        return resampled(interpolated(self.data, len(self.data))[0], self.rate_hz, self.target_hz)
+        return resample(fill_short_gaps(self.data, len(self.data))[0], self.rate_hz, self.target_hz)
 
     def less(self, part: np.ndarray) -> LossyRecord:
         """Without a part (n_sample, n_channel) that was found at target_hz and is slow beside it."""
@@ -236,7 +236,7 @@ def pair_covariances(
         raise InputError("record", "at some distance in time no two samples of a channel were measured",
                          "convert the record at the rate at which it was measured, or leave channels out")
     lossy = np.asarray(np.isnan(data).any(axis=0))
-    thin = resampled(pairs.value, rate_hz, target_hz) if sub_records or not lossy.all() else np.empty((0, len(lossy)))
+    thin = resample(pairs.value, rate_hz, target_hz) if sub_records or not lossy.all() else np.empty((0, len(lossy)))
     # the past may be of any combinations of channels
     covariance = back @ _covariances_of_pairs(pairs, weights, references, thin, lossy)
     changes = back @ _changes_of_parts(pairs, weights, references, thin, rate_hz / target_hz, sub_records)

@@ -11,13 +11,13 @@ import numpy as np
 
 from probupdate.campaign.reading import Campaign
 from probupdate.identification.classification import ClassifierSettings
-from probupdate.identification.counterparts import Matched, match_modes, records_of
+from probupdate.identification.counterparts import MatchedModes, match_modes, records_of
 from probupdate.identification.environment import fore_aft_deg
 from probupdate.identification.physical import PhysicalModes, stays
-from probupdate.identification.reference import ReferenceModes, turned
+from probupdate.identification.reference import ReferenceModes, turn_reference
 from probupdate.identification.tracking import Choice
 from probupdate.io.result_table import plural
-from probupdate.modal.joined_modes import columns_of, frequencies_around, modes_with_two_numbers, same_mode_words
+from probupdate.modal.joined_modes import columns_of, frequencies_around, joined_mode_words, modes_with_two_numbers
 from probupdate.modal.modes import ModalSet, ModelMode, ModeRecord
 
 T = TypeVar("T")
@@ -59,7 +59,7 @@ def name_modes(
     if reference is not None and campaign is not None:
         wanted = reference.labels
         model = reference if others is None else reference.joined(others)
-        matched = _matched(sets, physical, seen, model, len(wanted), campaign)
+        matched = _match_modes(sets, physical, seen, model, len(wanted), campaign)
     columns, labels = _columns(seen, wanted, matched)
     own = [s.of_modes(columns) for s in sets]
     in_pair = {i for pair in physical.modes.pairs for i in pair}
@@ -74,7 +74,7 @@ def name_modes(
         around = [frequencies_around(sets, (a, a, k)) for a, _, k in those]
         if those:
             notes.append(f"from {sets[change].id} on {', '.join(name[a] for a, _, _ in those)} found "
-                         f"{same_mode_words(around)}")
+                         f"{joined_mode_words(around)}")
     return NamedModes(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels,
                       records=records, model_only=lacking, notes=(*notes, *said), sets=own,
                       mode_in_column=np.where(np.array(columns) < 0, -1, mode_in_column[:, list(columns)]))
@@ -107,20 +107,20 @@ def _steady_modes(
                                               strict=True) if not kept]
 
 
-def _matched(
+def _match_modes(
     sets: list[ModalSet], physical: PhysicalModes, seen: np.ndarray, model: ReferenceModes, sought: int,
     campaign: Campaign,
-) -> Matched:
+) -> MatchedModes:
     # asked for some hundred blocks, of each mode for nearly the same
     at_block = lru_cache(maxsize=512)(
-        lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
+        lambda k: turn_reference(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
     pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
     shown = [s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets]
     return match_modes(shown, pairs, _Lazy(at_block, len(sets)), model, sought)
 
 
 def _columns(
-    seen: np.ndarray, wanted: tuple[str, ...], matched: Matched | None
+    seen: np.ndarray, wanted: tuple[str, ...], matched: MatchedModes | None
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Columns of the result, the modes of interest before the numbered ones: place among the physical modes, -1 where
     one was not found; and their labels."""

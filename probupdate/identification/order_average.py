@@ -41,9 +41,9 @@ class ModePoles:
 
 def twins(every: Sequence[Poles], order: int, index: int, most: int = MOST) -> tuple[tuple[int, int], ...]:
     """(model order, index) of a pole, and of its twins at lower orders, descending: frequency within 1 % and MAC of
-    0.9; evenly `most` of those that have one. An index of -1 - k is pole k by itself (`alone`)."""
+    0.9; evenly `most` of those that have one. An index of -1 - k is pole k by itself (`single_pole_key`)."""
     if index < 0:
-        return ((order, alone(index)),)
+        return ((order, single_pole_key(index)),)
     own = next(p for p in every if p.order == order)
     found = []
     for other in sorted(every, key=lambda p: -p.order):
@@ -57,12 +57,12 @@ def twins(every: Sequence[Poles], order: int, index: int, most: int = MOST) -> t
     return ((order, index), *(found[k] for k in some))
 
 
-def alone(index: int) -> int:
+def single_pole_key(index: int) -> int:
     """The key of a pole that is to be taken by itself, not averaged, from its index; and back."""
     return -1 - index
 
 
-def averaged(poles: ModePoles, rows: Sequence[int]) -> ModePoles:
+def average_orders(poles: ModePoles, rows: Sequence[int]) -> ModePoles:
     """One mode from its pole at several orders: those of `poles` at `rows`, the chosen one first, others descending;
     shapes in any scale.
 
@@ -110,11 +110,11 @@ def averages(record: IdentifiedRecord, alike: Sequence[Sequence[tuple[int, int]]
         if len(index):
             parts.append(ModePoles(frequency_hz=poles.frequency_hz[index], damping_ratio=poles.damping_ratio[index],
                                    shape=poles.shape[:, index], factors=record.factors(index, poles.order)))
-    every, place = _gathered(parts), {one: row for row, one in enumerate(wanted)}
-    return _gathered([averaged(every, [place[one] for one in some]) for some in alike])
+    every, place = _gather_modes(parts), {one: row for row, one in enumerate(wanted)}
+    return _gather_modes([average_orders(every, [place[one] for one in some]) for some in alike])
 
 
-def _gathered(modes: Sequence[ModePoles]) -> ModePoles:
+def _gather_modes(modes: Sequence[ModePoles]) -> ModePoles:
     factors = [m.factors for m in modes]
     return ModePoles(
         frequency_hz=np.concatenate([m.frequency_hz for m in modes]),

@@ -21,8 +21,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from probupdate.errors import InputError
-from probupdate.identification.classification import ClassifierSettings, PoleStack, within
-from probupdate.identification.reference import ReferenceModes, along_axes, heading_of_motion
+from probupdate.identification.classification import ClassifierSettings, PoleStack, is_within
+from probupdate.identification.reference import ReferenceModes, heading_of_motion, shapes_along_axes
 from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import Sensor, mac, rotate_to_real, subspace_mac
 from probupdate.runtime.arrays import frozen_array
@@ -168,7 +168,7 @@ def _pairs_whole(
     return result
 
 
-def gathered(parts: Sequence[Candidates]) -> Candidates:
+def gather_candidates(parts: Sequence[Candidates]) -> Candidates:
     return Candidates(
         block=np.concatenate([p.block for p in parts]), share=np.concatenate([p.share for p in parts]),
         ln_frequency=np.concatenate([p.ln_frequency for p in parts]),
@@ -235,7 +235,7 @@ def _clusters(c: Candidates, core: float) -> list[np.ndarray]:
     return [rising[np.flatnonzero(label == one)] for one in np.unique(label[label >= 0])]
 
 
-def _two_modes(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
+def _split_cluster(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
     """A cluster as it is, or in two where its blocks have two poles at once of one direction, which few channels do not
     distinguish: two modes that poles between them, of orders too low for both, have joined."""
     inside = c.at(rows)
@@ -254,7 +254,7 @@ def _two_modes(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
     if high - low <= TWIN_FREQUENCY:
         return [rows]
     below = inside.ln_frequency < 0.5 * (low + high)
-    return [*_two_modes(c, rows[below]), *_two_modes(c, rows[~below])]
+    return [*_split_cluster(c, rows[below]), *_split_cluster(c, rows[~below])]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -296,7 +296,7 @@ def physical_modes(
     state = list(state) if state is not None else [""] * n_block
     bands = list(bands) if bands is not None else [np.zeros((0, 2))] * n_block
     if len(candidates.block) == 0:
-        raise _nothing(where, n_block)
+        raise _no_modes_error(where, n_block)
     persistence = _Persistence.of(settings, state, n_block, block_seconds)
     swept, always = _swept(candidates, bands)
     found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
@@ -310,14 +310,14 @@ def physical_modes(
               if swept[one.rows].mean() > FOLLOWS]
     found = _structural_clusters(candidates, found, wave_hz, highest_hz, notes)
     angle = np.array(angle_deg, float) if angle_deg is not None else None
-    groups, doubles = _grouped(candidates, found, block_seconds,
-                               turns=angle is not None and bool(np.isfinite(angle).any()))
+    groups, doubles = _group_clusters(candidates, found, block_seconds,
+                                      turns=angle is not None and bool(np.isfinite(angle).any()))
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
               "few of its blocks and orders or here and there beside it: no mode of its own, but its double, or that "
               "mode after a change"
               for one, twin in doubles]
     if not groups:
-        raise _nothing(where, n_block)
+        raise _no_modes_error(where, n_block)
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz has a damping of {100 * one.damping:.2g} %, as no structure has: a "
               "machine's line, perhaps folded from above half the sampling rate; look at it as a mode with care"
               for one in sorted((group[0] for group in groups), key=lambda x: x.ln_frequency)
@@ -349,7 +349,7 @@ class _Persistence:
         stay where they are."""
         found = []
         clusters = _clusters(candidates.at(rows), self.core)
-        for mine in [part for one in clusters for part in _two_modes(candidates.at(rows), one)]:
+        for mine in [part for one in clusters for part in _split_cluster(candidates.at(rows), one)]:
             inside = candidates.at(rows[mine])
             weight = _block_weight(inside, self.n_block)
             if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
@@ -376,7 +376,7 @@ def _structural_clusters(
     return [one for one in clusters if all(one is not x for x in (*waves, *above))]
 
 
-def _nothing(where: str, n_block: int) -> InputError:
+def _no_modes_error(where: str, n_block: int) -> InputError:
     return InputError(f"{where}, modes", f"no pole comes back over the model orders and the {n_block} blocks",
                       "give another order, or a rate that holds the modes")
 
@@ -433,20 +433,20 @@ def _is_of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | No
 def _swept(c: Candidates, bands: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """(n,) bool: candidates where multiples of the rotor's speed were in their block; and those whose frequency these
     sweep in nearly every block, so that being there says nothing."""
-    swept = np.array([bool(within(np.exp(x)[None], bands[k])[0]) if len(bands[k]) else False
+    swept = np.array([bool(is_within(np.exp(x)[None], bands[k])[0]) if len(bands[k]) else False
                       for x, k in zip(c.ln_frequency, c.block, strict=True)])
     known = [b for b in bands if len(b)]
     if not known:
         return swept, swept
-    chance = np.mean([within(np.exp(c.ln_frequency), b) for b in known], axis=0)
+    chance = np.mean([is_within(np.exp(c.ln_frequency), b) for b in known], axis=0)
     return swept, chance > BY_CHANCE
 
 
-def _inside(a: _Cluster, plane: np.ndarray) -> bool:
+def _is_in_plane(a: _Cluster, plane: np.ndarray) -> bool:
     return bool(subspace_mac(a.basis, plane).min() >= IN_PLANE)
 
 
-def _grouped(
+def _group_clusters(
     c: Candidates, clusters: list[_Cluster], block_seconds: float, turns: bool
 ) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
     """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those
@@ -469,10 +469,10 @@ def _grouped(
                 twin = first
                 break
             known = len(one.basis) >= one.basis.shape[1] + first.basis.shape[1] + 2
-            if away > DOUBLE or not known or not _inside(one if first.plane else first, first.basis if first.plane
-                                                         else one.basis):
+            if away > DOUBLE or not known or not _is_in_plane(one if first.plane else first, first.basis if first.plane
+                                                              else one.basis):
                 continue
-            if away <= SAME_MODE and (first.plane or one.plane or _apart_in_time(c, first, one)):
+            if away <= SAME_MODE and (first.plane or one.plane or _are_apart_in_time(c, first, one)):
                 home = group
                 break
             if one.weight < 0.5 * first.weight and not one.plane and not _instead(c, first, one):
@@ -516,10 +516,10 @@ def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_
             if mac(first.basis, mate.basis)[0, 0] >= 0.5 or len(first.basis) < 4:
                 continue
             plane = np.column_stack([first.basis, mate.basis])
-            inside = [x for x in near if x is mate or _inside(x, plane)]
+            inside = [x for x in near if x is mate or _is_in_plane(x, plane)]
             # or of one mode that turned with the nacelle, at two headings
             turned = (turns and abs(mate.ln_frequency - first.ln_frequency) <= TWIN_FREQUENCY
-                      and _apart_in_time(c, first, mate))
+                      and _are_apart_in_time(c, first, mate))
             if len(inside) >= 2 or turned:
                 members += inside
                 break
@@ -533,7 +533,7 @@ def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_
     return result
 
 
-def _apart_in_time(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
+def _are_apart_in_time(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
     first, second = set(c.block[heavy.rows].tolist()), set(c.block[light.rows].tolist())
     return len(first & second) <= 0.2 * len(second)
 
@@ -569,18 +569,18 @@ def _build_modes(
             continue
         basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
-        axes = along_axes(basis, sensors) if turns else None
+        axes = shapes_along_axes(basis, sensors) if turns else None
         shapes, parts = (_resolve_by_nacelle(c, rows, axes, angle) if axes is not None
                          else _resolve_by_frequency(c, rows, basis))
         n = len(modes)
         modes += [_Mode(rows=parts[k], shape=shapes[:, k], mate=n + 1 - k, turns=axes is not None) for k in range(2)]
-    return _numbered(c, modes, notes)
+    return _number_modes(c, modes, notes)
 
 
-def stated_modes(c: Candidates, groups: Sequence[np.ndarray], notes: tuple[str, ...]) -> PhysicalModes:
+def modes_from_groups(c: Candidates, groups: Sequence[np.ndarray], notes: tuple[str, ...]) -> PhysicalModes:
     """Modes of which it is stated which candidates (rows) each consists of, such as poles that were picked by hand."""
-    return _numbered(c, [_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows])[:, None])[:, 0])
-                         for rows in groups], notes)
+    return _number_modes(c, [_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows])[:, None])[:, 0])
+                             for rows in groups], notes)
 
 
 def _real(shape: np.ndarray) -> np.ndarray:
@@ -618,7 +618,7 @@ def _resolve_by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) ->
     return shapes, [part if len(part) else rows for part in parts]
 
 
-def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> PhysicalModes:
+def _number_modes(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> PhysicalModes:
     middle = np.array([np.median(c.ln_frequency[m.rows]) for m in modes])
     damping = np.array([np.median(c.damping[m.rows]) for m in modes])
     rising = np.argsort(middle, kind="stable")
@@ -653,7 +653,7 @@ def _close_singles(frequency, damping, taken: set[int], n_channel: int) -> set[t
     return pairs
 
 
-def evenly(state: Sequence[str], most: int = MOST_BLOCKS) -> list[int]:
+def even_blocks(state: Sequence[str], most: int = MOST_BLOCKS) -> list[int]:
     """Numbers of at most about `most` blocks, ascending, evenly over the campaign and each state by its share, but of
     every state at least 48 where it has them."""
     if len(state) <= most:

@@ -14,7 +14,7 @@ PASS_SHARE, STOP_DB = CONSTANTS.pass_share, CONSTANTS.stop_db
 GROUP = 16
 
 
-def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
+def resample(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     """data (n_sample, n_channel) without its mean, at target_hz.
 
     One symmetric (zero-phase) Kaiser FIR filter serves anti-aliasing and decimation; all channels
@@ -23,17 +23,17 @@ def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     """
     centred = data - data.mean(axis=0)
     up, down, taps = _design(rate_hz, target_hz)
-    return centred if taps is None else _filtered(centred, up, down, taps)
+    return centred if taps is None else _filter_polyphase(centred, up, down, taps)
 
 
 def filter_reach(rate_hz: float, target_hz: float) -> int:
-    """Samples at target_hz on each side of one that `resampled` makes it of; 0 where the rate stays."""
+    """Samples at target_hz on each side of one that `resample` makes it of; 0 where the rate stays."""
     up, down, taps = _design(rate_hz, target_hz)
     return 0 if taps is None else -(-(len(taps) // 2) // down)
 
 
 def covariance_weights(rate_hz: float, target_hz: float, n_lag: int) -> tuple[int, np.ndarray]:
-    """What `resampled` does to covariances: the first lag k0 at rate_hz, and W (n_lag + 1, n) so that W R, with R (n,)
+    """What `resample` does to covariances: the first lag k0 at rate_hz, and W (n_lag + 1, n) so that W R, with R (n,)
     the covariances at lags k0, k0 + 1, ... at rate_hz, are those at lags 0..n_lag at target_hz.
 
     The filter's autocorrelation, averaged over the phases at which a rational rate takes its outputs.
@@ -70,7 +70,7 @@ def _design(rate_hz: float, target_hz: float) -> tuple[int, int, np.ndarray | No
     return up, down, up * taps
 
 
-def _filtered(data: np.ndarray, up: int, down: int, taps: np.ndarray) -> np.ndarray:
+def _filter_polyphase(data: np.ndarray, up: int, down: int, taps: np.ndarray) -> np.ndarray:
     """What scipy's resample_poly gives, data (n_sample, n_channel) taken as zero beyond its ends, as matrix products.
 
     A few outputs in a row are one product of taps with the inputs around them, moved by `hop` inputs from each group of

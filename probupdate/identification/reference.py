@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modal.labels import about_vertical, along_x, label_across
+from probupdate.modal.labels import about_vertical, is_along_x, label_across
 from probupdate.modal.modes import Sensor
-from probupdate.modal.sensor_places import at_one_height
+from probupdate.modal.sensor_places import sensors_by_height
 from probupdate.runtime.arrays import frozen_array
 
 
@@ -59,7 +59,7 @@ class ReferenceModes:
         first, second = (self.labels[i] for i in pair)
         if label_across(first) != second or not about_vertical(first):
             return None
-        return pair if along_x(first) else (pair[1], pair[0])
+        return pair if is_along_x(first) else (pair[1], pair[0])
 
     def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
         """The modes `chosen`, in that order; renumbered, or with `labels`. A pair that loses a mode is none."""
@@ -96,7 +96,7 @@ class ReferenceModes:
         return float(np.mean(self.frequency_hz[list(group)]))
 
 
-def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: float) -> ReferenceModes:
+def turn_reference(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: float) -> ReferenceModes:
     """The reference with every turning pair turned in its plane by angle_deg, counter-clockwise seen from above.
 
     Fore-aft is where the nacelle looks: the reference has it along x, a block at its heading. The plane stays the same;
@@ -114,7 +114,7 @@ def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: fl
     return replace(reference, shape=shape)
 
 
-def along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | None:
+def shapes_along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | None:
     """(n_channel, 2): of a plane (n_channel, 2) the shapes that move along x and along y; None where its motion is not
     horizontal in two directions, or no level has sensors in both."""
     motion = np.array([horizontal(column, sensors) for column in plane.T])  # (2, n_level, 2)
@@ -136,7 +136,7 @@ def along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | N
 
 def heading_of_motion(shape: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(n,) direction in rad, counter-clockwise from x and up to half a turn, of shapes (n_channel, n) in the plane of
-    `axes` (`along_axes`): the phase of the first harmonic of their real coordinates."""
+    `axes` (`shapes_along_axes`): the phase of the first harmonic of their real coordinates."""
     size = np.linalg.norm(axes, axis=0)
     inside = np.linalg.lstsq(axes / size, shape, rcond=None)[0]
     inside = inside * np.exp(-0.5j * np.angle(np.sum(inside**2, axis=0)))
@@ -147,7 +147,7 @@ def horizontal(shape: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:
     """(n_level, 2) mean horizontal motion of each level with both directions; shape (n_channel,)."""
     direction = np.array([s.direction[:2] for s in sensors])
     found = []
-    for rows in at_one_height(sensors):
+    for rows in sensors_by_height(sensors):
         if np.linalg.matrix_rank(direction[rows], tol=0.1) == 2:
             found.append(np.linalg.lstsq(direction[rows], shape[rows], rcond=None)[0])
     return np.array(found).reshape(-1, 2)

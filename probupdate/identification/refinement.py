@@ -24,7 +24,7 @@ LARGEST, TOGETHER = 3, 5
 POWER = {"acceleration": 0, "velocity": -1, "displacement": -2}
 
 
-def refined(
+def refine_modes(
     data: np.ndarray, rate_hz: float, poles: ModePoles, *, highest_hz: float, quantity: str = "acceleration",
     fixed: np.ndarray | None = None,
 ) -> tuple[ModePoles, np.ndarray]:

@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError
-from probupdate.identification.covariate_shapes import Shape, alone, choose_shapes
+from probupdate.identification.covariate_shapes import Shape, choose_shapes, find_lone_rows
 from probupdate.identification.settings import CONSTANTS
-from probupdate.identification.slow_error import whitened
+from probupdate.identification.slow_error import whiten_columns
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import ModalData, ModalSet
@@ -101,7 +101,7 @@ def regress(
     _refuse_few(response, value[known], names)
     noise, plain = _noise(std, known), np.column_stack([np.ones(len(value)), *columns])
     rows = known.copy()
-    rows[known] = ~alone(value[known], noise[known], plain[known], 2 * OUTLIER)
+    rows[known] = ~find_lone_rows(value[known], noise[known], plain[known], 2 * OUTLIER)
     chosen = choose_shapes(value[rows], noise[rows], time_h[rows],
                            {name: column[rows] for name, column in zip(names, columns, strict=True)})
     own = 1 + np.arange(len(chosen.names))
@@ -115,7 +115,7 @@ def regress(
     error = np.sqrt(np.diag(fit.covariance)[own] + np.diag(chosen.spread))
     free = int(rows.sum()) - table.shape[1]
     inflation = _inflation(table[rows][:, own])
-    joint = _together(chosen.names, table[rows][:, own], inflation, fit, free, notes)
+    joint = _confounded_pairs(chosen.names, table[rows][:, own], inflation, fit, free, notes)
     notes += [_shape_words(shape) for shape in chosen.shapes]
     notes += _follows_still(names, plain[:, 1:], table, fit, noise, time_h, value, rows)
     return Regression(
@@ -125,7 +125,7 @@ def regress(
         spread=frozen_array(table[rows][:, own].std(axis=0, ddof=1)), intercept=float(fit.coefficient[0]),
         intercept_std=float(np.sqrt(fit.covariance[0, 0])), n=int(rows.sum()),
         n_outlier=int(known.sum() - rows.sum()), n_missing=int(there.sum() - known.sum()),
-        explained=_explained(value[rows], residual[rows], noise[rows]),
+        explained=_explained_variance(value[rows], residual[rows], noise[rows]),
         noise_factor=float(fit.scale if std is not None else fit.scale * np.median(noise[rows])),
         slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
         residual=frozen_array(residual), joint=joint, shapes=chosen.shapes, notes=tuple(notes),
@@ -180,7 +180,7 @@ def _follows_still(names, columns, table, fit: _Fit, noise, time_h, value, rows)
     for name, x in zip(names, columns[rows].T, strict=True):
         part = np.searchsorted(np.quantile(x, np.linspace(0, 1, SIXTHS + 1)[1:-1]), x)
         marks = (part[:, None] == np.arange(1, SIXTHS)).astype(float)
-        white, _ = whitened(np.column_stack([table[rows], value[rows], marks]), noise[rows], fit.ratio, decay)
+        white, _ = whiten_columns(np.column_stack([table[rows], value[rows], marks]), noise[rows], fit.ratio, decay)
         q = np.linalg.qr(white[:, : table.shape[1]])[0]
         y, m = (part - q @ (q.T @ part) for part in np.split(white[:, table.shape[1]:], [1], axis=1))
         taken, _, rank, _ = np.linalg.lstsq(m, y, rcond=1e-8)
@@ -207,7 +207,7 @@ def _without_outliers(table, value, noise, time_h, rows) -> tuple[_Fit, np.ndarr
             return fit, rows
 
 
-def _together(
+def _confounded_pairs(
     names: Sequence[str], table: np.ndarray, inflation: np.ndarray, fit: _Fit, free: int, notes: list[str]
 ) -> tuple[tuple[tuple[str, str], float], ...]:
     """Pairs of confounded covariates, each once, with p of the two together (Wald's F): either alone may seem
@@ -302,7 +302,7 @@ def _fit(table, value, noise, time_h) -> _Fit:
     for last in hours:
         decay = np.exp(-step / last)
         for ratio in RATIOS:
-            white, log_determinant = whitened(both, noise, unit * ratio, decay)
+            white, log_determinant = whiten_columns(both, noise, unit * ratio, decay)
             q, r = np.linalg.qr(white[:, :-1])
             target = q.T @ white[:, -1]
             left = white[:, -1] - q @ target
@@ -329,7 +329,7 @@ def _inflation(table: np.ndarray) -> np.ndarray:
     return np.diag(np.linalg.inv(np.corrcoef(table.T)))
 
 
-def _explained(value, residual, noise) -> float:
+def _explained_variance(value, residual, noise) -> float:
     weight = 1 / noise**2
     about = value - np.sum(weight * value) / np.sum(weight)
     whole = np.sum(weight * about**2)

@@ -49,7 +49,7 @@ class Setup:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Merged:
+class MergedModes:
     """data: one set over the channels of all setups; sensors in its order; references: channels of two or more setups;
     table: a row a mode and setup with label, setup, blocks, frequency_hz, frequency_std_hz, misfit (share of the
     references' motion that scaling leaves), p_value (that the setups' frequencies are one, by chi-square)."""
@@ -92,7 +92,7 @@ def _gravity(known: Mapping[str, Sensor], channels: Sequence[str]) -> tuple[bool
     return tuple(bool(known[c].gravity) for c in channels)
 
 
-def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged:
+def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> MergedModes:
     """One modal set of all channels. Modes go by label where the setups have the same ones from a model, or
     `same_modes` says that column j is one mode in all; else they are matched by frequency and by the shapes at the
     references. A mode stays if at least two setups and a third of them have it; the others are said, and their
@@ -115,9 +115,9 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
     known = {sensor.channel: sensor for s in setups for sensor in s.sensors}
     shape, d_shape, misfit, noise = _joined_shapes(setups, means, channels, references)
     parts = [m.d_ln_frequency.shape[1] for m in means]
-    ln_frequency, d_ln_frequency, spread, p_value = _weighted([m.ln_frequency for m in means],
-                                                              [m.d_ln_frequency for m in means], parts)
-    damping, d_damping, _, _ = _weighted([m.damping for m in means], [m.d_damping for m in means], parts)
+    ln_frequency, d_ln_frequency, spread, p_value = _weighted_mean([m.ln_frequency for m in means],
+                                                                   [m.d_ln_frequency for m in means], parts)
+    damping, d_damping, _, _ = _weighted_mean([m.damping for m in means], [m.d_damping for m in means], parts)
     frequency = np.exp(ln_frequency)
     modal = ModalSet(
         id="merged: " + ", ".join(s.name for s in setups), frequency_hz=frequency, damping_ratio=damping, shape=shape,
@@ -135,7 +135,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
         if np.isfinite(mean.ln_frequency[j])
     ])
     data = ModalData(channels=channels, sets=(modal,), labels=labels, gravity=_gravity(known, channels))
-    return Merged(
+    return MergedModes(
         data=data, sensors=tuple(known[c] for c in channels), references=references, table=table,
         summary=_summary(setups, means, modal, labels, references, misfit, p_value),
     )
@@ -168,7 +168,7 @@ def shared_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
     return tuple(c for c in every if sum(c in place for place in places) > 1)
 
 
-def _shared(first: Setup, second: Setup) -> tuple[list[int], list[int]]:
+def _shared_channels(first: Setup, second: Setup) -> tuple[list[int], list[int]]:
     """Rows of the channels that two setups share, in each."""
     one, two = first.data.channels, second.data.channels
     names = [c for c in one if c in two]
@@ -282,7 +282,7 @@ def _alike_at_references(
         for m, known in enumerate(modes):
             for other, column in known.items():
                 away = np.abs(means[k].ln_frequency - means[other].ln_frequency[column])
-                theirs, ours = _shared(setups[other], setups[k])
+                theirs, ours = _shared_channels(setups[other], setups[k])
                 # setups without a channel in common may have a mode of the same frequency, known by a third
                 alike = (mac(means[other].shape[np.ix_(theirs, [column])], means[k].shape[ours])[0] if ours
                          else np.full(len(away), SAME_MAC))
@@ -349,7 +349,7 @@ def _joined_shapes(setups, means: list[_Mean], channels, references):
         for k, parent in _tree(setups, means, group, usable, int(np.argmin(noise))):
             d_own = np.zeros((*means[k].shape[:, group].shape, total), complex)
             d_own[:, :, place[k]: place[k + 1]] = means[k].d_shape[:, group]
-            theirs, ours = _shared(setups[parent], setups[k])
+            theirs, ours = _shared_channels(setups[parent], setups[k])
             # the first is scaled to itself
             target, d_target = scaled.get(parent, (means[k].shape[:, group], d_own))
             target, d_target = target[theirs], d_target[theirs]
@@ -393,7 +393,7 @@ def _tree(
         for k in usable:
             if k in reached:
                 continue
-            theirs, ours = _shared(setups[parent], setups[k])
+            theirs, ours = _shared_channels(setups[parent], setups[k])
             if ours and max(_relative_noise(means[parent], theirs, group),
                             _relative_noise(means[k], ours, group)) <= LARGEST_STD:
                 found.append((k, parent))
@@ -409,7 +409,7 @@ def _refuse_alike(target: np.ndarray, references: Sequence[str], frequency_hz: n
                          "take references in which they differ")
 
 
-def _weighted(values: list[np.ndarray], factors: list[np.ndarray], widths: list[int]):
+def _weighted_mean(values: list[np.ndarray], factors: list[np.ndarray], widths: list[int]):
     """Mean by inverse variances with its factors over all columns, the Birge ratio (1 or more) and the
     p-value; of the values that are there, with their factors."""
     value = np.array(values)

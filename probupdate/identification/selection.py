@@ -21,7 +21,7 @@ from probupdate.identification.criteria import (
 )
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
-from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, misnamed, of_turbine
+from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, find_misnamed, of_turbine
 from probupdate.modal.labels import TURBINE, family, is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step
@@ -108,7 +108,8 @@ def select(
     if families - {""} and families.isdisjoint(TURBINE[:2]) and not any(of_turbine(s.environment) for s in sets):
         notes = []
     if scada is not None:
-        notes += [f"SCADA has no {known}{renaming(given)}" for known, given in misnamed(scada.columns, SIMILAR).items()]
+        notes += [f"SCADA has no {known}{renaming(given)}"
+                  for known, given in find_misnamed(scada.columns, SIMILAR).items()]
     seldom = [label for j, label in enumerate(labels) if j not in required]
     if criteria.required is None and seldom and not any(map(is_bending, labels)):
         notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
@@ -118,7 +119,7 @@ def select(
     failed = [failed_criteria(s, tests, required, pairs, criteria) for s in sets]
     passed = np.array([not names for names in failed])
     if not passed.any():
-        raise _none_passes(failed)
+        raise _no_set_error(failed)
     good = [s for s, p in zip(sets, passed, strict=True) if p]
     score, odd = np.full(len(sets), np.nan), np.zeros(len(sets), bool)
     score[passed] = inconsistency(good, required, pairs)
@@ -166,7 +167,7 @@ def _odd_notes(
     return said + [f"and {int(odd.sum()) - most} more"] * bool(odd.sum() > most)
 
 
-def _none_passes(failed: Sequence[Sequence[str]]) -> InputError:
+def _no_set_error(failed: Sequence[Sequence[str]]) -> InputError:
     counts = pd.Series([names[0] for names in failed]).value_counts()
     text = ", ".join(f"{n} {name}" for name, n in counts.items())
     return InputError("selection", f"none of {len(failed)} blocks passes ({text})", "relax one, or measure on")

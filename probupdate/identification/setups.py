@@ -16,21 +16,21 @@ from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import SSISettings, pole_stack
-from probupdate.identification.counterparts import Matched, match_modes, records_of
-from probupdate.identification.identify import classified, in_memory, passed_hz, physical_of
+from probupdate.identification.counterparts import MatchedModes, match_modes, records_of
+from probupdate.identification.identify import classify_blocks, load_factors, passed_hz, physical_of
 from probupdate.identification.physical import (
     Candidates,
     PersistenceSettings,
     PhysicalModes,
     block_candidates,
-    gathered,
+    gather_candidates,
     leading_direction,
     physical_modes,
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.references_between import SetupModes, compare_references
-from probupdate.identification.roving import Merged, Setup, merge_setups, shared_channels
+from probupdate.identification.roving import MergedModes, Setup, merge_setups, shared_channels
 from probupdate.modal.modes import Sensor, rotate_to_real
 from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
@@ -47,7 +47,7 @@ def identify_setups(
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
-) -> Merged:
+) -> MergedModes:
     """The modes of a structure measured in several setups, in one set of all channels.
 
     Poles of all setups' blocks are clustered together, by frequency and by their shape at the channels that all have (a
@@ -57,7 +57,7 @@ def identify_setups(
     below which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
-    campaigns = in_one_sense(campaigns)
+    campaigns = align_directions(campaigns)
     shared = shared_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
     common = [c for c in shared if all(c in campaign.channels for campaign in campaigns)]
     if not common and reference is not None:
@@ -73,27 +73,28 @@ def identify_setups(
         if not parts:
             raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
         alone = [one for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True))
-                 if (one := _alone(campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k],
-                                   persistence))]
+                 if (one := _identify_setup(
+                     campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k], persistence))]
         compared = compare_references(alone, shared)
         if not common:
             return _merge_along_chain(campaigns, names, poles, compared, settings, runs, progress)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
-        found = physical_modes(gathered([_shapes_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
+        at_common = [_shapes_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]
+        found = physical_modes(gather_candidates(at_common),
                                n_block=len(owner), settings=persistence,
                                block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
                                highest_hz=min(passed_hz(c, settings) for c in campaigns))
         setups, notes = [], [*compared, *found.notes]
         for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
-            own, place, absent = _own_part(found, parts, [j for j, one in enumerate(owner) if one == k])
+            own, place, absent = _setup_part(found, parts, [j for j, one in enumerate(owner) if one == k])
             if own is None:
                 notes.append(f"{name}: shows none of the {len(found.modes.labels)} modes: left out")
                 continue
             rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
-            result = classified(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
-                                progress=progress, every=True)
+            result = classify_blocks(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
+                                     progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
-            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets),
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in load_factors(result).data.sets),
                            records=(), labels=found.modes.labels)
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:
@@ -108,22 +109,22 @@ def identify_setups(
 def _merge_along_chain(
     campaigns: Sequence[Campaign], names: Sequence[str], poles: Sequence[BlockStore], compared: list[str],
     settings: SSISettings, runs: Executor, progress: Progress,
-) -> Merged:
+) -> MergedModes:
     """Setups without a channel common to all: each with the modes that its own poles come back at, merged."""
     setups, notes = [], ["no channel is common to all setups: each was identified by itself, and they were merged "
                          "along the chain of channels that two share"]
     for campaign, name, blocks in zip(campaigns, names, poles, strict=True):
         rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
         found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
-        result = in_memory(classified(blocks, campaign, found, None, settings=settings, rule=rule, jobs=runs,
-                                      progress=progress))
+        result = load_factors(classify_blocks(blocks, campaign, found, None, settings=settings, rule=rule, jobs=runs,
+                                              progress=progress))
         setups.append(Setup(name=name, sensors=campaign.sensors, data=replace(result.data, records=())))
         notes += [f"{name}: {text}" for text in found.notes]
     merged = merge_setups(setups)
     return replace(merged, summary="\n".join([merged.summary, *compared, *notes]))
 
 
-def in_one_sense(campaigns: Sequence[Campaign]) -> list[Campaign]:
+def align_directions(campaigns: Sequence[Campaign]) -> list[Campaign]:
     """The campaigns with every channel along the direction of the first that has it: one that is stated the other way
     round is taken with the other sign."""
     stated: dict[str, Sensor] = {}
@@ -137,12 +138,12 @@ def in_one_sense(campaigns: Sequence[Campaign]) -> list[Campaign]:
     return found
 
 
-def _alone(campaign: Campaign, name: str, parts: list[Candidates], persistence: PersistenceSettings
-           ) -> SetupModes | None:
+def _identify_setup(campaign: Campaign, name: str, parts: list[Candidates], persistence: PersistenceSettings
+                    ) -> SetupModes | None:
     """A setup's modes by itself; None where nothing comes back."""
     if not parts or not sum(len(p.block) for p in parts):
         return None
-    own = gathered([replace(p, block=np.full(len(p.block), k)) for k, p in enumerate(parts)])
+    own = gather_candidates([replace(p, block=np.full(len(p.block), k)) for k, p in enumerate(parts)])
     try:
         found = physical_modes(own, n_block=len(parts), settings=persistence,
                                block_seconds=60 * campaign.block_minutes)
@@ -176,7 +177,7 @@ def _shapes_at(part: Candidates, rows: list[int]) -> Candidates:
     return replace(part, shape=shape / np.where(size > 0, size, 1.0))
 
 
-def _own_part(
+def _setup_part(
     found: PhysicalModes, parts: list[Candidates], blocks: list[int]
 ) -> tuple[PhysicalModes | None, dict[int, int], list[int]]:
     """The modes with their shapes at one setup's channels, from the candidates of its blocks; mode -> place among them;
@@ -202,7 +203,7 @@ def _own_part(
 
 def _name_modes(
     setups: list[Setup], found: PhysicalModes, model: ReferenceModes, wanted: tuple[str, ...], channels: tuple[str, ...]
-) -> tuple[list[Setup], Matched]:
+) -> tuple[list[Setup], MatchedModes]:
     """The setups' modes matched with the model's by all their blocks: those of interest first, by name, the others by
     number; the match has the columns in their new order."""
     sets, at = [], []
@@ -222,9 +223,9 @@ def _name_modes(
 
 
 def _with_records(
-    merged: Merged, labels: tuple[str, ...], matched: Matched, wanted: tuple[str, ...], notes: list[str],
+    merged: MergedModes, labels: tuple[str, ...], matched: MatchedModes, wanted: tuple[str, ...], notes: list[str],
     settings: SSISettings,
-) -> Merged:
+) -> MergedModes:
     """The merged set with the record of each mode that it kept."""
     kept = matched.at([labels.index(label) for label in merged.data.labels])
     records, lacking, said = records_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def whitened(columns: np.ndarray, noise: np.ndarray, slow: float, decay: np.ndarray) -> tuple[np.ndarray, float]:
+def whiten_columns(columns: np.ndarray, noise: np.ndarray, slow: float, decay: np.ndarray) -> tuple[np.ndarray, float]:
     """L^-1 columns (n_row, n_column) and ln det V of V = diag(noise^2) + slow^2 exp(-|dt| / hours) = L L^T.
 
     Kalman's filter of the slow error, its work linear in the rows. decay (n_row - 1,): exp(-dt / hours).

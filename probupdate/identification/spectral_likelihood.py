@@ -82,7 +82,7 @@ class GroupFit:
 
 
 @cache
-def _above(size: int) -> tuple[np.ndarray, np.ndarray]:
+def _indices_above_diagonal(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the elements above the diagonal."""
     return np.triu_indices(size, 1)
 
@@ -116,7 +116,7 @@ class _Band:
 
     @property
     def below(self) -> tuple[np.ndarray, np.ndarray]:
-        return _above(len(self.start.level))[::-1]
+        return _indices_above_diagonal(len(self.start.level))[::-1]
 
 
 def _band(spectrum: Spectrum, start: Start) -> _Band:
@@ -179,7 +179,7 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Fitted:
+class _FittedBand:
     """deviance: twice the negative log-posterior; of each bin h (n_bin, p), white (n_bin, r, r): the inverse root of E,
     error: the whitened sample less the unit matrix; force in its unit; prior: standardised distances from the start of
     the elements of S and of the noise, in the order of `_Parameters`."""
@@ -192,7 +192,7 @@ class _Fitted:
     prior: np.ndarray
 
 
-def _fitted(band: _Band, state: _State) -> _Fitted | None:
+def _fit_band(band: _Band, state: _State) -> _FittedBand | None:
     """None where E is not positive."""
     scale = np.sqrt(band.start.level)
     h = np.concatenate([responses(band.middle, state.frequency, state.damping), band.tails], axis=1)
@@ -211,11 +211,11 @@ def _fitted(band: _Band, state: _State) -> _Fitted | None:
     prior = np.concatenate([np.log(np.diag(state.root).real), away.real, away.imag]) / FORCE_STD
     prior = np.concatenate([prior, [state.slope / SLOPE_STD, (state.noise - band.noise) / NOISE_STD]])
     value = 2 * band.count @ (log + np.einsum("kii->k", sample).real) + prior @ prior
-    return _Fitted(deviance=float(value), h=h, white=white, error=sample - np.eye(len(band.colour)), force=force,
-                   prior=prior)
+    return _FittedBand(deviance=float(value), h=h, white=white, error=sample - np.eye(len(band.colour)), force=force,
+                       prior=prior)
 
 
-def _derivatives(band: _Band, state: _State, now: _Fitted) -> np.ndarray:
+def _derivatives(band: _Band, state: _State, now: _FittedBand) -> np.ndarray:
     """Whitened derivatives of E, real (n_parameter, n_bin, r, r) as `_real` has Hermitian matrices: by ln f, ln damping
     (n_group each), free elements of the shapes, root of S (ln of the diagonal, real and imaginary parts below it), its
     slope, ln noise."""
@@ -247,13 +247,13 @@ def _derivatives(band: _Band, state: _State, now: _Fitted) -> np.ndarray:
 def _real(matrix: np.ndarray, *, twice: bool = False) -> np.ndarray:
     """A Hermitian matrix as r^2 real numbers of the same norm; twice: of half of it, the sum with its adjoint."""
     r = matrix.shape[-1]
-    a, b = _above(r)
+    a, b = _indices_above_diagonal(r)
     above = matrix[..., a, b] + matrix[..., b, a].conj() if twice else matrix[..., a, b]
     diagonal = np.einsum("...ii->...i", matrix).real * (2 if twice else 1)
     return np.concatenate([diagonal, np.sqrt(2) * above.real, np.sqrt(2) * above.imag], axis=-1)
 
 
-def _moved(band: _Band, state: _State, step: np.ndarray) -> _State:
+def _move_state(band: _Band, state: _State, step: np.ndarray) -> _State:
     m, p = band.start.n_group, len(band.start.level)
     n_free = len(band.free[0])
     shape = state.shape.copy()
@@ -284,7 +284,7 @@ def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
     state = _State(frequency=start.frequency_hz[:m], damping=start.damping_ratio[:m] + band.wider,
                    shape=np.eye(len(start.level)) if band.basis is start.shape else start.shape,
                    root=np.eye(len(start.level), dtype=complex), slope=0.0, noise=band.noise)
-    now, converged = _fitted(band, state), False
+    now, converged = _fit_band(band, state), False
     if now is None:
         return None
     damped = 0.0
@@ -293,7 +293,7 @@ def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
         for _ in range(TRIES):
             step = np.linalg.solve(information + np.diag(damped * np.diag(information)), score)
             step *= min(1.0, LONGEST / np.abs(step[: 2 * m]).max())
-            there = _fitted(band, tried := _moved(band, state, step))
+            there = _fit_band(band, tried := _move_state(band, state, step))
             if there is not None and there.deviance <= now.deviance:
                 damped = damped / 10 if damped > 1e-3 else 0.0
                 break
@@ -307,7 +307,7 @@ def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
     return _result(band, state, now, converged, parts)
 
 
-def _information(band: _Band, now: _Fitted, derivative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _information(band: _Band, now: _FittedBand, derivative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weighed = (derivative * np.sqrt(band.count)[:, None]).reshape(len(derivative), -1)
     information = weighed @ weighed.T
     score = weighed @ (_real(now.error) * np.sqrt(band.count)[:, None]).ravel()
@@ -321,7 +321,7 @@ def _information(band: _Band, now: _Fitted, derivative: np.ndarray) -> tuple[np.
 
 def _hermitian(real: np.ndarray, r: int) -> np.ndarray:
     """Back from `_real`."""
-    a, b = _above(r)
+    a, b = _indices_above_diagonal(r)
     above = (real[..., r: r + len(a)] + 1j * real[..., r + len(a):]) / np.sqrt(2)
     matrix = np.zeros((*real.shape[:-1], r, r), complex)
     matrix[..., a, b], matrix[..., b, a] = above, above.conj()
@@ -329,7 +329,7 @@ def _hermitian(real: np.ndarray, r: int) -> np.ndarray:
     return matrix
 
 
-def _result(band: _Band, state: _State, now: _Fitted, converged: bool, parts: int) -> GroupFit:
+def _result(band: _Band, state: _State, now: _FittedBand, converged: bool, parts: int) -> GroupFit:
     m, r = band.start.n_group, len(band.colour)
     derivative = _derivatives(band, state, now)
     inverse = np.linalg.inv(_information(band, now, derivative)[0])

@@ -37,8 +37,8 @@ class Factorisation:
     """The block Toeplitz matrix's leading left side: observability (n_channel block_rows, order), one for all orders.
 
     singular_value (order,) descending; columns 0..n-1 of `observability` are those of model order n. whole: of all
-    singular values their squares, left vectors as columns and the squares' rounding (`left_singular`); None where only
-    the leading ones were asked for.
+    singular values their squares, left vectors as columns and the squares' rounding (`left_singular_vectors`);
+    None where only the leading ones were asked for.
     """
 
     n_channel: int
@@ -79,14 +79,14 @@ def check_record(data: np.ndarray, n_lag: int) -> None:
         raise InputError("record", f"{n_sample} samples for {n_lag} lags", "give a longer record or fewer block rows")
     lost = np.flatnonzero(~np.all(np.isfinite(data), axis=0))
     if lost.size:
-        raise InputError("record", f"channel {_listed(lost)} holds NaN or an infinite number",
+        raise InputError("record", f"channel {_list_columns(lost)} holds NaN or an infinite number",
                          "fill short gaps or leave the record out")
     still = np.flatnonzero(np.ptp(data, axis=0) == 0)
     if still.size:
-        raise InputError("record", f"channel {_listed(still)} does not move", "leave the channel out")
+        raise InputError("record", f"channel {_list_columns(still)} does not move", "leave the channel out")
 
 
-def _listed(columns: np.ndarray) -> str:
+def _list_columns(columns: np.ndarray) -> str:
     return ", ".join(str(k) for k in columns)
 
 
@@ -201,7 +201,7 @@ def block_toeplitz(covariance: np.ndarray, block_rows: int) -> np.ndarray:
     return blocks.reshape(block_rows * covariance.shape[1], block_rows * covariance.shape[2])
 
 
-def left_singular(
+def left_singular_vectors(
     toeplitz: np.ndarray, count: int, needed: int | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The `count` leading singular values of T, descending, squared, left singular vectors (rows, count), and the
@@ -249,7 +249,7 @@ def factorise(
         raise InputError("order", f"{order} is above {most}, what {block_rows} block rows allow",
                          "raise the block rows or lower the order")
     toeplitz = block_toeplitz(covariance, block_rows)
-    found = left_singular(toeplitz, min(toeplitz.shape) if whole else order, order)
+    found = left_singular_vectors(toeplitz, min(toeplitz.shape) if whole else order, order)
     value, vector = found[0][:order], found[1][:, :order]
     singular = np.sqrt(np.maximum(value, 0))
     return Factorisation(

@@ -42,7 +42,7 @@ def summarise(
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     lines += _scada_notes(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)
-    lines += _counted(found, (SAID, BRIDGED))
+    lines += _count_notes(found, (SAID, BRIDGED))
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
@@ -55,7 +55,7 @@ def summarise(
     return "\n".join(lines)
 
 
-def _counted(blocks: Sequence[BlockPoles], notes: tuple[str, ...]) -> list[str]:
+def _count_notes(blocks: Sequence[BlockPoles], notes: tuple[str, ...]) -> list[str]:
     """In how many blocks each note stands, where in any."""
     count = {note: sum(note in block.notes for block in blocks) for note in notes}
     return [f"in {n} of {len(blocks)} blocks: {note}" for note, n in count.items() if n]

@@ -52,7 +52,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tracked:
+class TrackedModes:
     """choices: one a block; centre_hz (n_block, n_mode): where each mode lies, NaN for one never seen; it goes on
     where the mode is absent. support (n_block, n_mode): share of the block's votes within the window."""
 
@@ -80,21 +80,21 @@ def votes_of(block: JudgedPoles, settings: ClassifierSettings) -> Votes:
     return Votes(clear=both[0], every=both[1])
 
 
-def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracked:
+def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> TrackedModes:
     """Follow every mode over the blocks, which are in the order of time, and choose its pole in each."""
     if not blocks:
         raise InputError("tracking", "there is no block", "identify at least one")
     centre, support = paths([votes_of(block, settings) for block in blocks], blocks[0].reference, settings)
     choices = tuple(choose(block, centre[k], settings) for k, block in enumerate(blocks))
-    return Tracked(labels=blocks[0].reference.labels, choices=choices, centre_hz=frozen_array(centre),
-                   support=frozen_array(support))
+    return TrackedModes(labels=blocks[0].reference.labels, choices=choices, centre_hz=frozen_array(centre),
+                        support=frozen_array(support))
 
 
 def paths(
     votes: Sequence[Votes], reference: ReferenceModes, settings: ClassifierSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where each mode of `reference` lies from block to block, Hz, and the support there: centre_hz and support
-    (n_block, n_mode) of `Tracked`."""
+    (n_block, n_mode) of `TrackedModes`."""
     n_mode = len(reference.labels)
     centre, support = np.full((len(votes), n_mode), np.nan), np.zeros((len(votes), n_mode))
     for j in range(n_mode):
@@ -153,10 +153,10 @@ def follow(
         value = total[k] - way
         # among equals the nearest: nothing moves without a reason
         path[k] = int(np.argmin(np.where(value >= value.max() - 1e-9, way, np.inf)))
-    return _refined(votes, grid[path]) if refine else grid[path]
+    return _refine_places(votes, grid[path]) if refine else grid[path]
 
 
-def _refined(votes, path: np.ndarray) -> np.ndarray:
+def _refine_places(votes, path: np.ndarray) -> np.ndarray:
     """The grid's step taken out: each place moved to the weighted mean of what the blocks about it vote nearby."""
     refined = np.array(path)
     for k, centre in enumerate(path):
@@ -177,8 +177,8 @@ def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> 
     poles, like, reference = block.poles, block.comparison, block.reference
     weight = np.zeros((len(poles.order), len(reference.labels)))
     score = like.score(poles.damping_ratio)
-    voting = (block.verdict == rules.KEPT) & rules.trusted(like, reference, settings)
-    passed = rules.within(poles.frequency_hz, block.bands)
+    voting = (block.verdict == rules.KEPT) & rules.is_trusted(like, reference, settings)
+    passed = rules.is_within(poles.frequency_hz, block.bands)
     voting &= ~(passed & (poles.damping_ratio < settings.harmonic_damping)) if swept else ~passed
     for g, group in enumerate(reference.groups):
         mine = np.flatnonzero(voting & (like.group == g))
@@ -195,7 +195,7 @@ def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> 
     return np.log(poles.frequency_hz), weight
 
 
-def _inside(shape: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _coordinates_in_members(shape: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates (n_member, n_pole) of shapes in the members' space, and the members' own (n_member, n_member)."""
     basis, triangle = np.linalg.qr(members)
     return basis.T @ shape, triangle
@@ -203,7 +203,7 @@ def _inside(shape: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _toward(shape: np.ndarray, members: np.ndarray) -> np.ndarray:
     """(n_pole, n_member) squared cosine of each shape with each member, within the members' space."""
-    return mac(*_inside(shape, members))
+    return mac(*_coordinates_in_members(shape, members))
 
 
 def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettings) -> Choice:
@@ -213,9 +213,9 @@ def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettin
     criterion, n_mode = block.verdict.copy(), len(reference.labels)
     chosen, share = np.full(n_mode, -1), np.zeros(n_mode)
     independence = np.full(len(reference.groups), np.nan)
-    swept, score = rules.within(poles.frequency_hz, block.bands), like.score(poles.damping_ratio)
+    swept, score = rules.is_within(poles.frequency_hz, block.bands), like.score(poles.damping_ratio)
     criterion[swept & (block.verdict == rules.FREQUENCY)] = rules.HARMONIC
-    weak = ~rules.trusted(like, reference, settings)
+    weak = ~rules.is_trusted(like, reference, settings)
     orders = poles.orders
     for g, group in enumerate(reference.groups):
         mine = np.flatnonzero((block.verdict == rules.KEPT) & (like.group == g))
@@ -228,7 +228,7 @@ def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettin
         criterion[mine[stray]] = np.where(weak[mine[stray]], rules.SHAPE, rules.CLUSTER)
         criterion[mine[swept[mine] & (stray | line)]] = rules.HARMONIC
         left = mine[criterion[mine] == rules.KEPT]
-        inside, triangle = _inside(poles.shape[:, left], reference.shape[:, list(group)])
+        inside, triangle = _coordinates_in_members(poles.shape[:, left], reference.shape[:, list(group)])
         away = np.log(poles.frequency_hz[left, None] / centre_hz[list(group)])
         near = np.nan_to_num(np.exp(-0.5 * (away / NEARNESS) ** 2))
         fit = (mac(inside, triangle) if len(group) > 1 else 1.0) * near

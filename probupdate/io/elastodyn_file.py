@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
-from probupdate.io.elastodyn_keys import unused
+from probupdate.io.elastodyn_keys import unused_keys
 from probupdate.io.files import resolve_path
-from probupdate.io.fortran_text import logical, number, read_lines, unquoted, words
+from probupdate.io.fortran_text import logical, number, read_lines, strip_quotes, words
 from probupdate.runtime.arrays import frozen_array
 
 # keys a rigid rotor-nacelle assembly is made of
@@ -87,10 +87,10 @@ class _Keys:
 
     def referenced_file(self, name: str) -> Path:
         at, word = self.word(name)
-        file = resolve_path(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
+        file = resolve_path(strip_quotes(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
                             root=self.root, remedy="put it into that folder, or the model's TOML above both")
         if not file.is_file():
-            raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
+            raise InputError(f"{self.path}, line {at}", f"there is no file '{strip_quotes(word)}'", "put it beside")
         return file
 
     def opened(self, name: str) -> _Keys:
@@ -101,7 +101,7 @@ class _Keys:
     def notes(self) -> tuple[str, ...]:
         """What is not used of this file and of those opened from it."""
         return tuple(dict.fromkeys(note for file in self.files
-                                   for note in unused(file.lines, str(file.path), file.used)))
+                                   for note in unused_keys(file.lines, str(file.path), file.used)))
 
     def not_negative(self, name: str) -> float:
         """A number that must not be negative, 0 where it is not given."""

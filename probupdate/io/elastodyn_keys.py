@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Sequence
 
-from probupdate.io.fortran_text import logical, number, unquoted, words
+from probupdate.io.fortran_text import logical, number, strip_quotes, words
 
 # name (numbers in brackets left out) -> the value that does nothing, what any other one would do
 UNUSED = {
@@ -42,7 +42,7 @@ WITHOUT_EFFECT = frozenset(_NAMES.split())
 NAME = re.compile(r"[A-Za-z]\w*(\(\d+\))?$")
 
 
-def unused(lines: Sequence[str], where: str, used: Collection[str]) -> Iterator[str]:
+def unused_keys(lines: Sequence[str], where: str, used: Collection[str]) -> Iterator[str]:
     """A sentence for each value of a file that would change stiffness or mass and is not in `used` (lowered names as
     they stand in the file), and for each name that is not known at all."""
     passive = {name.lower() for name in WITHOUT_EFFECT}
@@ -60,11 +60,11 @@ def unused(lines: Sequence[str], where: str, used: Collection[str]) -> Iterator[
             continue
         said.add(name)
         if name not in active:
-            yield f"{where}, line {at}: {found[1]} ({unquoted(found[0])}) is not known here and not used"
+            yield f"{where}, line {at}: {found[1]} ({strip_quotes(found[0])}) is not known here and not used"
             continue
         neutral, effect = active[name]
         if number(found[0]) != neutral:
-            yield f"{where}, line {at}: {found[1]} ({unquoted(found[0])}) is not used: {effect}"
+            yield f"{where}, line {at}: {found[1]} ({strip_quotes(found[0])}) is not used: {effect}"
 
 
 def _is_value(word: str) -> bool:

@@ -214,7 +214,7 @@ def _refuse_target(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         return
     except (OSError, ValueError) as error:
-        raise InputError(_shown_path(path), f"is not a name of a file ({_reason(error)})",
+        raise InputError(_path_words(path), f"is not a name of a file ({_reason(error)})",
                          "name another file") from None
     if stat.S_ISLNK(mode):
         raise InputError(str(path), "is a link, and what it leads to is not written over", "name the file itself")
@@ -271,13 +271,13 @@ def input_file(path: str | Path, remedy: str = "check the path", *, largest: int
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(_shown_path(path), "no such file", remedy + _similar_name(path)) from None
+        raise InputError(_path_words(path), "no such file", remedy + _similar_name(path)) from None
     except (OSError, ValueError) as error:
-        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
+        raise InputError(_path_words(path), f"cannot be read ({_reason(error)})", remedy) from None
     if not stat.S_ISREG(found.st_mode):
-        raise InputError(_shown_path(path), f"is {_kind(found.st_mode)}, not a file", remedy)
+        raise InputError(_path_words(path), f"is {_kind(found.st_mode)}, not a file", remedy)
     if largest is not None and found.st_size > largest:
-        raise InputError(_shown_path(path), f"has {found.st_size / 2**20:.0f} MB, more than the "
+        raise InputError(_path_words(path), f"has {found.st_size / 2**20:.0f} MB, more than the "
                          f"{largest / 2**20:.0f} MB that such a file may have", remedy)
     return path
 
@@ -299,9 +299,9 @@ def input_folder(path: str | Path, problem: str = "is not a directory", remedy: 
     except (FileNotFoundError, NotADirectoryError):
         good = False
     except (OSError, ValueError) as error:
-        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
+        raise InputError(_path_words(path), f"cannot be read ({_reason(error)})", remedy) from None
     if not good:
-        raise InputError(_shown_path(path), problem, remedy + ("" if path.exists() else _similar_name(path)))
+        raise InputError(_path_words(path), problem, remedy + ("" if path.exists() else _similar_name(path)))
     return path
 
 
@@ -312,7 +312,7 @@ def path_inside(path: Path, folder: Path) -> Path:
     except (OSError, RuntimeError, ValueError):
         good = False
     if not good:
-        raise InputError(_shown_path(path), f"leads out of {folder} by a link", "copy the file there")
+        raise InputError(_path_words(path), f"leads out of {folder} by a link", "copy the file there")
     return path
 
 
@@ -349,14 +349,14 @@ def read_bytes(path: str | Path, remedy: str = "check the path", *, largest: int
         with path.open("rb") as stream:
             return stream.read(largest + 1)
     except OSError as error:
-        raise InputError(_shown_path(path), f"cannot be read ({_reason(error)})", remedy) from None
+        raise InputError(_path_words(path), f"cannot be read ({_reason(error)})", remedy) from None
 
 
 def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: int = LARGEST_TEXT) -> str:
     try:
         return read_bytes(path, remedy, largest=largest).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(_shown_path(Path(path)), f"is not a UTF-8 text ({error})", "save it as UTF-8") from None
+        raise InputError(_path_words(Path(path)), f"is not a UTF-8 text ({error})", "save it as UTF-8") from None
 
 
 def read_json(path: str | Path, remedy: str = "correct the file at that place", *, absent: str = "check the path",
@@ -534,5 +534,5 @@ def _reason(error: BaseException) -> str:
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
-def _shown_path(path: Path) -> str:
+def _path_words(path: Path) -> str:
     return str(path).replace("\0", "\\0")

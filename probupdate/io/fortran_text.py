@@ -39,7 +39,7 @@ def words(line: str) -> list[str]:
     return found
 
 
-def unquoted(word: str) -> str:
+def strip_quotes(word: str) -> str:
     return word[1:-1].strip() if len(word) > 1 and word[0] in "\"'" else word
 
 
@@ -58,11 +58,11 @@ def integer(word: str) -> int | None:
 
 
 def logical(word: str) -> bool | None:
-    lowered = unquoted(word).lower()
+    lowered = strip_quotes(word).lower()
     return True if lowered in TRUE else False if lowered in FALSE else None
 
 
-def replaced(line: str, changes: Mapping[int, str]) -> str:
+def replace_words(line: str, changes: Mapping[int, str]) -> str:
     """The line with word k (from zero) replaced; blanks, other words and the comment stay."""
     spans = [m.span() for m in WORD.finditer(line)]
     for k in sorted(changes, reverse=True):

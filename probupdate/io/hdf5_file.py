@@ -19,7 +19,7 @@ from typing import IO, Any
 from probupdate.errors import InputError, parsing
 from probupdate.io import hdf5_probe
 from probupdate.io.files import input_file, whole_stream
-from probupdate.runtime.signals import held_back
+from probupdate.runtime.signals import hold_back_signals
 
 # processor time of so many objects of a file, each looked at in a millisecond; large packed chunks are unpacked,
 # 20 MB a second at worst. By the clock a busy machine takes longer
@@ -79,7 +79,7 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
     signal that ends the run is answered after the block."""
     import h5py
 
-    with held_back(), whole_stream(path) as unbuffered:
+    with hold_back_signals(), whole_stream(path) as unbuffered:
         stream = _Patient(unbuffered)
         try:
             with h5py.File(stream, "w") as file:
@@ -124,7 +124,7 @@ def refuse_unsafe(path: str | Path, problem: str, remedy: str, *, whole: bool = 
 
 def refuse_outside(where: str, dataset: Any, remedy: str) -> None:
     """Once more where the samples are read, perhaps later and in another process: they must lie in the file itself."""
-    wrong = hdf5_probe.outside_words(dataset)
+    wrong = hdf5_probe.external_storage_words(dataset)
     if wrong:
         raise InputError(where, wrong, remedy)
 

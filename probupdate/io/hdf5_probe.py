@@ -71,7 +71,7 @@ def file_problem(path, whole, stepped=lambda: None):
     return None
 
 
-def outside_words(dataset):
+def external_storage_words(dataset):
     """Words on samples that lie in other files, or None."""
     import h5py
 
@@ -87,7 +87,7 @@ def dataset_problem(dataset, complete):
     """Words on what makes a dataset unsafe, or None; complete: a large one whose numbers were never written is one."""
     import h5py
 
-    wrong = outside_words(dataset)
+    wrong = external_storage_words(dataset)
     if wrong or dataset.shape is None or 0 in dataset.shape:
         return wrong
     complete = complete and _size(dataset) > LARGEST_UNWRITTEN
@@ -135,7 +135,7 @@ def _text(name):
     return (name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name))[:100]
 
 
-def limited(memory):
+def limit_memory(memory):
     """Sets the limit on memory; returns a function that grants so many seconds more of processor time."""
     try:
         import resource
@@ -157,7 +157,7 @@ def answer_all():
     memory = int(sys.argv[1])
     import h5py  # noqa: F401  before the limit on memory
 
-    grant = limited(memory)
+    grant = limit_memory(memory)
     for line in sys.stdin:
         asked = json.loads(line)
         grant(asked["seconds"])

@@ -188,7 +188,7 @@ def _type(hint: Any, unbounded: bool = False) -> Any:
 
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if hint is float:
-        return Annotated[float, pydantic.AfterValidator(_any_number if unbounded else _check_finite)]
+        return Annotated[float, pydantic.AfterValidator(_to_number if unbounded else _check_finite)]
     if hint is str:
         return Annotated[str, pydantic.Field(max_length=LONGEST_TEXT)]
     if hint is np.ndarray:
@@ -209,7 +209,7 @@ def _type(hint: Any, unbounded: bool = False) -> Any:
     return Any if hint is object else hint
 
 
-def _any_number(value: float) -> float:
+def _to_number(value: float) -> float:
     return value
 
 

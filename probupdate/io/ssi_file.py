@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.io.fortran_text import number, read_lines, replaced, unquoted, words, write_lines
+from probupdate.io.fortran_text import number, read_lines, replace_words, strip_quotes, words, write_lines
 from probupdate.runtime.arrays import frozen_array
 
 AXES = ("x", "y", "z", "tx", "ty", "tz")
@@ -66,7 +66,7 @@ def _term(found: list[str]) -> tuple[str, float | None]:
         return "", None
     for value, key in ((found[0], found[1]), (found[1], found[0])):
         if number(value) is not None and number(key) is None:
-            return unquoted(key).lower(), number(value)
+            return strip_quotes(key).lower(), number(value)
     return "", None
 
 
@@ -82,7 +82,7 @@ def scaled_ssi(file: SsiFile, stiffness: np.ndarray, mass: np.ndarray) -> SsiFil
             written.add(key)
             new = float(wanted[key[0]][PLACES[key[1:]]])
             if new != value:
-                lines[at] = replaced(line, {0 if number(found[0]) is not None else 1: repr(new)})
+                lines[at] = replace_words(line, {0 if number(found[0]) is not None else 1: repr(new)})
     for kind, matrix in wanted.items():
         for pair, place in PLACES.items():
             if matrix[place] and kind + pair not in written:

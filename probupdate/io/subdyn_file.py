@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from probupdate.errors import InputError
 from probupdate.io.files import resolve_path
-from probupdate.io.fortran_text import integer, logical, number, read_lines, unquoted, words, write_lines
+from probupdate.io.fortran_text import integer, logical, number, read_lines, strip_quotes, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
 # in the first line of files that are easily taken for SubDyn's
@@ -187,7 +187,7 @@ class _Reader:
         found = words(self.line(name))
         if not found:
             self.fail(f"{name} is missing", f"write '<value> {name}'")
-        return unquoted(found[0])
+        return strip_quotes(found[0])
 
     def whole(self, name: str, least: int | None = None) -> int:
         word = self.word(name)
@@ -396,7 +396,7 @@ def _reactions(r: _Reader) -> tuple[Reaction, ...]:
         if len(flags) not in (0, 6):
             r.fail(f"{len(flags)} flags of joint {id}, 6 expected", "complete the row", line)
         rest = found[7:8]
-        name = unquoted(rest[0]) if rest else ""
+        name = strip_quotes(rest[0]) if rest else ""
         result.append(Reaction(joint=id, fixed=tuple(flags) or (True,) * 6, ssi=name or None, line=line))
     seen = {}
     for reaction in result:
@@ -433,7 +433,7 @@ def _members(r: _Reader, rows, spin: bool) -> tuple[Member, ...]:
         if id in seen:
             r.fail(f"member {id} stands in line {seen[id]} already", "number each member once", line)
         seen[id] = line
-        kind = MEMBER_KINDS.get(unquoted(found[5]).lower() if len(found) > 5 else "1c")
+        kind = MEMBER_KINDS.get(strip_quotes(found[5]).lower() if len(found) > 5 else "1c")
         if kind is None:
             r.fail(f"member {id} is of type '{found[5]}'", "take 1c, 1r, 2 cable, 3 rigid, 4 arbitrary, 5 spring", line)
         last = number(found[6]) if len(found) > 6 else -1.0
@@ -611,7 +611,7 @@ def _soil_notes(where: str, reactions: Sequence[Reaction], soil: Mapping[str, Ss
     return notes
 
 
-def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile] | None = None) -> SubDynFile:
+def parse_again(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile] | None = None) -> SubDynFile:
     held = dict(file.soil) | dict(soil or {})
     return parse_subdyn(lines, file.where, lambda name, line: held[name])
 

@@ -22,7 +22,7 @@ from probupdate.structure.schema import NotNegative, Number, Positive, Table, ne
 Real = Annotated[float, Strict()]
 
 
-def up_to(limit: float, why: str, above: float | None = None, least: float | None = None) -> Any:
+def bounded_number(limit: float, why: str, above: float | None = None, least: float | None = None) -> Any:
     """Of a number up to a limit, and above or from another, that physics or the unit sets; `why` is said where one is
     not."""
     return Field(le=limit, gt=above, ge=least, description=why)
@@ -42,15 +42,15 @@ TARGET = 3.3
 
 
 class Water(Table):
-    inertia_coefficient: Annotated[Real, up_to(4.0, "C_M of a cylinder is 1 to 2", above=0)]
-    drag_coefficient: Annotated[Real, up_to(4.0, "C_D of a cylinder is 0.6 to 1.2", least=0)]
+    inertia_coefficient: Annotated[Real, bounded_number(4.0, "C_M of a cylinder is 1 to 2", above=0)]
+    drag_coefficient: Annotated[Real, bounded_number(4.0, "C_D of a cylinder is 0.6 to 1.2", least=0)]
 
 
 class Wind(Table):
-    air_density_kgpm3: Annotated[Real, up_to(2.0, "air has about 1.2 kg/m3", above=0)]
-    rotor_diameter_m: Annotated[Real, up_to(400.0, METRES, above=0)]
+    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "air has about 1.2 kg/m3", above=0)]
+    rotor_diameter_m: Annotated[Real, bounded_number(400.0, METRES, above=0)]
     # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
-    integral_length_m: Annotated[Real, up_to(3000.0, METRES, above=0)]
+    integral_length_m: Annotated[Real, bounded_number(3000.0, METRES, above=0)]
 
 
 class Damping(Table):
@@ -60,48 +60,49 @@ class Damping(Table):
 
 
 class Life(Table):
-    age_years: Annotated[Real, up_to(200.0, "an age in years", least=0)]
+    age_years: Annotated[Real, bounded_number(200.0, "an age in years", least=0)]
     years: Annotated[int, Strict(), Field(ge=1, le=200)]
-    reference_cycles: Annotated[Real, up_to(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1)]
+    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1)]
 
 
 class Direction(Table):
     """Where wind and waves go, counter-clockwise from the model's x axis."""
 
-    heading_deg: Annotated[Real, up_to(360.0, "an angle in degrees", least=-360)]
-    share: Annotated[Real, up_to(1.0, SHARE, above=0)]
+    heading_deg: Annotated[Real, bounded_number(360.0, "an angle in degrees", least=-360)]
+    share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
 
 
 class State(Table):
     name: str
-    share: Annotated[Real, up_to(1.0, SHARE, above=0)]
+    share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
     operating: Annotated[bool, Strict()]
-    hs_m: Annotated[Real, up_to(25.0, "a significant wave height in metres; the highest measured is below 20", above=0)]
-    tp_s: Annotated[Real, up_to(30.0, "a peak period in seconds", above=0)]
+    hs_m: Annotated[Real, bounded_number(25.0, "a significant wave height in metres; the highest measured is below 20",
+                                         above=0)]
+    tp_s: Annotated[Real, bounded_number(30.0, "a peak period in seconds", above=0)]
     gamma: Annotated[Real, Field(ge=1, le=7)]
-    wind_mps: Annotated[Real, up_to(75.0, "a mean wind speed in m/s", above=0)]
-    turbulence: Annotated[Real, up_to(1.0, SHARE, least=0)]
+    wind_mps: Annotated[Real, bounded_number(75.0, "a mean wind speed in m/s", above=0)]
+    turbulence: Annotated[Real, bounded_number(1.0, SHARE, least=0)]
     # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
-    thrust_coefficient: Annotated[Real, up_to(3.0, "of the rotor's area", least=0)]
+    thrust_coefficient: Annotated[Real, bounded_number(3.0, "of the rotor's area", least=0)]
     # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
     thrust_spectrum: str | None = None
 
 
 class Law(Table):
     log10_a1: Positive
-    m1: Annotated[Real, up_to(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
+    m1: Annotated[Real, bounded_number(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
     log10_a2: Positive
-    m2: Annotated[Real, up_to(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
+    m2: Annotated[Real, bounded_number(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
     # S times (t / t_ref)^k for walls above t_ref
-    reference_thickness_m: Annotated[Real, up_to(0.3, "a wall in metres, such as 0.025", above=0)]
-    thickness_exponent: Annotated[Real, up_to(1.0, "0 to 0.3 in standards", least=0)]
+    reference_thickness_m: Annotated[Real, bounded_number(0.3, "a wall in metres, such as 0.025", above=0)]
+    thickness_exponent: Annotated[Real, bounded_number(1.0, "0 to 0.3 in standards", least=0)]
 
 
 class Factors(Table):
-    axial_crown: Annotated[Real, up_to(100.0, STRESS_FACTOR, above=0)]
-    axial_saddle: Annotated[Real, up_to(100.0, STRESS_FACTOR, above=0)]
-    in_plane: Annotated[Real, up_to(100.0, STRESS_FACTOR, above=0)]
-    out_of_plane: Annotated[Real, up_to(100.0, STRESS_FACTOR, above=0)]
+    axial_crown: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    axial_saddle: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    in_plane: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    out_of_plane: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
 
 
 class Efthymiou(Table):
@@ -160,33 +161,33 @@ class Girth(Table):
     """A weld round a member at a level, nominal stress times one factor."""
 
     part: str
-    z_m: Annotated[Real, up_to(1000.0, METRES, least=-1000)]
-    factor: Annotated[Real, up_to(100.0, STRESS_FACTOR, above=0)]
+    z_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
+    factor: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
     curve: str
 
 
 class Lognormal(Table):
-    median: Annotated[Real, up_to(100.0, "a factor near 1", above=0)]
-    cov: Annotated[Real, up_to(3.0, SHARE, least=0)]
+    median: Annotated[Real, bounded_number(100.0, "a factor near 1", above=0)]
+    cov: Annotated[Real, bounded_number(3.0, SHARE, least=0)]
 
 
 class Uncertainty(Table):
     x_load: Lognormal
     x_scf: Lognormal
     miner: Lognormal
-    log10_a_std: Annotated[Real, up_to(2.0, "of log10 N, 0.2 in standards", least=0)]
+    log10_a_std: Annotated[Real, bounded_number(2.0, "of log10 N, 0.2 in standards", least=0)]
 
 
 class Inspection(Table):
     """An inspection that found no crack: at that age Miner's sum was below `detectable_share` of what it is at
     failure, where a crack would have been seen."""
 
-    age_years: Annotated[Real, up_to(200.0, "an age in years", above=0)]
-    detectable_share: Annotated[Real, up_to(1.0, SHARE, above=0)]
+    age_years: Annotated[Real, bounded_number(200.0, "an age in years", above=0)]
+    detectable_share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
 
 
 class Target(Table):
-    annual_index: Annotated[Real, up_to(8.0, "a reliability index", above=0)] = TARGET
+    annual_index: Annotated[Real, bounded_number(8.0, "a reliability index", above=0)] = TARGET
 
 
 class Conditions(Table):

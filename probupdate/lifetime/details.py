@@ -46,7 +46,7 @@ class Section(Hashable, Protocol):
     def second_moment(self, values: Values) -> Any: ...
 
 
-class Walled(Protocol):
+class WalledMember(Protocol):
     """A member with such a section."""
 
     @property
@@ -72,8 +72,8 @@ class Detail:
     along: np.ndarray
     crown: np.ndarray
     saddle: np.ndarray
-    beam: Walled
-    chord: Walled | None
+    beam: WalledMember
+    chord: WalledMember | None
     section: Section
     place_m: np.ndarray
     chord_along: np.ndarray | None = None
@@ -344,7 +344,7 @@ def _geometry_factors(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], 
     return chord, brace
 
 
-def _chord(detail: Detail) -> Walled:
+def _chord(detail: Detail) -> WalledMember:
     if detail.chord is None:
         raise ValueError(f"{detail.name} is a weld round a member: it has no chord")
     return detail.chord

@@ -29,7 +29,7 @@ from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, draw_ratios, measured_ratios
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of, refuse_draws
 from probupdate.lifetime.substructure_file import NAME, differences, write_substructure
-from probupdate.lifetime.superelement import READ_BACK, Superelement, reduced, superelement, write_superelement
+from probupdate.lifetime.superelement import READ_BACK, Superelement, reduce_model, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
 from probupdate.modal.labels import NEUTRAL, TURBINE, family
 from probupdate.modal.modes import ModalData
@@ -42,7 +42,7 @@ from probupdate.structure.matrices import read_archive
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
-from probupdate.structure.subdyn_values import applied, unspeakable
+from probupdate.structure.subdyn_values import apply_values, unspeakable
 from probupdate.structure.subdyn_writing import NOT_WRITTEN, NoWord
 from probupdate.structure.substructure import NothingBelow, turbine_substructures
 from probupdate.structure.turbine_frame import build_frame
@@ -310,7 +310,7 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
     """models/NNN, read back: SubDyn files and the first draw's TOML are solved again, the others' TOML is held against
     the run's, as it differs by initial values only; returns the modes of every draw."""
     n, frame = min(10, model.n_available), _frame(path)
-    solved, own, limit = [], 0.0, SOFTENED if _softened(path) else READ_BACK
+    solved, own, limit = [], 0.0, SOFTENED if _has_gravity_softening(path) else READ_BACK
     for k, theta in enumerate(draws):
         progress("writing models", k, len(draws))
         folder = files.folder / "models" / f"{k + 1:03d}"
@@ -343,7 +343,7 @@ def _frame(path: Path) -> Frame | None:
     return build_frame(read_turbine(path))
 
 
-def _softened(path: Path) -> bool:
+def _has_gravity_softening(path: Path) -> bool:
     """Whether a turbine's weight softens it, which the run has of the initial masses and each draw of its own."""
     if path.suffix != ".toml" or not isinstance(mesh := read_toml(path).get("mesh"), dict):
         return False
@@ -362,11 +362,11 @@ def _model_files(
         if odd:
             said.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
         else:
-            file, above = applied(path, values, remark)
+            file, above = apply_values(path, values, remark)
             place = _path_in_draw(path)
             target = write_subdyn(_with_remark(file, remark), folder / place, folder)
             for name in file.soil:
-                written[_joined(place.parent, name)] = False
+                written[_join_path(place.parent, name)] = False
             written[place.as_posix()] = False if tower else subdyn_model(target, root=folder)
             if above:
                 said.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
@@ -415,7 +415,7 @@ def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> d
         lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
         write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target, folder)
         own = Path(raw["subdyn"]["file"])
-        written |= dict.fromkeys((own.as_posix(), *(_joined(own.parent, name) for name in file.soil)), False)
+        written |= dict.fromkeys((own.as_posix(), *(_join_path(own.parent, name) for name in file.soil)), False)
         if "elastodyn" in raw.get("tower", {}):
             root = path.resolve().parent
             for source in referenced_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
@@ -428,7 +428,7 @@ def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> d
     if read_toml(target) != _with_values(raw, values):
         raise InputError(str(target), "what was read back differs from the run's model by more than initial values",
                          "report this: the model was not written as it is")
-    return written | {"model.toml": load_model(target) if first or _softened(path) else True}
+    return written | {"model.toml": load_model(target) if first or _has_gravity_softening(path) else True}
 
 
 def _with_values(raw: Mapping, values: Mapping[str, float]) -> dict:
@@ -449,7 +449,7 @@ def _path_in_draw(path: Path) -> Path:
     return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
 
 
-def _joined(folder: Path, name: str) -> str:
+def _join_path(folder: Path, name: str) -> str:
     return Path(os.path.normpath(folder / name.replace("\\", "/"))).as_posix()
 
 
@@ -640,7 +640,7 @@ def _reducer(
 
     def reduce_turbine(folder: Path, n_mode: int):
         written = {p["name"]: float(p["initial"]) for p in read_toml(folder / "model.toml")["parameter"]}
-        return reduced(below({name: written[name] for name in names}), n_mode=n_mode), "the tower's foot"
+        return reduce_model(below({name: written[name] for name in names}), n_mode=n_mode), "the tower's foot"
 
     return reduce_turbine
 

@@ -75,7 +75,7 @@ def gains(problem: Problem, laplace: Laplace) -> Gains:
     )
 
 
-def worth(
+def variance_shares(
     problem: Problem, laplace: Laplace, slope: np.ndarray, direct: np.ndarray | None = None
 ) -> list[tuple[str, np.ndarray]]:
     """The share of the variance of ln X, as measurement, model error and prior make it, that one more measurement, or a

@@ -192,10 +192,10 @@ def fatigue_model_of(
             read_description(model), str(model), conditions, parameters=parameters, sensors=sensors, method=method,
             spectra=spectra,
         )
-    from probupdate.lifetime.subdyn_stress import find_subdyn_details, opened, subdyn_stress_model
+    from probupdate.lifetime.subdyn_stress import find_subdyn_details, open_model, subdyn_stress_model
 
     known, path, spectra = _read_conditions(conditions, spectra)
-    own, where = opened(model), str(path or model)
+    own, where = open_model(model), str(path or model)
     details, spots = find_subdyn_details(own, known, where)
     models = tuple(
         subdyn_stress_model(

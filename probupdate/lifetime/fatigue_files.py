@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.lifetime.conditions import Conditions
-from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, worth
+from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, variance_shares
 from probupdate.lifetime.fatigue import (
     SLOPES,
     FatigueModel,
@@ -203,7 +203,7 @@ def _next_measurements(
     mean, std = moments
     set_to_set = 0.0 if parts is None else parts["set_to_set"] ** 2
     found = []
-    for what, share in worth(*given.updated, slope, direct)[:MEASURES]:
+    for what, share in variance_shares(*given.updated, slope, direct)[:MEASURES]:
         left = np.sqrt(np.maximum(std**2 - set_to_set, 0.0) * (1 - share) + set_to_set)
         found.append((what, left, _index(curve, mean, left, c)))
     return tuple(found)

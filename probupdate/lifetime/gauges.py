@@ -109,13 +109,13 @@ def gauge_comparison(
         own, gauge = estimated[:, k], measured[:, k]
         if np.isnan(gauge).any() or not np.any(gauge):
             continue
-        ratios = {f"del_m{m}_over_measured": (_counted(own, ten, m) / _counted(gauge, ten, m)) ** (1 / m)
+        ratios = {f"del_m{m}_over_measured": (_count_damage(own, ten, m) / _count_damage(gauge, ten, m)) ** (1 / m)
                   for m in (3, 5)}
         rows.append({"block": block, "hot_spot": int(spot) + 1, "std_over_measured": float(own.std() / gauge.std()),
                      **ratios, "correlation": float(np.corrcoef(own, gauge)[0, 1])})
     return rows
 
 
-def _counted(record: np.ndarray, ten: int, m: float) -> float:
+def _count_damage(record: np.ndarray, ten: int, m: float) -> float:
     pieces = [record[a : a + ten] for a in range(0, max(len(record) - ten + 1, 1), ten)]
     return sum(float(np.sum(count * size**m)) for size, count in map(rainflow, pieces))

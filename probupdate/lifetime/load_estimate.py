@@ -142,7 +142,7 @@ class Driven:
         return found
 
 
-def both_ways(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple[Case, Case]:
+def load_cases(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple[Case, Case]:
     """Loads of one of the model's states at these frequencies, along the wind and across it. Of waves the structure's
     loads are taken between nodes: their phase turns by less than half a radian from one to the next."""
     one = model.conditions.model_copy(update={"state": (model.conditions.state[state],)})
@@ -162,7 +162,7 @@ def driven(
     model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
     frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
 ) -> Driven:
-    """`model`, reduced both ways, at theta under the loads `both_ways` of a state. `order` (n_channel,): see
+    """`model`, reduced both ways, at theta under the loads `load_cases` of a state. `order` (n_channel,): see
     `Driven`; n_modal: modes with a force of their own."""
     model = replace(model, frequency_hz=frequency_hz)
     case, other = cases
@@ -194,7 +194,7 @@ def driven(
         constant=frozen_array(np.column_stack([thrust, np.eye(V.shape[1])[:, :n_modal]])),
         wave=wave, own=np.array([m.scale * c.own for c in (case, other)]),
         motion=frozen_array(rows[:n]), tilt=frozen_array(tilt), order=frozen_array(order, int),
-        stated=frozen_array(_above_zero(np.vstack([case.thrust, case.thrust, others, elevation, elevation]))),
+        stated=frozen_array(_replace_zeros(np.vstack([case.thrust, case.thrust, others, elevation, elevation]))),
         names=("thrust along the wind", "thrust across the wind", *(f"mode {k + 1}" for k in range(n_modal)),
                "waves along the wind", "waves across the wind"))
 
@@ -265,7 +265,7 @@ def _gauge_noise(of: Driven, auto: np.ndarray, band: list[tuple[int, int]], gaug
     return floor
 
 
-def _above_zero(density: np.ndarray) -> np.ndarray:
+def _replace_zeros(density: np.ndarray) -> np.ndarray:
     """A density of zero is one that no record could change."""
     return np.maximum(density, np.maximum(1e-9 * np.max(density, axis=1, keepdims=True), 1e-300))
 

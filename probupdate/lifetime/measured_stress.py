@@ -26,7 +26,7 @@ from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
 from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, gauge_comparison, read_gauges
-from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, both_ways, driven, smoother, used_lines
+from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, driven, load_cases, smoother, used_lines
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
@@ -153,7 +153,7 @@ class MeasuredStress:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Planned:
+class _PlannedBlock:
     """A usable block: where it lies, and under which heading and stated loads it is looked at."""
 
     start: pd.Timestamp
@@ -181,7 +181,7 @@ def measured_stresses(
     gauges = gauges or GaugeFiles()
     known, work.joined = (None if path is None else read_gauges(path, len(work.spots))
                           for path in (gauges.held_out, gauges.joined))
-    groups: dict[tuple[float, int], list[_Planned]] = {}
+    groups: dict[tuple[float, int], list[_PlannedBlock]] = {}
     for one in planned:
         groups.setdefault((one.heading_deg, one.state), []).append(one)
     found, ratios, stated, beside = [], [], {}, []
@@ -205,7 +205,7 @@ def measured_stresses(
     if gauges.joined is not None and not work.with_strain:
         raise InputError(str(gauges.joined), NO_GAUGE, GAUGE_TIMES)
     damage = np.array([b.damage_per_hour for b in blocks])
-    worst = _one_a_side(work.spots, damage.mean(axis=0), settings.n_worst)
+    worst = _worst_of_each_side(work.spots, damage.mean(axis=0), settings.n_worst)
     top = blocks[int(np.argmax(np.max(damage[:, worst] / damage.mean(axis=0)[worst], axis=1)))].id
     histories = work.histories([p for p in planned if work.block_id_of(p) == top], worst)
     counted = [r for r in ratios if r is not None]
@@ -236,19 +236,19 @@ def _refuse_turned(campaign: Campaign, stated: Mapping[str, np.ndarray], channel
                              "state the sensor's direction alike in both")
 
 
-def _plan(campaign: Campaign, conditions: Conditions) -> list[_Planned]:
+def _plan(campaign: Campaign, conditions: Conditions) -> list[_PlannedBlock]:
     rule = StateRule(rated_power_kw=campaign.rated_power_kw)
     found = []
     for start, files in block_files(campaign).items():
         known = block_conditions(campaign.scada, start, campaign.block_minutes, rule)
         angle = fore_aft_deg(known, campaign)
         heading = HEADING_STEP_DEG * round(angle / HEADING_STEP_DEG) % 360
-        found.append(_Planned(start=start, files=files, conditions=known, heading_deg=heading,
-                              state=_stated_like(conditions, known)))
+        found.append(_PlannedBlock(start=start, files=files, conditions=known, heading_deg=heading,
+                                   state=_nearest_state(conditions, known)))
     return found
 
 
-def _stated_like(conditions: Conditions, known: Mapping[str, float | str]) -> int:
+def _nearest_state(conditions: Conditions, known: Mapping[str, float | str]) -> int:
     """Number of the state of fatigue.toml that a block is most like: of its operation, where it is known, and of the
     nearest wind."""
     wind, state = known.get("wind_speed_mps"), known.get("state")
@@ -260,7 +260,7 @@ def _stated_like(conditions: Conditions, known: Mapping[str, float | str]) -> in
     return min(alike, key=lambda k: abs(conditions.state[k].wind_mps - float(wind)))
 
 
-def _one_a_side(spots: Sequence[HotSpot], damage: np.ndarray, n: int) -> np.ndarray:
+def _worst_of_each_side(spots: Sequence[HotSpot], damage: np.ndarray, n: int) -> np.ndarray:
     """(n,) spots of most damage, one of each side of a detail."""
     seen: dict[tuple[int, str], int] = {}
     for k in np.argsort(-damage):
@@ -320,13 +320,13 @@ class _Work:
                 [self.mean, *self.draws[: max(1, len(self.draws) // 2)]], both_ways=True)
         return self._headings[heading_deg]
 
-    def group(self, heading_deg: float, state: int, planned: Sequence[_Planned]) -> _Group:
+    def group(self, heading_deg: float, state: int, planned: Sequence[_PlannedBlock]) -> _Group:
         return _Group(self, heading_deg, state, planned)
 
-    def block_id_of(self, planned: _Planned) -> str:
+    def block_id_of(self, planned: _PlannedBlock) -> str:
         return block_id(planned.start, self.campaign.block_minutes)
 
-    def read(self, planned: _Planned) -> tuple[Block, np.ndarray, np.ndarray]:
+    def read(self, planned: _PlannedBlock) -> tuple[Block, np.ndarray, np.ndarray]:
         """A block, the numbers (of `channels`) that are whole in it, and their lines (n_line, n) as densities."""
         block = read_block(self.campaign, planned.start, planned.files)
         whole = np.flatnonzero(1 - block.measured[self.columns] <= LOST)
@@ -343,7 +343,7 @@ class _Work:
         return block, whole, lines * self.to_density
 
     def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
-        return both_ways(self.model_at(heading_deg), state, self.frequency_hz)
+        return load_cases(self.model_at(heading_deg), state, self.frequency_hz)
 
     def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
         found = driven(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
@@ -358,7 +358,7 @@ class _Work:
         gauges = len(self.order) + np.arange(0 if self.joined is None else len(self.joined.spots))
         return np.append(self.rows, gauges)[whole]
 
-    def histories(self, planned: Sequence[_Planned], worst: np.ndarray) -> list[History]:
+    def histories(self, planned: Sequence[_PlannedBlock], worst: np.ndarray) -> list[History]:
         found = []
         for one in planned:
             group = self.group(one.heading_deg, one.state, [one])
@@ -366,7 +366,7 @@ class _Work:
                 found.append(history)
         return found
 
-    def notes(self, planned: Sequence[_Planned]) -> list[str]:
+    def notes(self, planned: Sequence[_PlannedBlock]) -> list[str]:
         """What was not used, and what the numbers are not."""
         found = [
             "cycles slower than ten minutes are not counted, nor waves shorter than those of fatigue.toml",
@@ -386,7 +386,7 @@ class _Work:
 class _Group:
     """Blocks of one heading under one state's loads."""
 
-    def __init__(self, work: _Work, heading_deg: float, state: int, planned: Sequence[_Planned]):
+    def __init__(self, work: _Work, heading_deg: float, state: int, planned: Sequence[_PlannedBlock]):
         self.work, self.heading_deg, self.state = work, heading_deg, state
         self.cross: dict[tuple[int, ...], np.ndarray] = {}
         count: dict[tuple[int, ...], int] = {}
@@ -410,14 +410,14 @@ class _Group:
         key = tuple(whole.tolist())
         if key not in self._smoothers:
             one = smoother(self.of, self._cross(key, lines), self.work.channel_rows(whole))
-            self._smoothers[key] = one, _unresolved(one, len(self.work.details))
+            self._smoothers[key] = one, _unresolved_moments(one, len(self.work.details))
         return self._smoothers[key]
 
     def _cross(self, key: tuple[int, ...], lines: np.ndarray) -> np.ndarray:
         known = self.cross.get(key)
         return lines[:, :, None] * np.conj(lines[:, None, :]) if known is None else known
 
-    def block(self, planned: _Planned) -> BlockStress | None:
+    def block(self, planned: _PlannedBlock) -> BlockStress | None:
         read, whole, lines = self._kept.pop(planned.start, None) or self.work.read(planned)
         if not whole.size:
             return None
@@ -453,7 +453,7 @@ class _Group:
         moments = stress.solve(self.work.mean, self.work.damping).moments[self.state]
         return 3600 * self._damage(self._moments_at_spots(moments))
 
-    def draw_ratio(self, planned: Sequence[_Planned]) -> np.ndarray | None:
+    def draw_ratio(self, planned: Sequence[_PlannedBlock]) -> np.ndarray | None:
         """(n_draw, n_spot) damage at each draw by what the readings resolve, its loads learnt again, over that at the
         mean; None without a block."""
         blocks = [(w, x) for _, w, x in (self.work.read(p) for p in _spread(planned, DRAWN_BLOCKS)) if w.size]
@@ -475,7 +475,7 @@ class _Group:
         return np.array([damage(self.work.driven(self.heading_deg, theta, self.loads)) / middle
                          for theta in self.work.draws])
 
-    def check_gauges(self, planned: _Planned, gauges: Gauges) -> GaugeCheck | None:
+    def check_gauges(self, planned: _PlannedBlock, gauges: Gauges) -> GaugeCheck | None:
         """Of one block; None where it is not whole, or no gauge recorded it."""
         own = self.history(planned, gauges.spots)
         if own is None:
@@ -485,7 +485,7 @@ class _Group:
         return GaugeCheck(rows=tuple(rows), block=own.id, spots=gauges.spots, time_s=own.time_s,
                           estimated=own.stress_mpa, measured=measured) if rows else None
 
-    def history(self, planned: _Planned, worst: np.ndarray) -> History | None:
+    def history(self, planned: _PlannedBlock, worst: np.ndarray) -> History | None:
         read, whole, lines = self.work.read(planned)
         if not whole.size:
             return None
@@ -521,7 +521,7 @@ class _Group:
         return np.array(found)
 
 
-def _spread(planned: Sequence[_Planned], n: int) -> list[_Planned]:
+def _spread(planned: Sequence[_PlannedBlock], n: int) -> list[_PlannedBlock]:
     """n of them, or fewer, evenly over the record."""
     at = np.unique(np.linspace(0, len(planned) - 1, min(n, len(planned))).round().astype(int))
     return [planned[k] for k in at]
@@ -532,7 +532,7 @@ def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
     return paired_moments(stress, (f[1] - f[0]) * f ** np.array(ORDERS)[:, None])
 
 
-def _unresolved(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:
+def _unresolved_moments(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:
     """(14, n_detail, 3, 3) moments of what the readings do not resolve, by each sixth line."""
     f = one.of.frequency_hz
     lines = np.arange(0, len(f), every)

@@ -233,7 +233,7 @@ class StressModel:
             rows = ((rK, self.stiffness_rows), (rM, self.mass_rows))
             return (*square, *(sum(c * R for c, R in zip(r, own, strict=True)) @ V for r, own in rows))
         weight = (*self.model.coefficients(theta), rK, rM)
-        return tuple(_weighted(terms, c) for terms, c in zip(self._terms, weight, strict=True))
+        return tuple(_weighted_sum(terms, c) for terms, c in zip(self._terms, weight, strict=True))
 
     # loads -----------------------------------------------------------------------------------------------------------
 
@@ -484,7 +484,7 @@ class StressModel:
         gap[one] = 1.0
         K, M, C, RK, RM = [], [], [], [], []
         for k in range(theta.size):
-            dK, dM = (U.T @ _weighted(ts, c[:, k]) @ U for ts, c in ((Kt, dcK), (Mt, dcM)))
+            dK, dM = (U.T @ _weighted_sum(ts, c[:, k]) @ U for ts, c in ((Kt, dcK), (Mt, dcM)))
             change = dK - dM * value[None, :]
             W = np.where(one, -0.5 * dM, change / gap)
             dC = (
@@ -497,8 +497,8 @@ class StressModel:
             K.append(dK)
             M.append(dM)
             C.append(dC)
-            RK.append(scale[:, None] * (_weighted(RKt, drK[k]) @ U))
-            RM.append(scale[:, None] * (_weighted(RMt, drM[k]) @ U))
+            RK.append(scale[:, None] * (_weighted_sum(RKt, drK[k]) @ U))
+            RM.append(scale[:, None] * (_weighted_sum(RMt, drM[k]) @ U))
         return Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
 
     def _line_weights(self, n: int) -> np.ndarray:
@@ -519,7 +519,7 @@ class StressModel:
         return one + np.swapaxes(one, -1, -2)
 
 
-def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
+def _weighted_sum(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
     total = weight[0] * terms[0]
     for w, term in zip(weight[1:], terms[1:], strict=True):
         total += w * term

@@ -77,7 +77,7 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Opened:
+class OpenedModel:
     """A TOML of a SubDyn model, opened: the file with its tower, frame, what acts where, and its groups of members."""
 
     path: Path
@@ -110,7 +110,7 @@ class Opened:
         )
 
 
-def opened(path: str | Path) -> Opened:
+def open_model(path: str | Path) -> OpenedModel:
     path = Path(path)
     if path.suffix != ".toml":
         raise InputError(
@@ -118,7 +118,7 @@ def opened(path: str | Path) -> Opened:
         )
     raw = read_toml(path)
     file, description = with_tower(read_description(raw, path), path)
-    return Opened(
+    return OpenedModel(
         path=path,
         raw=raw,
         file=file,
@@ -132,7 +132,7 @@ def opened(path: str | Path) -> Opened:
 
 
 def find_subdyn_details(
-    own: Opened, conditions: Conditions, where: str
+    own: OpenedModel, conditions: Conditions, where: str
 ) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
     """What [[member_end]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same
     side."""
@@ -152,7 +152,7 @@ def find_subdyn_details(
     return hot_spots(conditions, chosen, every, welds)
 
 
-def _ends(own: Opened, ids: Sequence[int]) -> list[tuple[int, int, int]]:
+def _ends(own: OpenedModel, ids: Sequence[int]) -> list[tuple[int, int, int]]:
     """(element, end, joint) of the members' ends."""
     wanted, found = set(ids), []
     for number, e in enumerate(own.frame.elements):
@@ -162,12 +162,12 @@ def _ends(own: Opened, ids: Sequence[int]) -> list[tuple[int, int, int]]:
     return found
 
 
-def _direction(own: Opened, element: Element) -> np.ndarray:
+def _direction(own: OpenedModel, element: Element) -> np.ndarray:
     start, stop = (own.frame.node_m[n] for n in element.nodes)
     return (stop - start) / np.linalg.norm(stop - start)
 
 
-def _brace_ends(own: Opened, entry: MemberEnd, where: str) -> list[Detail]:
+def _brace_ends(own: OpenedModel, entry: MemberEnd, where: str) -> list[Detail]:
     braces, chords = own.members(entry.braces, f"{where}.braces"), own.members(entry.chords, f"{where}.chords")
     at_joint: dict[int, list[int]] = {}
     for number, _, joint in _ends(own, chords):
@@ -195,7 +195,7 @@ def _brace_ends(own: Opened, entry: MemberEnd, where: str) -> list[Detail]:
     return found
 
 
-def _detail(own: Opened, number: int, end: int, joint: int, chord: Element | None) -> Detail:
+def _detail(own: OpenedModel, number: int, end: int, joint: int, chord: Element | None) -> Detail:
     element = own.frame.elements[number]
     along, place = _direction(own, element), own.frame.node_m[element.nodes[end]]
     name = f"member {element.member.id}"
@@ -234,7 +234,7 @@ def _detail(own: Opened, number: int, end: int, joint: int, chord: Element | Non
     )
 
 
-def _girths(own: Opened, entry: Girth, where: str) -> list[Detail]:
+def _girths(own: OpenedModel, entry: Girth, where: str) -> list[Detail]:
     """Round every member of the group `part` that has an element's end at that level, one at each place."""
     wanted = set(own.members(entry.part, f"{where}.part"))
     gaps: list[tuple[float, int, int]] = []
@@ -261,7 +261,7 @@ def _girths(own: Opened, entry: Girth, where: str) -> list[Detail]:
 
 
 def subdyn_stress_model(
-    own: Opened,
+    own: OpenedModel,
     details: Sequence[Detail],
     conditions: Conditions,
     where: str,
@@ -311,7 +311,7 @@ def subdyn_stress_model(
     )
 
 
-def _hub(own: Opened, site: Site, heading_deg: float, from_wind_deg: float, where: str) -> np.ndarray:
+def _hub(own: OpenedModel, site: Site, heading_deg: float, from_wind_deg: float, where: str) -> np.ndarray:
     """A force of 1 N at the hub, turned from the wind's way counter-clockwise, as loads on the free degrees of freedom;
     the hub follows its joint and turns with the heading."""
     joint = site.hub_joint
@@ -338,7 +338,7 @@ def _hub(own: Opened, site: Site, heading_deg: float, from_wind_deg: float, wher
     return frozen_array(own.frame.reduction.T @ force)
 
 
-def _waves(own: Opened, site: Site, details: Sequence[Detail]) -> Waves:
+def _waves(own: OpenedModel, site: Site, details: Sequence[Detail]) -> Waves:
     of_element: dict[int, list[int]] = {}
     for row, detail in enumerate(details):
         of_element.setdefault(detail.number, []).append(row)

@@ -13,7 +13,7 @@ from probupdate.structure.description import Description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Frame
 from probupdate.structure.subdyn_model import assembled_file
-from probupdate.structure.subdyn_writing import as_subdyn, structure_alone
+from probupdate.structure.subdyn_writing import structure_alone, subdyn_file_of
 from probupdate.structure.substructure import split, subdyn_substructure, with_tower
 from probupdate.structure.turbine_frame import build_frame
 
@@ -28,7 +28,7 @@ def write_substructure(d: Description, folder: Path, remark: str, frame: Frame |
     where the tower stands on no structure, NoWord where it is more than SubDyn can be given."""
     frame = build_frame(d) if frame is None else frame
     above, foot = split(frame, d.name)
-    file = as_subdyn(frame, d.values, above, foot, theory=d.mesh.theory, title=f"{d.name} | {remark}")
+    file = subdyn_file_of(frame, d.values, above, foot, theory=d.mesh.theory, title=f"{d.name} | {remark}")
     return [write_subdyn(file, folder / NAME), *(folder / name for name in file.soil)]
 
 

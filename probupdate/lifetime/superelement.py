@@ -65,10 +65,10 @@ def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: i
     is given), and `n_mode` modes; 0 is Guyan's reduction. Damping is what the file says. Raises InputError where there
     is not an interface."""
     whole = subdyn_substructure(*assembled_file(file), reference_m)
-    return reduced(whole, n_mode=n_mode, compared=compared, damping=partial(_damping, file))
+    return reduce_model(whole, n_mode=n_mode, compared=compared, damping=partial(_damping, file))
 
 
-def reduced(
+def reduce_model(
     whole: Substructure, *, n_mode: int, compared: int = 6,
     damping: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Superelement:

@@ -114,8 +114,9 @@ def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> l
     n, pairs = len(channels), list(combinations(_channels_tried(shape, clusters, model), 2))
     found = [of(shape, 1.0)]
     for i in as_is:
-        found += [of(_reversed(shape, i), REVERSED / n, (channels[i],)), of(shape, OWN_MOTION / n, own=i)]
-    found += [of(shape, EXCHANGED / len(pairs), (channels[i], channels[j]), _exchanged(as_is, i, j)) for i, j in pairs]
+        found += [of(_reverse_channel(shape, i), REVERSED / n, (channels[i],)), of(shape, OWN_MOTION / n, own=i)]
+    found += [of(shape, EXCHANGED / len(pairs), (channels[i], channels[j]), _exchange_channels(as_is, i, j))
+              for i, j in pairs]
 
     def ordered(order: np.ndarray) -> _Change:
         names = tuple(channels[k] for k in np.argsort(order))
@@ -125,7 +126,7 @@ def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> l
     orders, best, last = {}, ordered(_order(shape, model)), None
     while best.log > found[0].log and best is not last:
         last = best
-        orders |= {c.channels: c for c in (best, *(ordered(_exchanged(best.order, i, j)) for i, j in pairs))}
+        orders |= {c.channels: c for c in (best, *(ordered(_exchange_channels(best.order, i, j)) for i, j in pairs))}
         best = max(orders.values(), key=lambda c: c.log)
     # one exchange is no other order
     return found + [c for c in orders.values() if np.sum(c.order != as_is) > 2]
@@ -195,13 +196,13 @@ def _order(shape: np.ndarray, model: np.ndarray) -> np.ndarray:
     return order
 
 
-def _exchanged(order: np.ndarray, i: int, j: int) -> np.ndarray:
+def _exchange_channels(order: np.ndarray, i: int, j: int) -> np.ndarray:
     changed = order.copy()
     changed[[i, j]] = order[[j, i]]
     return changed
 
 
-def _reversed(shape: np.ndarray, channel: int) -> np.ndarray:
+def _reverse_channel(shape: np.ndarray, channel: int) -> np.ndarray:
     changed = shape.copy()
     changed[channel] *= -1
     return changed

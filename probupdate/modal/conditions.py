@@ -21,7 +21,7 @@ def of_turbine(columns: Iterable[str]) -> bool:
     return any(str(c).startswith(OF_TURBINES) for c in columns)
 
 
-def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
+def find_misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
     """Known column that is absent -> a column that may be it, by its name alone. Of several that are as near, the
     first."""
     given = [str(c) for c in columns]
@@ -42,5 +42,5 @@ def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
 def misspelt(columns: Iterable[str]) -> dict[str, str]:
     """Known column that is absent -> its slip of the pen. One that begins otherwise is another quantity, such as
     water_temperature_c."""
-    close = misnamed(columns, MISSPELT)
+    close = find_misnamed(columns, MISSPELT)
     return {known: given for known, given in close.items() if given.strip().lower().startswith(known[0])}

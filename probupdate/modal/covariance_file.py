@@ -63,7 +63,7 @@ def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
     if "\0" in name or not path.exists():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     path_inside(path, modes_file.parent)
-    with _opened(path) as file:
+    with _open_store(path) as file:
         yield FactorsFile(path=path, state=_state(path), file=file,
                           groups={str(group.attrs["id"]): name for name, group in file.items()})
 
@@ -85,14 +85,14 @@ class FactorsFile:
         """The set with its arrays in memory, or of a large file with where they are."""
         if self.state[0] <= KEPT_IN_MEMORY or modal_set.id not in self.groups:
             return modal_set
-        read = partial(_stored, self.path, self.state, self.groups[modal_set.id])
+        read = partial(_stored_factors, self.path, self.state, self.groups[modal_set.id])
         return replace(modal_set, covariance_factors=StoredFactors(read=read, taken=True))
 
 
-def _stored(path: Path, state: tuple[int, ...], group: str) -> CovarianceFactors:
+def _stored_factors(path: Path, state: tuple[int, ...], group: str) -> CovarianceFactors:
     if not path.exists() or _state(path) != state:
         raise InputError(str(path), "has changed since its modes were read", "run again, while nothing writes there")
-    with _opened(path) as file:
+    with _open_store(path) as file:
         return CovarianceFactors(**_arrays(path, file[group]))
 
 
@@ -101,7 +101,7 @@ def _state(path: Path) -> tuple[int, ...]:
     return found.st_size, found.st_mtime_ns, found.st_ino
 
 
-def _opened(path: Path) -> Any:
+def _open_store(path: Path) -> Any:
     return open_hdf5(path, "is not a file of covariance factors", AGAIN, whole=True)
 
 

@@ -80,7 +80,7 @@ def _notes(sets: Sequence[ModalSet], labels: Sequence[str], pairs: Sequence[tupl
         those = [pair for pair in pairs if pair[2] == change]
         before, after = ([labels[pair[end]] for pair in those] for end in (0, 1))
         said.append(f"from {sets[change].id} on {', '.join(after)} instead of {', '.join(before)} "
-                    f"{same_mode_words([frequencies_around(sets, pair) for pair in those])}")
+                    f"{joined_mode_words([frequencies_around(sets, pair) for pair in those])}")
     return said
 
 
@@ -91,7 +91,7 @@ def frequencies_around(sets: Sequence[ModalSet], pair: tuple[int, int, int]) -> 
             float(np.nanmedian([s.frequency_hz[b] for s in sets[k:]])))
 
 
-def same_mode_words(around: Sequence[tuple[float, float]]) -> str:
+def joined_mode_words(around: Sequence[tuple[float, float]]) -> str:
     """Why modes are taken as one: `around` their frequencies before and after the change."""
     same = "taken as the same mode" + "s" * (len(around) > 1)
     if all(abs(np.log(after / before)) <= SAME_FREQUENCY for before, after in around):

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from probupdate.modal.long_axis import horizontal_axes, spans
-from probupdate.modal.sensor_places import at_one_height, at_one_place
+from probupdate.modal.sensor_places import sensors_by_height, sensors_by_place
 from probupdate.modal.sets import Sensor
 from probupdate.modal.shape_criteria import mac
 from probupdate.runtime.arrays import frozen_array
@@ -44,7 +44,7 @@ def label_across(label: str) -> str | None:
     return OTHER_AXIS[family(label)] + label[len(family(label)) :] if is_bending(label) else None
 
 
-def along_x(label: str) -> bool:
+def is_along_x(label: str) -> bool:
     """Whether it is the first of a pair of bending modes."""
     return FAMILY.get(family(label)) == 0
 
@@ -74,21 +74,21 @@ def mode_character(
     """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
     along x, along y and torsion. axes (3, 3): across, up and along a structure that spans, named by SPANNING.
 
-    Channels of one level, or section (see `at_one_height`), are fitted by a rigid plane's motion about the vertical
+    Channels of one level, or section (see `sensors_by_height`), are fitted by a rigid plane's motion about the vertical
     axis through the origin, or the axis through the sensors' middle. A level with a single sensor position shows
     translation only. Modes with `local` above `local_limit` get labels L1, L2, ...: they belong to single members, not
     to the structure.
     """
     shape = np.asarray(shape, float)
     if axes is not None:
-        sensors, families = _along(axes, sensors), SPANNING
+        sensors, families = _sensors_in_axes(axes, sensors), SPANNING
     direction = np.array([s.direction for s in sensors])
     position = np.array([s.position_m for s in sensors])
-    place = {k: number for number, there in enumerate(at_one_place(sensors)) for k in there}
+    place = {k: number for number, there in enumerate(sensors_by_place(sensors)) for k in there}
     n_mode = shape.shape[1]
     part = np.zeros((n_mode, len(families)))
     total = np.sum(shape**2, axis=0)
-    for rows in at_one_height(sensors):
+    for rows in sensors_by_height(sensors):
         d, (x, y, _) = direction[rows], position[rows].T
         several = len({place[k] for k in rows}) > 1
         # u = (u_x + ... , u_y + ..., r_x y - r_y x) of a rigid plane; pitch goes with FA, roll with SS
@@ -111,12 +111,12 @@ def mode_character(
     share = share / np.maximum(share.sum(axis=1, keepdims=True), 1.0)
     local = 1 - share.sum(axis=1)
     return ModeCharacter(share=frozen_array(share), local=frozen_array(local),
-                         labels=numbered(share, local, families, local_limit))
+                         labels=number_labels(share, local, families, local_limit))
 
 
-def _along(axes: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+def _sensors_in_axes(axes: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
     """Sensors in axes (3, 3) through the middle of their places."""
-    places = np.array([sensors[there[0]].position_m for there in at_one_place(sensors)])
+    places = np.array([sensors[there[0]].position_m for there in sensors_by_place(sensors)])
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
     return tuple(Sensor(channel=s.channel, level=s.level, position_m=axes @ (s.position_m - middle),
                         direction=axes @ s.direction) for s in sensors)
@@ -133,7 +133,7 @@ def sensed_character(
     return mode_character(shape, sensors, families=families, axes=axes if spans(gives) else None)
 
 
-def numbered(
+def number_labels(
     share: np.ndarray, local: np.ndarray, families: tuple[str, ...], local_limit: float = LOCAL_LIMIT,
     frequency_hz: np.ndarray | None = None,
 ) -> tuple[str, ...]:
@@ -184,7 +184,7 @@ def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 
     be compared as a plane."""
     pairs = []
     for i, label in enumerate(labels):
-        partner = label_across(label) if along_x(label) else None
+        partner = label_across(label) if is_along_x(label) else None
         if partner in labels:
             j = labels.index(partner)
             if abs(frequency_hz[i] - frequency_hz[j]) < gap * 0.5 * (frequency_hz[i] + frequency_hz[j]):

@@ -12,7 +12,7 @@ from probupdate.errors import InputError
 from probupdate.modal.frequency_pairs import pair_in_order, refuse_another_unit
 from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
-from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac, within_plane
+from probupdate.modal.shape_criteria import criteria_within_plane, mac, rotate_to_real, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
@@ -176,13 +176,13 @@ def match(
         refuse_another_unit(modal_set.where, [modal_set.frequency_hz[j] / solution.frequency_hz[i]
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
-    together = _together(measured, computed, clusters)
+    together = _pair_criteria(measured, computed, clusters)
     partner = _spanning(partner, together, modal_set.frequency_hz, solution.frequency_hz)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
     known = halves, {j for j in partner if label_across(name[j]) in unmeasured}
-    compared = _Compared(where=modal_set.where, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
-                         computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
-                         together=together, known=known, planes=planes, min_mac=min_mac)
+    compared = _Comparison(where=modal_set.where, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
+                           computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
+                           together=together, known=known, planes=planes, min_mac=min_mac)
     chosen = _chosen(compared, partner, len(used), prior_cov, refuse=refuse)
     partner, criterion, groups = chosen.partner, chosen.criterion, chosen.groups
     left_out += chosen.left_out
@@ -273,16 +273,16 @@ def _partners(criterion: np.ndarray, used: Sequence[int]) -> dict[int, int]:
     return {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
 
 
-def _together(
+def _pair_criteria(
     measured: np.ndarray, computed: np.ndarray, clusters: Sequence[tuple[int, ...]]
 ) -> dict[tuple[int, ...], np.ndarray]:
-    """`within_plane` of each pair's plane, of what channels have both."""
+    """`criteria_within_plane` of each pair's plane, of what channels have both."""
     result = {}
     for cluster in clusters:
         known = np.all(np.isfinite(measured[:, list(cluster)]), axis=1)
         if len(cluster) == 2 and known.sum() > 2:
             plane, _ = np.linalg.qr(measured[known][:, list(cluster)])
-            result[cluster] = within_plane(plane, computed[known])
+            result[cluster] = criteria_within_plane(plane, computed[known])
     return result
 
 
@@ -305,7 +305,7 @@ def _spanning(
 
 
 def _alike(
-    x: _Compared, partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray
+    x: _Comparison, partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray
 ) -> tuple[list[ModeGroup], list[str]]:
     """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
     groups: list[ModeGroup] = []
@@ -454,7 +454,7 @@ def _refuse_another_structure(where, criterion, partner, name) -> None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Compared:
+class _Comparison:
     """Measured and computed modes (n_channel, n_mode) beside one another, and how the measured ones are taken;
     `together` (n_computed, n_computed) of each measured pair how well each two computed modes span it."""
 
@@ -473,7 +473,7 @@ class _Compared:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Grouped:
+class _Grouping:
     """The groups that partners (measured -> computed mode) make, and their criteria."""
 
     partner: dict[int, int]
@@ -493,34 +493,34 @@ class _Grouped:
         return [j for group in self.groups for j in group.measured]
 
 
-def _grouped(x: _Compared, partner: dict[int, int]) -> _Grouped:
+def _group_partners(x: _Comparison, partner: dict[int, int]) -> _Grouping:
     mates = _mates(x.clusters, partner, x.known, x.measured, x.computed, x.computed_hz) if x.planes else {}
     criterion = np.array(x.criterion)
     for j, k in mates.items():
         criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
     groups, unlike = _alike(x, partner, mates, criterion)
     halves = _halves_note(x.where, mates, partner, x.name, x.computed_hz)
-    return _Grouped(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
+    return _Grouping(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
 
 
-def _chosen(x: _Compared, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouped:
+def _chosen(x: _Comparison, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouping:
     """The most probable pairing; unless it is for a picture, without what is uncertain or improbable in it."""
-    found, others = _paired(x, partner, n_used, prior_cov)
+    found, others = _pair_groups(x, partner, n_used, prior_cov)
     if not refuse:
         return found
     return _drop_unreachable(x, _certain(x, found, others, n_used) if others else found, n_used, prior_cov)
 
 
-def _paired(
-    x: _Compared, partner: dict[int, int], n_used: int, prior_cov
-) -> tuple[_Grouped, list[tuple[ModeGroup, np.ndarray]]]:
+def _pair_groups(
+    x: _Comparison, partner: dict[int, int], n_used: int, prior_cov
+) -> tuple[_Grouping, list[tuple[ModeGroup, np.ndarray]]]:
     """The pairing by shapes, or one about as alike that the frequencies make ODDS times as probable, group by group;
     and others (`_alternatives`) where neither is, or what is chosen is improbable itself. The prior, which takes
     derivatives, is asked where shapes leave two."""
     cov = None
     # each step changes a group for the better
     for _ in range(2 * len(x.name)):
-        found = _grouped(x, partner)
+        found = _group_partners(x, partner)
         others = _alternatives(x, found) if len(found.rows) >= 0.5 * n_used else []
         if not others or prior_cov is None:
             break
@@ -537,13 +537,14 @@ def _paired(
     return found, others
 
 
-def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np.ndarray]], n_used: int) -> _Grouped:
+def _certain(x: _Comparison, found: _Grouping, others: Sequence[tuple[ModeGroup, np.ndarray]],
+             n_used: int) -> _Grouping:
     """Without the groups that another choice pairs differently. Raises InputError where more than half of the modes are
     such, or one alone is left: too little to know the structure by."""
     column = np.array([found.partner[j] for j in found.rows], int)
     same = [all(set(other[here]) == set(column[here]) for _, other in others) for here in found.places]
     rest = tuple(group for group, stays in zip(found.groups, same, strict=True) if stays)
-    error = _two_pairings(x, found, *others[0])
+    error = _ambiguous_pairing_error(x, found, *others[0])
     if sum(len(group.measured) for group in rest) < max(2.0, 0.5 * n_used):
         raise error
     names = " and ".join(x.name[j] for j in sorted({*found.rows}.difference(*(group.measured for group in rest))))
@@ -552,8 +553,8 @@ def _certain(x: _Compared, found: _Grouped, others: Sequence[tuple[ModeGroup, np
                                f"{error.remedy.removesuffix(OR_NULL)}"))
 
 
-def _drop_unreachable(x: _Compared, found: _Grouped, n_used: int,
-                  prior_cov: Callable[[], np.ndarray] | None) -> _Grouped:
+def _drop_unreachable(x: _Comparison, found: _Grouping, n_used: int,
+                  prior_cov: Callable[[], np.ndarray] | None) -> _Grouping:
     """Without groups that the prior cannot bring where they were measured: a mode that the model shows to the sensors
     only once it is unsymmetric, as a platform's heave, has another mode's shape there. Where these are most, it is the
     prior that is no good, and all stay."""
@@ -573,7 +574,7 @@ def _drop_unreachable(x: _Compared, found: _Grouped, n_used: int,
     return replace(found, groups=rest, left_out=(*found.left_out, *said))
 
 
-def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:
+def _log_density(x: _Comparison, found: _Grouping, column: Sequence[int], cov: np.ndarray) -> tuple[float, bool]:
     """Of the measured ln f by the prior, paired in each group in their order; and whether they are probable at all: a
     prior by which they are not is none to judge by."""
     order = np.concatenate([np.sort(np.asarray(column)[place]) for place in found.places])
@@ -583,7 +584,7 @@ def _log_density(x: _Compared, found: _Grouped, column: Sequence[int], cov: np.n
     return -0.5 * chi2 - float(np.sum(np.log(np.diag(spread)))), chi2 <= n + IMPROBABLE * np.sqrt(2 * n)
 
 
-def _is_far_off(x: _Compared, found: _Grouped) -> np.ndarray:
+def _is_far_off(x: _Comparison, found: _Grouping) -> np.ndarray:
     """(n_measured, n_computed) of bool: another mode's by its frequency, beside the one that a measured mode is paired
     with; of modes compared as a plane the nearest counts."""
     off = np.abs(np.log(x.measured_hz[:, None] / x.computed_hz))
@@ -596,7 +597,7 @@ def _is_far_off(x: _Compared, found: _Grouped) -> np.ndarray:
     return far
 
 
-def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.ndarray]]:
+def _alternatives(x: _Comparison, found: _Grouping) -> list[tuple[ModeGroup, np.ndarray]]:
     """Groups that another choice pairs with other computed modes for less than CLEAR a mode in summed MACs, each with
     the computed mode of every row of that choice."""
     rows, places, visible = found.rows, found.places, np.linalg.norm(x.computed, axis=0)
@@ -627,7 +628,7 @@ def _alternatives(x: _Compared, found: _Grouped) -> list[tuple[ModeGroup, np.nda
     return result
 
 
-def _assignment_sum(x: _Compared, found: _Grouped, score: np.ndarray, column: np.ndarray) -> float:
+def _assignment_sum(x: _Comparison, found: _Grouping, score: np.ndarray, column: np.ndarray) -> float:
     """Sum of criteria of the rows with these computed modes, of pairs together."""
     total = 0.0
     for group, here in zip(found.groups, found.places, strict=True):
@@ -637,7 +638,7 @@ def _assignment_sum(x: _Compared, found: _Grouped, score: np.ndarray, column: np
     return total
 
 
-def _with_planes(x: _Compared, found: _Grouped, choice: np.ndarray, column: np.ndarray) -> np.ndarray:
+def _with_planes(x: _Comparison, found: _Grouping, choice: np.ndarray, column: np.ndarray) -> np.ndarray:
     """The computed mode of every row, of pairs the two free ones that are best together."""
     result = np.array(column)
     for group, here in zip(found.groups, found.places, strict=True):
@@ -649,7 +650,7 @@ def _with_planes(x: _Compared, found: _Grouped, choice: np.ndarray, column: np.n
     return result
 
 
-def _two_pairings(x: _Compared, found: _Grouped, group: ModeGroup, other: np.ndarray) -> InputError:
+def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup, other: np.ndarray) -> InputError:
     """Of a group that two choices pair differently, as found and with the computed mode `other` of every row."""
     where, name, measured, frequency_hz = x.where, x.name, x.measured, x.computed_hz
     score = np.nan_to_num(found.criterion[found.rows], nan=0.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.modal.labels import LOCAL_LIMIT, SPANNING, TURBINE, ModeCharacter, numbered
+from probupdate.modal.labels import LOCAL_LIMIT, SPANNING, TURBINE, ModeCharacter, number_labels
 from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
 
@@ -77,7 +77,7 @@ def energy_character(
     with more than `local_limit` of their energy in the rest are L1, L2, ...
     """
     if axes is not None:
-        phi, momentum, mass, places = _in_axes(phi, momentum, mass, places, axes)
+        phi, momentum, mass, places = _turn_into_axes(phi, momentum, mass, places, axes)
         families = SPANNING
     known = np.flatnonzero(places.direction >= 0)
     position = np.array(places.position_m)
@@ -91,10 +91,10 @@ def energy_character(
     share = np.nan_to_num(share)
     local = 1 - share.sum(axis=1)
     return ModeCharacter(share=frozen_array(share), local=frozen_array(local),
-                         labels=numbered(share, local, families, local_limit, frequency_hz))
+                         labels=number_labels(share, local, families, local_limit, frequency_hz))
 
 
-def _in_axes(phi, momentum, mass, places: DofPlaces, axes: np.ndarray):
+def _turn_into_axes(phi, momentum, mass, places: DofPlaces, axes: np.ndarray):
     """The same in axes (3, 3) in place of x, y and z. Of a node that moves along one horizontal axis alone it is along
     the nearer of the new ones."""
     phi, momentum, mass = (np.array(x, float) for x in (phi, momentum, mass))
@@ -133,7 +133,7 @@ def _sections(phi, mass, position, direction) -> tuple[np.ndarray, np.ndarray]:
     found = _rigid(phi, mass, position, direction, on_axis, _levels(position[:, 2], same), spread)
     z = np.array(list(found))
     if height > 0 and _gap(z, position[:, 2], same) > GAP * height:
-        return _fitted(phi, mass, position, direction, on_axis)
+        return _fit_sections(phi, mass, position, direction, on_axis)
     if not found:
         return np.zeros(1), np.zeros((1, 6, phi.shape[1]))
     return z, np.array(list(found.values()))
@@ -147,7 +147,7 @@ def _gap(found: np.ndarray, z: np.ndarray, same: float) -> float:
     return float(np.max(edges[after] - edges[after - 1], initial=0.0))
 
 
-def _fitted(phi, mass, position, direction, on_axis) -> tuple[np.ndarray, np.ndarray]:
+def _fit_sections(phi, mass, position, direction, on_axis) -> tuple[np.ndarray, np.ndarray]:
     """As `_sections`: those whose motion, linear between them, is nearest to that of all nodes."""
     z = position[:, 2]
     count = int(np.clip(len(np.unique(position, axis=0)) // NODES, 2, MOST))

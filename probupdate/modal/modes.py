@@ -14,6 +14,7 @@ from probupdate.modal.sets import (
 )
 from probupdate.modal.shape_criteria import (
     OWN_DIRECTIONS,
+    criteria_within_plane,
     mac,
     modal_phase_collinearity,
     pair_by_mac,
@@ -22,12 +23,11 @@ from probupdate.modal.shape_criteria import (
     spanning,
     subspace_mac,
     unit_largest,
-    within_plane,
 )
 
 __all__ = [
     "OWN_DIRECTIONS", "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
     "mac", "modal_phase_collinearity", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
-    "rotate_to_real", "spanning", "subspace_mac", "unit_largest", "within_plane", "write_modes",
+    "rotate_to_real", "spanning", "subspace_mac", "unit_largest", "criteria_within_plane", "write_modes",
 ]

@@ -33,7 +33,7 @@ def rounding_step(values: np.ndarray) -> float:
     for step in sorted(steps, reverse=True):
         # a single value says nothing of a grid but by its digits
         likely = (2 * ON_GRID if printed == 0 else printed / step) ** max(len(values) - 1, 1)
-        if likely < CHANCE and len(values) > 1 and _all_on_grid(values, step):
+        if likely < CHANCE and len(values) > 1 and _are_all_on_grid(values, step):
             return float(max(step, printed))
     return printed
 
@@ -64,6 +64,6 @@ def _printed_step(values: np.ndarray) -> float:
     return 0.0
 
 
-def _all_on_grid(values: np.ndarray, step: float) -> bool:
+def _are_all_on_grid(values: np.ndarray, step: float) -> bool:
     count = values / step
     return bool(np.all(np.abs(count - np.round(count)) < ON_GRID))

@@ -24,14 +24,14 @@ def place_numbers(position: np.ndarray, near: float) -> np.ndarray:
     return csgraph.connected_components(graph, directed=False)[1]
 
 
-def at_one_place(sensors: Sequence[Sensor]) -> list[list[int]]:
+def sensors_by_place(sensors: Sequence[Sensor]) -> list[list[int]]:
     """Numbers of the sensors of each place, in the order of the first ones."""
     position = _positions(sensors)
     number = place_numbers(position, SAME_PLACE * _extent(position)) if len(position) else np.empty(0, int)
     return [np.flatnonzero(number == k).tolist() for k in range(number.max(initial=-1) + 1)]
 
 
-def at_one_height(sensors: Sequence[Sensor]) -> list[list[int]]:
+def sensors_by_height(sensors: Sequence[Sensor]) -> list[list[int]]:
     """Numbers of the sensors of each height, the lowest first."""
     position = _positions(sensors)
     if not len(position):

@@ -53,7 +53,7 @@ def plane_mac(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.svd(qa.conj().T @ qb, compute_uv=False)[-1] ** 2)
 
 
-def within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def criteria_within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """(n_mode, n_mode) how far each two columns of `shape` (n_channel, n_mode) are the directions of an orthonormal
     plane (n_channel, 2), 2 at most: half the squared sum of their cosines with two directions at right angles, turned
     in the plane for the best. That is half of both shares in the plane and the area between them: two that look alike
@@ -70,13 +70,13 @@ def spanning(
     """The two modes of a measured plane (n_channel, 2): `own`, or of these and those that are not `taken` the two that
     lie along directions of their own in it. Two that look alike to the sensors, as a bending and a torsion in which the
     sensors show that bending, would each be its best half. `score` (n_search,) of each by itself."""
-    beside = within_plane(plane, shape[:, own])
+    beside = criteria_within_plane(plane, shape[:, own])
     free = [i for i in range(len(score)) if score[i] > 0 and (i not in taken or i in own)]
     # no other two are better together than these are one by one
     if np.trace(beside) - beside[0, 1] < OWN_DIRECTIONS or len(free) < 3:
         return own
     first, second = np.triu_indices(len(free), 1)
-    together = within_plane(plane, shape[:, free])
+    together = criteria_within_plane(plane, shape[:, free])
     near = score[free] - np.diag(together)
     total = near[first] + near[second] + together[first, second]
     best = int(np.argmax(total))

@@ -26,7 +26,7 @@ def log_box_probability(
     found = []
     for _ in range(N_SEQUENCE):
         points = qmc.Sobol(len(low), scramble=True, seed=rng).random(N_POINT)
-        found.append(special.logsumexp(_conditioned(low, high, correlation, points)[1]) - np.log(N_POINT))
+        found.append(special.logsumexp(_conditional_sample(low, high, correlation, points)[1]) - np.log(N_POINT))
     relative = np.exp(np.array(found) - np.max(found))
     mean = float(np.max(found) + np.log(relative.mean()))
     return mean, float(np.std(relative, ddof=1) / relative.mean() / np.sqrt(N_SEQUENCE))
@@ -37,7 +37,7 @@ def draws_in_box(
 ) -> np.ndarray:
     """z ~ N(0, correlation) within the bounds (n, n_variable): of CANDIDATES n conditional draws, n by their weights.
     """
-    z, log_weight = _conditioned(low, high, correlation, rng.uniform(size=(CANDIDATES * n, len(low))))
+    z, log_weight = _conditional_sample(low, high, correlation, rng.uniform(size=(CANDIDATES * n, len(low))))
     weight = np.exp(log_weight - log_weight.max())
     # systematic: each is kept as often as its weight says, to within one
     places = (rng.uniform() + np.arange(n)) / n
@@ -45,7 +45,7 @@ def draws_in_box(
     return z[rng.permutation(np.minimum(chosen, len(z) - 1))]
 
 
-def _conditioned(low, high, correlation, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _conditional_sample(low, high, correlation, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """z (m, n) one after another, and ln of the product of their conditional probabilities (m,)."""
     order = np.argsort(log_probability(low, high))
     factor = linalg.cholesky(correlation[np.ix_(order, order)], lower=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.io.files import write_text
-from probupdate.runtime.executors import Executor, completed, executor
+from probupdate.runtime.executors import Executor, executor, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) 
     progress("report", 0, len(SECTIONS))
     built: dict[str, Section | None] = {}
     order = [*SLOW, *(name for name in SECTIONS if name not in SLOW)]
-    for name, section in completed(_built, [(name, run) for name in order], jobs=jobs, least=1):
+    for name, section in iterate_completed(_built, [(name, run) for name in order], jobs=jobs, least=1):
         built[name] = section
         progress("report", len(built), len(SECTIONS))
     # those on sets, information and diagnosis are there where their files are

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.reporting import figures
-from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Table, fixed, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Table, decimal, number, percent
 from probupdate.updating.update_file import ComponentsRecord, UpdateRecord
 
 # a narrowing below this share is left blank
@@ -68,7 +68,7 @@ def _measures_table(update: UpdateRecord, parts: ComponentsRecord) -> Table:
 def _responses_table(parts: ComponentsRecord) -> Table:
     accused = parts.accused()
     rows = tuple(
-        (name, number(float(found)), number(float(expected), 2), fixed(float(found / max(expected, 1e-12)), 2))
+        (name, number(float(found)), number(float(expected), 2), decimal(float(found / max(expected, 1e-12)), 2))
         for name, found, expected in zip(parts.responses, parts.chi_square, parts.expected, strict=True)
     )
     columns = (Column(name="response", number=False), Column(name="chi-square", unit="-"),

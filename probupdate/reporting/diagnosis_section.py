@@ -30,7 +30,7 @@ from probupdate.reporting.elements import (
     Text,
     Tile,
     Tiles,
-    fixed,
+    decimal,
     number,
     percent,
 )
@@ -55,7 +55,7 @@ def diagnosis_section(run: Run) -> Section | None:
         items.append(Items(title="Notes", statements=tuple(map(typeset_with_stop, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
     if hidden:
-        items.insert(0, _table_of_hidden_and_found(hidden, wording.found_words(content)))
+        items.insert(0, _table_of_hidden_and_found(hidden, wording.words_of_findings(content)))
     if content["findings"]:
         items.append(_findings_table(content))
         items.append(_picture(
@@ -116,7 +116,7 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
     statements += [typeset_with_stop(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
     if content["verdict"] == "unexplained" and content["parameters"]:
-        missing = ("they were fitted to a channel that is wrong" if wording.own_response_actions(content) else
+        missing = ("they were fitted to a channel that is wrong" if wording.channel_response_actions(content) else
                    "find what is missing in the model first")
         statements.append(f"Do not read the updated parameters as properties of the structure: {missing}. The maps "
                           "below show where model and measurement part.")
@@ -145,8 +145,8 @@ def _findings_table(content: Mapping) -> Table:
     rows = tuple(
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.size_words(f, content)),
-         wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
-         fixed(f["posterior_probability"], 2), number(wording.prior_probability(f), 2), wording.alternatives_words(f))
+         wording.time_profile_words(f.get("time_profile", "constant"), f.get("since", "")), decimal(f.get("z"), 1),
+         decimal(f["posterior_probability"], 2), number(wording.prior_probability(f), 2), wording.alternatives_words(f))
         for k, f in enumerate(content["findings"], start=1)
     )
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
@@ -219,7 +219,7 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[Element]:
     columns = (Column(name="slope of f, z", number=False),
                *(Column(name=wording.column_words(t["column"]), unit="-") for t in tables))
     rows = tuple(
-        (name, *(" → ".join(fixed(z, 1) for z in t["series"][i]["slope_z"]) for t in tables))
+        (name, *(" → ".join(decimal(z, 1) for z in t["series"][i]["slope_z"]) for t in tables))
         for i, name in enumerate(names)
     )
     chance = NormalDist().inv_cdf(1 - 0.025 / (len(names) * len(tables)))
@@ -232,7 +232,8 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[Element]:
                                  columns=columns, rows=rows,
                                  note=note, marked=frozenset(names.index(n) for _, n, _ in left))]
     if left:
-        statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance (z = {fixed(z, 1)})."
+        statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance "
+                           f"(z = {decimal(z, 1)})."
                            for column, name, z in left)
         items.append(Items(title="Residual, and not named", level="warning", statements=statements))
     return items
@@ -285,7 +286,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
                    Column(name="z", unit="-"),
                    Column(name="size that fits best"), Column(name="tolerance"))
         table = tuple(
-            (r["cause"], r["time_profile"], str(r["tried"]), r["location"], fixed(r["z"], 1),
+            (r["cause"], r["time_profile"], str(r["tried"]), r["location"], decimal(r["z"], 1),
              typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
              wording.amount(r["tolerance"], None, r["unit"].split(" per ")[0], r["cause"]).lstrip("+"))
             for r in rows

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from probupdate.diagnosis import wording
-from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, fixed, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, decimal, number, percent
 from probupdate.updating.identifiability import STRONG
 
 
@@ -73,7 +73,7 @@ def _measure(key: str, value: float) -> str:
     if "frequency_error" in key:
         return percent(value, 2)
     # MACs differ in their last digits
-    return fixed(value, 4) if key.endswith("mac") else number(value)
+    return decimal(value, 4) if key.endswith("mac") else number(value)
 
 
 def _fatigue(gained: Sequence) -> list[Element]:
@@ -84,8 +84,8 @@ def _fatigue(gained: Sequence) -> list[Element]:
         per = table.get("per", per)
         for group, spots in table.items():
             if isinstance(spots, Mapping):
-                rows += [(str(k), group, name.replace("_", " "), str(s["place"]), fixed(s["stress_ratio"], 2),
-                          *(fixed(s[d], 2) for d in sorted(s) if d.startswith("damage_ratio")))
+                rows += [(str(k), group, name.replace("_", " "), str(s["place"]), decimal(s["stress_ratio"], 2),
+                          *(decimal(s[d], 2) for d in sorted(s) if d.startswith("damage_ratio")))
                          for name, s in spots.items()]
     if not rows or len({len(r) for r in rows}) > 1:
         return []
@@ -118,10 +118,11 @@ def extension_items(table: object, *, sampled: bool = False) -> list[Element]:
     rest = {k: v for k, v in table.items() if k not in known}
     if estimated and isinstance(sampler, Mapping):
         rest["sampler"] = {k: v for k, v in sampler.items() if k != "parameters"}
-    return [*first, *_added(table.get("added")), *_parameter_elements(table), *estimated, *plain_table(title, rest)]
+    return [*first, *_added_parameters(table.get("added")), *_parameter_elements(table), *estimated,
+            *plain_table(title, rest)]
 
 
-def _added(added: object) -> list[Element]:
+def _added_parameters(added: object) -> list[Element]:
     """Each finding with its size, and what it is in the extended model."""
     if not isinstance(added, Sequence) or not added:
         return []
@@ -148,8 +149,8 @@ def _parameter_elements(table: Mapping) -> list[Element]:
         old = before.get(name, {})
         rows.append((name, _value_and_std(p.get("prior"), p.get("prior_std")),
                      _value_and_std(old.get("map"), old.get("std")), _value_and_std(p["map"], p["std"]),
-                     number(p.get("deterministic")), fixed(old.get("prior_shift"), 2),
-                     fixed(p.get("prior_shift"), 2), "yes" if p.get("at_bound") else "no"))
+                     number(p.get("deterministic")), decimal(old.get("prior_shift"), 2),
+                     decimal(p.get("prior_shift"), 2), "yes" if p.get("at_bound") else "no"))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="MAP, model as it is"),
                Column(name="MAP, with the findings"), Column(name="deterministic, with the findings"),
                Column(name="shift from the prior, as it is", unit="prior std"),
@@ -182,13 +183,13 @@ def _estimators_table(updated: object, sampler: object) -> list[Element]:
         d = drawn.get(p["name"], {})
         rows.append((p["name"], _value_and_std(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
                      _value_and_std(p["map"], p["std"]), _value_and_std(d.get("mean"), d.get("std")),
-                     *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
-                     fixed(d.get("effective_draws"), 0)))
+                     *(number(d.get(q)) for q in ("q05", "q50", "q95")), decimal(d.get("r_hat"), 3),
+                     decimal(d.get("effective_draws"), 0)))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
                Column(name="MAP with Laplace's standard deviation"), Column(name="emcee, mean with standard deviation"),
                Column(name="5 %"), Column(name="50 %"), Column(name="95 %"), Column(name="R-hat", unit="-"),
                Column(name="effective draws"))
-    how = (f"{sampler['draws']} draws, acceptance {fixed(sampler['acceptance'], 2)}; asked for "
+    how = (f"{sampler['draws']} draws, acceptance {decimal(sampler['acceptance'], 2)}; asked for "
            f"{sampler['effective_draws_asked']} effective draws in at most {sampler['steps_at_most']} steps. ")
     items: list[Element] = [Table(caption="The estimators with the findings in the model", columns=columns,
                                  rows=tuple(rows), note=typeset(how + sampler["verdict"]))]

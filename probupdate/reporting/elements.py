@@ -148,15 +148,15 @@ def number(value: float | None, significant: int = 3) -> str:
     exponent = math.floor(math.log10(abs(rounded)))
     if exponent < -3 or exponent > 6:
         power = str(exponent).translate(_RAISED)
-        return f"{fixed(rounded / 10.0**exponent, significant - 1)} × 10{power}"
+        return f"{decimal(rounded / 10.0**exponent, significant - 1)} × 10{power}"
     if exponent < 3:
-        return fixed(rounded, max(significant - 1 - exponent, 0))
+        return decimal(rounded, max(significant - 1 - exponent, 0))
     # a narrow space that no line breaks at
     return f"{rounded:,.0f}".replace(",", "\u202f").replace("-", "−")
 
 
 def plain_text(text: str) -> str:
-    """What `number` and `fixed` wrote, as other programs read it: "−2.50 × 10⁻⁴" is "-2.50e-4"."""
+    """What `number` and `decimal` wrote, as other programs read it: "−2.50 × 10⁻⁴" is "-2.50e-4"."""
     text = text.replace("\u202f", "").replace("−", "-")
     return re.sub(r" × 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda m: f"e{m[1].translate(_LOWERED)}", text)
 
@@ -165,7 +165,7 @@ _LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def fixed(value: float | None, decimals: int) -> str:
+def decimal(value: float | None, decimals: int) -> str:
     """A number with that many decimals, a true minus sign, a dash for none."""
     if value is None or not math.isfinite(value):
         return MISSING
@@ -180,7 +180,7 @@ def percent(value: float | None, decimals: int = 1, sign: bool = False) -> str:
     """A share as per cent without the unit (it stands in the header)."""
     if value is None or not math.isfinite(value):
         return MISSING
-    text = fixed(100 * value, decimals)
+    text = decimal(100 * value, decimals)
     return f"+{text}" if sign and value > 0 and float(text) != 0 else text
 
 

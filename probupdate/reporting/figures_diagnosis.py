@@ -31,7 +31,7 @@ from probupdate.reporting.style import (
     RED,
     label_axes,
     new_figure,
-    styled,
+    with_style,
 )
 
 KIND_COLOURS = {"structural": BLUE, "environmental": GREEN, "measurement": ORANGE}
@@ -58,7 +58,7 @@ def _floats(values: Sequence) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], float)
 
 
-@styled
+@with_style
 def sizes_found(findings: Sequence[Mapping], hidden: Sequence[str] = ()) -> Figure:
     """What was found, where, since when and how sure: the size of every finding with its 90 % interval, from none at
     all; above, where it is known, what was hidden."""
@@ -88,7 +88,7 @@ def _gain_text(finding: Mapping) -> str:
     return "" if elpd is None or error is None else f", gain on held-out blocks {elpd:+.0f} ± {error:.0f}"
 
 
-@styled
+@with_style
 def causes(findings: Sequence[Mapping]) -> Figure:
     """Posterior over causes: of every finding its cause and the alternatives, one bar each."""
     rows = []
@@ -111,7 +111,7 @@ def causes(findings: Sequence[Mapping]) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def mode_residuals(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     """What remains of ln f of every mode on average, with the band that holds 90 % when nothing is wrong."""
     figure = new_figure(FULL_IN, 0.8 + 0.32 * len(rows))
@@ -137,7 +137,7 @@ def _state_words(state: str, states: Sequence[str]) -> str:
     return "best update of the model as it is" if state == "before" else "with the findings taken in"
 
 
-@styled
+@with_style
 def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     """Mode by channel: signed differences of shapes from the model, as multiples of what chance and tolerances
     leave; numbers are per cent of the shape's largest component."""
@@ -176,7 +176,7 @@ def _residual_cells(axes: Axes, z: np.ndarray, percent: np.ndarray) -> AxesImage
     return drawn
 
 
-@styled
+@with_style
 def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     """Where shapes differ from the model's: every level seen from above, an arrow a channel (a ring where it looks up),
     coloured by its residual in the mode in which it differs most; those far off are named."""
@@ -265,7 +265,7 @@ def _state_points(axes: Axes, x, series: Mapping, states: Sequence[str]) -> None
                   zorder=3 + s, rasterized=len(x) > 300, **look)
 
 
-@styled
+@with_style
 def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figure:
     """What remains block by block about its mean: first the size of each finding as every block alone gives it, then
     frequencies and the parts of shapes that move most. Dashed: where a finding begins."""
@@ -304,7 +304,7 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
     return figure
 
 
-@styled
+@with_style
 def against_covariates(
     tables: Sequence[Mapping], states: Sequence[str], explained: Sequence[str] = ()
 ) -> Figure:
@@ -333,7 +333,7 @@ def against_covariates(
 # Shifts from the prior, and what is not detected --------------------------------------------------------------------
 
 
-@styled
+@with_style
 def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     """Every parameter's standardised shift, and the band in which the prior expects it with these data."""
     figure = new_figure(FULL_IN, 0.8 + 0.27 * len(rows))
@@ -360,7 +360,7 @@ def row_of(entry: Mapping) -> Hashable:
     return entry.get("row") if entry.get("row") is not None else (entry["cause"], entry["location"])
 
 
-@styled
+@with_style
 def detectable_sizes(entries: Sequence[Mapping], steps: Mapping[Hashable, float]) -> Figure:
     """Least size that this record excludes, a panel for each kind and unit; open marks: as a step within the record,
     which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: `row_of` one -> size of

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from probupdate.reporting.figures_measurement import mode_mark, scatter
-from probupdate.reporting.style import FULL_IN, GREY, HALF_IN, INK, PALE, RED, label_axes, new_figure, styled
+from probupdate.reporting.style import FULL_IN, GREY, HALF_IN, INK, PALE, RED, label_axes, new_figure, with_style
 
 # how a pole stands to those of the order below -> (marker, colour, size): distinguished in grey by their markers
 STEADINESS = {
@@ -20,7 +20,7 @@ STEADINESS = {
 ACROSS = 5
 
 
-@styled
+@with_style
 def stabilisation(
     line_hz, spectrum, order, frequency_hz, steadiness: Sequence[str], *, chosen_hz: Mapping[str, float] | None = None,
     harmonics_hz: Mapping[str, tuple[float, float]] | None = None, unit: str = "m/s²",
@@ -75,7 +75,7 @@ def stabilisation(
     return figure
 
 
-@styled
+@with_style
 def mac_map(value: np.ndarray, rows: Sequence[str], columns: Sequence[str], *, across: str, up: str) -> Figure:
     """MAC of every row's mode with every column's (n_row, n_column), dark for 1, with its number; NaN blank."""
     value = np.asarray(value, float)
@@ -93,7 +93,7 @@ def mac_map(value: np.ndarray, rows: Sequence[str], columns: Sequence[str], *, a
     return figure
 
 
-@styled
+@with_style
 def mpc_map(time, labels: Sequence[str], mpc: np.ndarray) -> Figure:
     """Modal phase collinearity of every mode (row) in every block (column of pixels), dark for 1; hatched: not found.
 
@@ -114,7 +114,7 @@ def mpc_map(time, labels: Sequence[str], mpc: np.ndarray) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def argand(labels: Sequence[str], shape: np.ndarray, note: Sequence[str] = ()) -> Figure:
     """Components of each mode's shape on the complex plane, a panel a mode; shape (n_channel, n_mode), largest 1.
 
@@ -144,7 +144,7 @@ def argand(labels: Sequence[str], shape: np.ndarray, note: Sequence[str] = ()) -
     return figure
 
 
-@styled
+@with_style
 def against_conditions(
     labels: Sequence[str], frequency_hz: np.ndarray, std_hz: np.ndarray, conditions: Mapping[str, np.ndarray]
 ) -> Figure:

@@ -25,7 +25,7 @@ from probupdate.reporting.style import (
     SKY,
     label_axes,
     new_figure,
-    styled,
+    with_style,
 )
 
 # turbine state -> (colour, marker, size, filled)
@@ -60,7 +60,7 @@ def _time_axis(axes: Axes) -> None:
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
 
 
-@styled
+@with_style
 def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     """Elevations seen along y and along x and a plan, with an arrow per channel."""
     figure = new_figure(FULL_IN, 4.6)
@@ -129,7 +129,7 @@ def _draw_wire(axes: Axes, place: np.ndarray, line: np.ndarray, **look) -> None:
         axes.plot(place[:, 0], place[:, 1], ls="none", marker="o", ms=1.8, color=look["colors"])
 
 
-@styled
+@with_style
 def mode_shapes(
     wire: Wireframe, titles: Sequence[str], states: Mapping[str, np.ndarray], points_m: np.ndarray | None = None,
     measured: np.ndarray | None = None,
@@ -169,7 +169,7 @@ def mode_shapes(
     return figure
 
 
-@styled
+@with_style
 def shapes_by_channel(
     titles: Sequence[str], measured: np.ndarray, measured_std: np.ndarray, computed: Mapping[str, np.ndarray]
 ) -> Figure:
@@ -196,7 +196,7 @@ def shapes_by_channel(
     return figure
 
 
-@styled
+@with_style
 def wind_and_state(
     time, wind_mps, state: Sequence[str], *, cut_in_mps: float | None = None, rated_mps: float | None = None
 ) -> Figure:
@@ -225,7 +225,7 @@ def wind_and_state(
     return figure
 
 
-@styled
+@with_style
 def poles(
     groups: Mapping[str, tuple[np.ndarray, np.ndarray]],
     marks: Mapping[str, tuple[str, str, float, bool]] | None = None,
@@ -266,7 +266,7 @@ def poles(
     return figure
 
 
-@styled
+@with_style
 def selection_steps(names: Sequence[str], excluded: Sequence[int], total: int) -> Figure:
     """How many blocks each criterion took away, in the order in which the criteria were asked."""
     figure = new_figure(FULL_IN, 0.6 + 0.34 * (len(names) + 2))
@@ -291,7 +291,7 @@ def selection_steps(names: Sequence[str], excluded: Sequence[int], total: int) -
     return figure
 
 
-@styled
+@with_style
 def frequencies_by_block(
     time, frequency_hz: np.ndarray, labels: Sequence[str], selected: np.ndarray,
     truth_hz: Sequence[float] | np.ndarray | None = None,

@@ -29,7 +29,7 @@ from probupdate.reporting.style import (
     SKY,
     label_axes,
     new_figure,
-    styled,
+    with_style,
 )
 
 # a marginal's window, in widths of its posterior on either side: a wider one would hide the posterior's form
@@ -51,7 +51,7 @@ def _span(parameter: Parameter, draws: np.ndarray, marks: Sequence[float]) -> tu
     return max(low - room, parameter.lower - room), min(high + room, parameter.upper + room)
 
 
-@styled
+@with_style
 def marginals(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequence[Mark]) -> Figure:
     """Posterior histogram (n_draw, n_param), prior density and point estimates, one panel a parameter."""
     columns = 4 if len(parameters) > 6 else 3
@@ -90,7 +90,7 @@ def marginals(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequenc
     return figure
 
 
-@styled
+@with_style
 def corner(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequence[Mark]) -> Figure:
     """Histograms and pairs of the given parameters, draws (n_draw, n): contours hold 39, 68 and 90 % of the draws;
     dashed on the diagonal: the prior."""
@@ -167,7 +167,7 @@ def _pair(axes: Axes, x: np.ndarray, y: np.ndarray, span_x: tuple, span_y: tuple
     axes.contour(centre_x, centre_y, smooth.T, levels=levels, colors=BLUE, linewidths=0.7)
 
 
-@styled
+@with_style
 def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
     """Posterior correlation (n_param, n_param): numbers in every cell, so that a grey print can be read."""
     n = len(names)
@@ -192,7 +192,7 @@ def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def contraction(
     names: Sequence[str], ratio: Sequence[float] | np.ndarray, *, informed_below: float, strong_below: float
 ) -> Figure:
@@ -217,7 +217,7 @@ def contraction(
     return figure
 
 
-@styled
+@with_style
 def predictive_frequencies(
     labels: Sequence[str], measured_hz: np.ndarray, measured_std_hz: np.ndarray, predicted_hz: np.ndarray
 ) -> Figure:
@@ -244,7 +244,7 @@ def predictive_frequencies(
     return figure
 
 
-@styled
+@with_style
 def traces_and_ranks(
     names: Sequence[str], units: Sequence[str], theta: np.ndarray, effective: np.ndarray, thinned_by: int = 1
 ) -> Figure:

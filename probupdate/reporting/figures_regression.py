@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from probupdate.identification.regression import SIXTHS, ModalRegression, Regression
-from probupdate.reporting.style import BLUE, FULL_IN, GREY, INK, RED, label_axes, new_figure, save_figure, styled
+from probupdate.reporting.style import BLUE, FULL_IN, GREY, INK, RED, label_axes, new_figure, save_figure, with_style
 
 
-@styled
+@with_style
 def residuals(label: str, fit: Regression, hours: np.ndarray, columns: dict[str, np.ndarray]) -> Figure:
     """One mode's response: residual over hours (n_set,) with the steps that were found, and over each covariate
     (n_set,) with means of its sixths and their standard errors, were blocks independent."""

@@ -20,7 +20,7 @@ from probupdate.reporting.style import (
     RED,
     label_axes,
     new_figure,
-    styled,
+    with_style,
 )
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, GREY)
@@ -32,7 +32,7 @@ SECTORS = 12
 MINUTES_S = 600.0
 
 
-@styled
+@with_style
 def history(table: pd.DataFrame, block: str) -> Figure:
     """Stress of the worst hot spots over time. table: time_s and a column hot_spot_N_mpa each."""
     columns = [c for c in table if c != "time_s"][:SHOWN]
@@ -45,8 +45,8 @@ def history(table: pd.DataFrame, block: str) -> Figure:
     return figure
 
 
-@styled
-def over_gauges(table: pd.DataFrame, block: str) -> Figure:
+@with_style
+def stress_over_gauges(table: pd.DataFrame, block: str) -> Figure:
     """Estimated stress over what strain gauges measured, ten minutes of a block. table: time_s, and of each gauge
     hot_spot_N_mpa and hot_spot_N_estimated_mpa."""
     some = table[table["time_s"] <= table["time_s"].iloc[0] + MINUTES_S]
@@ -61,8 +61,8 @@ def over_gauges(table: pd.DataFrame, block: str) -> Figure:
     return figure
 
 
-@styled
-def over_wind(blocks: pd.DataFrame) -> Figure | None:
+@with_style
+def damage_over_wind(blocks: pd.DataFrame) -> Figure | None:
     """Damage of an hour at the worst hot spot over the wind, by state; None where no wind was recorded."""
     own = blocks[blocks["hot_spot"] == blocks["hot_spot"].iloc[0]]
     if own["wind_speed_mps"].isna().all():
@@ -78,7 +78,7 @@ def over_wind(blocks: pd.DataFrame) -> Figure | None:
     return figure
 
 
-@styled
+@with_style
 def rose(blocks: pd.DataFrame) -> Figure | None:
     """Where the wind came from while damage was done at the worst hot spot; None where no heading was recorded."""
     own = blocks[blocks["hot_spot"] == blocks["hot_spot"].iloc[0]]
@@ -98,7 +98,7 @@ def rose(blocks: pd.DataFrame) -> Figure | None:
     return figure
 
 
-@styled
+@with_style
 def life(spots: pd.DataFrame) -> Figure:
     """Years to a Miner's sum of one with the measured months, with intervals, and without them, by the stated loads;
     the worst spot of each side."""
@@ -126,13 +126,14 @@ def stress_figures(
 ) -> Iterator[tuple[str, Figure, str]]:
     """Names, figures and captions of what there is. histories: table by block; gauges: block and table."""
     if gauges is not None:
-        yield ("stress_over_gauges", over_gauges(gauges[1], gauges[0]),
+        yield ("stress_over_gauges", stress_over_gauges(gauges[1], gauges[0]),
                "Stress from the measured motion over strain gauges', ten minutes.")
     for block, table in histories.items():
         yield ("stress_history", history(table, block),
                "Stress of the worst hot spots in the block that did most damage.")
     for name, figure, caption in (
-        ("damage_over_wind", over_wind(blocks), "Damage of an hour at the worst hot spot over the wind, by state."),
+        ("damage_over_wind", damage_over_wind(blocks),
+         "Damage of an hour at the worst hot spot over the wind, by state."),
         ("damage_rose", rose(blocks), "Share of the worst hot spot's damage by nacelle heading.")):
         if figure is not None:
             yield name, figure, caption

@@ -30,7 +30,7 @@ from probupdate.reporting.style import (
     Role,
     label_axes,
     new_figure,
-    styled,
+    with_style,
 )
 
 _LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)))
@@ -60,7 +60,7 @@ def plain_number(value: float, _position: int | None = None) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-@styled
+@with_style
 def frequency_errors(
     labels: Sequence[str], measured_hz: Sequence[float] | np.ndarray,
     computed_hz: Mapping[str, Sequence[float] | np.ndarray],
@@ -87,7 +87,7 @@ def frequency_errors(
     return figure
 
 
-@styled
+@with_style
 def parameter_shifts(parameters: Sequence[Parameter], draws: np.ndarray | None, marks: Sequence[Mark]) -> Figure:
     """Every parameter's estimates and posterior on one scale: shift from the initial value in prior std."""
     figure = new_figure(FULL_IN, 0.9 + 0.32 * len(parameters))
@@ -115,7 +115,7 @@ def parameter_shifts(parameters: Sequence[Parameter], draws: np.ndarray | None, 
     return figure
 
 
-@styled
+@with_style
 def update_history(
     objective: Mapping[str, Mapping[str, np.ndarray]], theta: Mapping[str, np.ndarray], names: Sequence[str],
     initial: np.ndarray, distance: Mapping[str, np.ndarray],
@@ -169,7 +169,7 @@ def update_history(
     return figure
 
 
-@styled
+@with_style
 def estimate_paths(
     parameters: Sequence[Parameter], chosen: Sequence[tuple[int, int]], draws: np.ndarray | None,
     printed: np.ndarray, closest: int, alpha: np.ndarray, over_alpha: np.ndarray, mark: Mark,
@@ -205,7 +205,7 @@ def estimate_paths(
     return figure
 
 
-@styled
+@with_style
 def variance_shares(names: Sequence[str], components: Sequence[str], share: np.ndarray) -> Figure:
     """What each parameter's variance is made of: share (n_component, n_param) of its variance, columns sum to one."""
     figure = new_figure(FULL_IN, 0.9 + 0.27 * len(names))

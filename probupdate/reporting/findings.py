@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.diagnosis.wording import (
-    found_words,
+    channel_response_actions,
     is_explained,
     name_of,
-    own_response_actions,
     prior_shift_words,
     verdict_words,
+    words_of_findings,
 )
 from probupdate.reporting.diagnosis_tables import typeset
-from probupdate.reporting.elements import count, fixed, full_sentence, number
+from probupdate.reporting.elements import count, decimal, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
 from probupdate.reporting.states import changes_within, is_diagnosed, step_words
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, blunt, fit_sentence, misses, stated_error
+from probupdate.updating.update_file import UpdateRecord, blunt, fit_sentence, misses, stated_error_words
 
 LEVELS = ("warning", "caution", "good")
 # computed over measured frequency beyond which a pair made by shape is questioned
@@ -100,7 +100,7 @@ def _misfit_findings(run: Run, update: UpdateRecord) -> list[Finding]:
                     text=full_sentence(fit_sentence(update, diagnosed=True)))]
     # one that names findings, but none in these sets, has not said what their misfit is
     asked = run.diagnosis is not None and not is_explained(run.diagnosis)
-    its = "more of its" if stated_error(update) else "its"
+    its = "more of its" if stated_error_words(update) else "its"
     state = "State" if asked else "Find what the model lacks (`probupdate diagnose`), or state"
     return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
                     action=f"{state} {its} error: by other models of this structure (--alternatives), or with "
@@ -141,14 +141,14 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
     content = run.diagnosis
     if content is None or content["verdict"] == "none" or (run.included and content["verdict"] == "named"):
         return []
-    named = "; ".join(found_words(content))
+    named = "; ".join(words_of_findings(content))
     if content["verdict"] == "named" and run.update is not None and changes_within(run):
         whose = "update" if run.posterior is None else "update and posterior"
         return [Finding(level="warning", short=NEITHER_STATE, action=_state_advice(content),
                         text=f"Parameters and predictions of this run's {whose}: they are of the sets before and after "
                         "the change together, so of neither state.")]
     actions = [] if run.included else _extension_advice(content)
-    actions += [full_sentence(one) for one in own_response_actions(content)]
+    actions += [full_sentence(one) for one in channel_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
     if not actions:
         actions.append("Correct the sensor, and update again on the sets that `diagnose` corrected "
@@ -215,7 +215,7 @@ def _shift_findings(run: Run) -> list[Finding]:
     far = [s for s in identifiabilities(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
     if not far:
         return []
-    words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{fixed(s.shift, 1)}" for s in far)
+    words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{decimal(s.shift, 1)}" for s in far)
     return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
                     text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard "
                     "deviations.",
@@ -272,8 +272,9 @@ def _weak_partners(update: UpdateRecord) -> list[tuple[str, str]]:
     ratio = update.initial_hz / update.measured_hz
     far = np.flatnonzero(np.isfinite(ratio) & ((ratio > FAR_OFF) | (ratio < 1 / FAR_OFF)))
     return [
-        (update.labels[j], f"{update.labels[j]}, measured at {fixed(update.measured_hz[j], 3)} Hz, was paired by shape "
-         f"with a computed mode at {fixed(update.initial_hz[j], 3)} Hz: see whether these are the same mode before "
+        (update.labels[j],
+         f"{update.labels[j]}, measured at {decimal(update.measured_hz[j], 3)} Hz, was paired by shape "
+         f"with a computed mode at {decimal(update.initial_hz[j], 3)} Hz: see whether these are the same mode before "
          "trusting the update.")
         for j in far
     ]

@@ -22,7 +22,7 @@ from probupdate.reporting.elements import (
     Picture,
     Section,
     Table,
-    fixed,
+    decimal,
     full_sentence,
     percent,
 )
@@ -89,7 +89,7 @@ def _sensor_table(campaign: CampaignValues) -> Table:
     for level in dict.fromkeys(s.level for s in campaign.sensors):
         here = [s for s in campaign.sensors if s.level == level]
         points = {tuple(s.position_m) for s in here}
-        heights = sorted({fixed(float(s.position_m[2]), 1) for s in here}, key=lambda t: float(t.replace("−", "-")))
+        heights = sorted({decimal(float(s.position_m[2]), 1) for s in here}, key=lambda t: float(t.replace("−", "-")))
         quantity = sorted({f"{s.quantity} [{s.unit.replace('s2', 's²')}]" for s in here})
         names = ", ".join(s.channel for s in here)
         rows.append((level, " and ".join(heights), str(len(points)), str(len(here)), ", ".join(quantity), names))
@@ -188,7 +188,7 @@ def frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) -> 
         for name, inside in groups:
             if name == "all" and several:
                 marked.add(len(rows))
-            printed = fixed(paper_tables.FREQUENCY_COV.get(label), 3) if name == "all" else ""
+            printed = decimal(paper_tables.FREQUENCY_COV.get(label), 3) if name == "all" else ""
             rows.append((label, *([name] if several else []), *_frequency_cells(modes, j, inside),
                          *([printed] if jacket else [])))
     columns = [Column(name="mode", number=False)]
@@ -231,10 +231,10 @@ def _frequency_cells(modes: ModalData, j: int, inside: np.ndarray) -> list[str]:
         cov = float(modes.sets[0].frequency_std_hz[j] / f[0])
     if len(modes.sets) > 1:
         share = len(f) / max(int(inside.sum()), 1)
-        cells = [str(len(f)), percent(share, 0), fixed(float(np.mean(f)) if len(f) else np.nan, 4)]
+        cells = [str(len(f)), percent(share, 0), decimal(float(np.mean(f)) if len(f) else np.nan, 4)]
     else:
-        cells = [fixed(f[0] if len(f) else np.nan, 3)]
-    return [*cells, fixed(cov, 4), percent(float(np.median(d)) if len(d) else np.nan, 2)]
+        cells = [decimal(f[0] if len(f) else np.nan, 3)]
+    return [*cells, decimal(cov, 4), percent(float(np.median(d)) if len(d) else np.nan, 2)]
 
 
 def _frequencies_by_block(run: Run, modes: ModalData, labels: tuple[str, ...]) -> Picture | None:
@@ -312,20 +312,20 @@ def _set_elements(run: Run, nine: ModalData) -> list[Element]:
         if s.id == reference.id:
             marked.add(k)
         row = [s.id + (" (reference)" if s.id == reference.id else "")]
-        row += [fixed(f, 4) for f in s.frequency_hz]
-        row.append(fixed(min(similar), 3) if similar else MISSING)
-        row.append(fixed(_numeric(s.environment.get("wind_speed_mps")), 1))
-        row.append(fixed(_numeric(s.environment.get("nacelle_heading_deg")), 0))
+        row += [decimal(f, 4) for f in s.frequency_hz]
+        row.append(decimal(min(similar), 3) if similar else MISSING)
+        row.append(decimal(_numeric(s.environment.get("wind_speed_mps")), 1))
+        row.append(decimal(_numeric(s.environment.get("nacelle_heading_deg")), 0))
         rows.append(tuple(row))
     frequency = np.array([s.frequency_hz for s in nine.sets])
     with np.errstate(invalid="ignore"):
         mean = [float(np.mean(c[np.isfinite(c)])) if np.any(np.isfinite(c)) else np.nan for c in frequency.T]
         cov = [float(np.std(c[np.isfinite(c)], ddof=1) / np.mean(c[np.isfinite(c)])) if np.isfinite(c).sum() > 1
                else np.nan for c in frequency.T]
-    rows.append(("mean", *[fixed(m, 4) for m in mean], "", "", ""))
-    rows.append(("CoV [-]", *[fixed(c, 4) for c in cov], "", "", ""))
+    rows.append(("mean", *[decimal(m, 4) for m in mean], "", "", ""))
+    rows.append(("CoV [-]", *[decimal(c, 4) for c in cov], "", "", ""))
     if truth is not None:
-        rows.append(("truth of the virtual turbine", *[fixed(t, 4) for t in truth], "", "", ""))
+        rows.append(("truth of the virtual turbine", *[decimal(t, 4) for t in truth], "", "", ""))
         error = [percent(m / t - 1, 2, sign=True) for m, t in zip(mean, truth, strict=True)]
         rows.append(("mean minus truth [%]", *error, "", "", ""))
     columns = (Column(name="set", number=False), *[Column(name=label, unit="Hz") for label in labels],

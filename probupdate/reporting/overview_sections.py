@@ -24,7 +24,7 @@ from probupdate.reporting.elements import (
     Tile,
     Tiles,
     count,
-    fixed,
+    decimal,
     full_sentence,
     number,
     percent,
@@ -292,7 +292,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
                  "of each")
     elif misses(update):
         its += ", without what was found," if is_diagnosed(run) else ""
-        ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
+        ratio = decimal(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"{its} does not fit: it misses the measurement by {ratio} times the stated standard deviations, the "
                  f"worst frequency of {compared_words(update)} by {after} ({before} % before)")
     elif blunt(update):
@@ -367,7 +367,7 @@ def _tiles(run: Run) -> list[Tile]:
             label="posterior (emcee)", level="good" if posterior.converged else "warning",
             value="converged" if posterior.converged else "did not converge",
             detail=f"at least {count(float(np.min(posterior.ess)))} effective draws, R-hat at most "
-            f"{fixed(float(np.max(posterior.r_hat)), 3)}"))
+            f"{decimal(float(np.max(posterior.r_hat)), 3)}"))
     if run.modes is not None:
         tiles.append(_sets_tile(run, run.modes))
     return tiles
@@ -428,9 +428,9 @@ def _frequency_table(update: UpdateRecord, posterior: Posterior | None) -> Table
     after = estimate(update, posterior)
     rows = []
     for j, label in enumerate(update.labels):
-        row = [label, fixed(update.measured_hz[j], 3)]
+        row = [label, decimal(update.measured_hz[j], 3)]
         for hz in (update.initial_hz[j], after.frequency_hz[j]):
-            row += [fixed(hz, 3), percent(hz / update.measured_hz[j] - 1, 1, sign=True)]
+            row += [decimal(hz, 3), percent(hz / update.measured_hz[j] - 1, 1, sign=True)]
         rows.append(tuple(row))
     columns = (Column(name="mode", number=False), Column(name="measured", unit="Hz"), Column(name="before", unit="Hz"),
                Column(name="error", unit="%"), Column(name="after", unit="Hz"), Column(name="error", unit="%"))
@@ -448,7 +448,7 @@ def _parameter_table(run: Run, update: UpdateRecord) -> Table:
                number(after.theta[k])]
         if after.low is not None and after.high is not None:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
-        rows.append((*row, fixed(s.width, 2), ("+" if s.shift > 0.005 else "") + fixed(s.shift, 1)))
+        rows.append((*row, decimal(s.width, 2), ("+" if s.shift > 0.005 else "") + decimal(s.shift, 1)))
     columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="meaning", number=False),
                Column(name="identifiability", number=False), Column(name="before"), Column(name="after")]
     columns += [Column(name="90 % interval")] if after.low is not None else []
@@ -473,7 +473,7 @@ def _findings_picture(diagnosis: Mapping, hidden: Sequence[str]) -> Picture:
         svg=figures.svg_text(figures.sizes_found(diagnosis["findings"], hidden), "found"), width="half",
         caption=f"What the diagnosis found{beside}: sizes with their 90 % intervals, as changes from the model as it "
         "is (a factor of 0.75 is −25 %)." + (f" The extended model, {extended}, has them in it." if extended else ""),
-        alt=" ".join([f"Found: {'; '.join(wording.found_words(diagnosis))}.",
+        alt=" ".join([f"Found: {'; '.join(wording.words_of_findings(diagnosis))}.",
                       *([f"Hidden: {'; '.join(hidden)}."] if hidden else [])]))
 
 
@@ -544,7 +544,7 @@ def _compensating_pairs(update: UpdateRecord, posterior: Posterior) -> list[str]
     if len(names) < 2 or np.any(contraction(update, posterior) == 0):
         return []
     correlation = np.corrcoef(posterior.draws.T)
-    close = [f"{names[i]} and {names[j]} ({fixed(correlation[i, j], 2)})" for i in range(len(names))
+    close = [f"{names[i]} and {names[j]} ({decimal(correlation[i, j], 2)})" for i in range(len(names))
              for j in range(i) if abs(correlation[i, j]) > 0.9]
     return [f"Known only together (posterior correlation beyond 0.9): {', '.join(close)}."] if close else []
 

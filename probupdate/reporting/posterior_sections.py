@@ -16,7 +16,7 @@ from probupdate.reporting.elements import (
     Section,
     Table,
     count,
-    fixed,
+    decimal,
     full_sentence,
     number,
 )
@@ -148,7 +148,7 @@ def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
         low, middle, high = np.percentile(d, [5, 50, 95])
         rows.append((
             p.name, p.unit or "-", number(float(d.mean())), number(float(d.std(ddof=1))), number(low), number(middle),
-            number(high), fixed(posterior.r_hat[k], 3), count(float(posterior.ess[k])),
+            number(high), decimal(posterior.r_hat[k], 3), count(float(posterior.ess[k])),
         ))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="mean"),
                Column(name="standard deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),
@@ -188,7 +188,7 @@ def _positions_of_truth(run: Run, update: UpdateRecord) -> list[tuple[int, float
     return [(k, float(known[n])) for k, n in enumerate(update.parameters.names) if n in known]
 
 
-def _inside(draws: np.ndarray, value: float) -> bool:
+def _is_inside(draws: np.ndarray, value: float) -> bool:
     low, high = np.percentile(draws, [5, 95])
     return bool(low <= value <= high)
 
@@ -200,7 +200,7 @@ def truth_sentence(run: Run) -> str:
     known = _positions_of_truth(run, update)
     if not known:
         return ""
-    outside = [update.parameters.names[k] for k, v in known if not _inside(posterior.draws[:, k], v)]
+    outside = [update.parameters.names[k] for k, v in known if not _is_inside(posterior.draws[:, k], v)]
     words = f"The truth of the virtual turbine lies within the 90 % interval of {len(known) - len(outside)} of " \
             f"{len(known)}"
     return f"{words}, outside for {', '.join(outside)}." if outside else f"{words}."
@@ -216,7 +216,7 @@ def _truth_table(run: Run) -> Table | None:
     rows, outside = [], set()
     for k, value in known:
         p, draws = update.parameters.items[k], posterior.draws[:, k]
-        if not (inside := _inside(draws, value)):
+        if not (inside := _is_inside(draws, value)):
             outside.add(len(rows))
         low, high = np.percentile(draws, [5, 95])
         rows.append((p.name, p.unit or "-", number(value), number(p.initial),
@@ -271,7 +271,7 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     for r in rows:
         words = " ".join([r.sentence, *(full_sentence(flag, names) for flag in r.flags)]).strip()
         cells.append((r.name, *map(_format_signed, (r.step_distance, r.anchored_distance, r.map_distance)),
-                      fixed(r.contraction, 2), r.identified, words))
+                      decimal(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}
     return Table(caption="Distance from the posterior mean, in posterior standard deviations", columns=columns,
                  rows=tuple(cells), marked=frozenset(far),
@@ -279,5 +279,5 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
 
 
 def _format_signed(value: float) -> str:
-    text = fixed(value, 2)
+    text = decimal(value, 2)
     return f"+{text}" if value > 0 and text != "0.00" else text

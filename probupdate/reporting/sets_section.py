@@ -14,7 +14,7 @@ from probupdate.reporting.elements import (
     Section,
     Table,
     Text,
-    fixed,
+    decimal,
     full_sentence,
     number,
     percent,
@@ -52,9 +52,11 @@ def _views_table(views: SetViews) -> Table:
     for r in views.rows:
         interval = tau_interval(r)
         rows.append((
-            r.name, fixed(r.prior_cov, 2), number(r.scatter_mean), fixed(r.scatter_cov, 3), fixed(r.resolution, 2),
-            number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),
-            fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
+            r.name, decimal(r.prior_cov, 2), number(r.scatter_mean), decimal(r.scatter_cov, 3), decimal(r.resolution,
+                                                                                                        2),
+            number(r.pooled_mean), decimal(r.pooled_cov, 3), number(r.joint_mean), decimal(r.joint_cov,
+                                                                                           3), number(r.mean),
+            decimal(r.mean_cov, 3), decimal(r.tau, 3), interval, decimal(r.population_cov, 3),
             full_sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
         ))
     absolute = ", ".join(r.name for r in views.rows if not r.tau_relative)
@@ -67,11 +69,11 @@ def _views_table(views: SetViews) -> Table:
 def _score_table(views: SetViews) -> Table:
     names = tuple(views.scores.score)
     rows = [
-        (id, *(fixed(float(views.scores.score[name][j]), 1) for name in names), fixed(views.scores.pareto_k[j], 2),
-         "yes" if views.scores.refitted[j] else "no", fixed(views.linear_share[j], 2))
+        (id, *(decimal(float(views.scores.score[name][j]), 1) for name in names), decimal(views.scores.pareto_k[j], 2),
+         "yes" if views.scores.refitted[j] else "no", decimal(views.linear_share[j], 2))
         for j, id in enumerate(views.ids)
     ]
-    rows.append(("sum", *(fixed(float(np.sum(views.scores.score[name])), 1) for name in names), "", "", ""))
+    rows.append(("sum", *(decimal(float(np.sum(views.scores.score[name])), 1) for name in names), "", "", ""))
     columns = (Column(name="set left out", number=False), *(Column(name=name) for name in names),
                Column(name="Pareto k", unit="-"), Column(name="refitted", number=False),
                Column(name="confirmed by the full model", unit="-"))
@@ -98,7 +100,7 @@ def information_section(run: Run) -> Section | None:
     items: list[Element] = [_information_table(found, run.jacket)]
     names = [r.name for r in found.rows]
     items.append(Items(title="Recommended", statements=tuple(map(full_sentence, recommendation(found)))))
-    directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)
+    directions = tuple((decimal(d.bits, 2), decimal(d.contraction, 2), d.text) for d in found.directions)
     items.append(Table(
         caption="Directions that the data inform, in prior standard deviations", rows=directions, width="half",
         columns=(Column(name="bits"), Column(name="width left", unit="-"), Column(name="direction", number=False)),
@@ -126,10 +128,10 @@ def _information_table(found: Information, jacket: bool) -> Table:
                     Column(name="paper: sensitivity", number=False, paper=True)]
     rows = []
     for r in found.rows:
-        row = (r.name, number(r.value), fixed(r.cov, 3), METRIC_WORDS[r.uncertainty] if r.uncertainty >= 0 else "",
-               fixed(r.slope, 3), r.slope_mode, METRIC_WORDS[r.sensitivity], fixed(r.signal, 2),
-               fixed(r.contraction, 2), fixed(r.bits, 2),
-               fixed(r.sampled_contraction, 2), fixed(r.sampled_bits, 2), r.role)
+        row = (r.name, number(r.value), decimal(r.cov, 3), METRIC_WORDS[r.uncertainty] if r.uncertainty >= 0 else "",
+               decimal(r.slope, 3), r.slope_mode, METRIC_WORDS[r.sensitivity], decimal(r.signal, 2),
+               decimal(r.contraction, 2), decimal(r.bits, 2),
+               decimal(r.sampled_contraction, 2), decimal(r.sampled_bits, 2), r.role)
         if jacket:
             printed = paper_tables.SENSITIVITY.get(r.name)
             row += ("", "") if printed is None else (METRIC_WORDS[printed[0]], METRIC_WORDS[printed[2]])

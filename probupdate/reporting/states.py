@@ -89,7 +89,7 @@ def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
         if value is None:
             continue
         own = [f for f in changes if f["cause"] == OWN_PARAMETER and f["location"] == p["name"]]
-        values = value + _moved(own, _onsets(changes), len(states))
+        values = value + _changes_by_state(own, _onsets(changes), len(states))
         moves = abs(values[-1] - value) > 0
         end = last.get(p["name"], {}).get("std")
         cells = [_with_interval(values[0], std), *(number(v) for v in values[1:-1]),
@@ -110,7 +110,7 @@ def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
              "from then on.")
 
 
-def _moved(changes: Sequence[Mapping], onsets: Sequence[str], n_state: int) -> np.ndarray:
+def _changes_by_state(changes: Sequence[Mapping], onsets: Sequence[str], n_state: int) -> np.ndarray:
     """(n_state,) by how much one parameter has changed in each state; NaN while it grows."""
     total = np.zeros(n_state)
     for f in changes:

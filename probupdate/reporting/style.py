@@ -94,7 +94,7 @@ _STYLE: dict[RcKeyType, object] = {
 _FIND_TICKS = "_update_ticks"
 
 
-def styled(draw: Callable[P, T]) -> Callable[P, T]:
+def with_style(draw: Callable[P, T]) -> Callable[P, T]:
     """Run a drawing function under this style; matplotlib's own settings are left as they were."""
 
     @functools.wraps(draw)

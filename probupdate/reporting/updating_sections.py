@@ -19,7 +19,7 @@ from probupdate.reporting.elements import (
     Picture,
     Section,
     Table,
-    fixed,
+    decimal,
     full_sentence,
     number,
     percent,
@@ -35,7 +35,7 @@ from probupdate.updating.update_file import (
     SchemeRecord,
     UpdateRecord,
     fit_sentence,
-    stated_error,
+    stated_error_words,
     unproven,
 )
 
@@ -73,7 +73,7 @@ def too_close(update: UpdateRecord) -> bool:
     """Whether the fit is closer than the stated standard deviations allow: they are not this set's scatter. Of
     tolerances and an error of the model that are stated a structure may use up little."""
     least = update.n_effective - ACCUSED * np.sqrt(2 * update.n_effective)
-    return not stated_error(update) and update.map_misfit < least
+    return not stated_error_words(update) and update.map_misfit < least
 
 
 def fit_level(update: UpdateRecord) -> str:
@@ -208,13 +208,13 @@ def _frequency_table(update: UpdateRecord, jacket: bool) -> Table:
     where = _paper_modes(update.labels)
     rows = []
     for j, label in enumerate(update.labels):
-        row = [label, fixed(update.measured_hz[j], 4)]
+        row = [label, decimal(update.measured_hz[j], 4)]
         for _, frequency, _, _ in _configurations(update):
             error = frequency[j] / update.measured_hz[j] - 1
-            row += [fixed(frequency[j], 4), percent(error, 1, sign=True)]
+            row += [decimal(frequency[j], 4), percent(error, 1, sign=True)]
         if jacket:
             k = where[j]
-            row += [fixed(paper_tables.FREQUENCY_HZ[name][k], 2) if k is not None else ""
+            row += [decimal(paper_tables.FREQUENCY_HZ[name][k], 2) if k is not None else ""
                     for name in ("measured", "as-built", "updated")]
         rows.append(tuple(row))
     columns = [Column(name="mode", number=False), Column(name="measured", unit="Hz")]
@@ -231,10 +231,10 @@ def _mac_table(update: UpdateRecord, jacket: bool) -> Table:
     where = _paper_modes(update.labels)
     rows = []
     for j, label in enumerate(update.labels):
-        row = [label] + [fixed(m[j], 3) for _, _, m, _ in _configurations(update)]
+        row = [label] + [decimal(m[j], 3) for _, _, m, _ in _configurations(update)]
         if jacket:
             k = where[j]
-            row += [fixed(paper_tables.MAC[name][k], 2) if k is not None else "" for name in ("as-built", "updated")]
+            row += [decimal(paper_tables.MAC[name][k], 2) if k is not None else "" for name in ("as-built", "updated")]
         rows.append(tuple(row))
     columns = [Column(name="mode", number=False)]
     columns += [Column(name=name, unit="-") for name, *_ in _configurations(update)]
@@ -248,7 +248,7 @@ def _mac_table(update: UpdateRecord, jacket: bool) -> Table:
 
 
 def _ratio(value: float, initial: float) -> str:
-    return fixed(value / initial, 3) if initial else ""
+    return decimal(value / initial, 3) if initial else ""
 
 
 def _parameter_table(update: UpdateRecord, jacket: bool, paper: bool) -> Table:
@@ -263,7 +263,7 @@ def _parameter_table(update: UpdateRecord, jacket: bool, paper: bool) -> Table:
                 row.append(_ratio(value, p.initial))
         if paper:
             known = paper_tables.UPDATED.get(p.name)
-            row += [number(known[3]), fixed(known[4], 2)] if known else ["", ""]
+            row += [number(known[3]), decimal(known[4], 2)] if known else ["", ""]
         rows.append(tuple(row))
     columns = [Column(name="parameter", number=False), Column(name="meaning", number=False),
                Column(name="unit", number=False), Column(name="initial"), Column(name="prior standard deviation")]
@@ -293,13 +293,13 @@ def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
     for name, values in derived.items():
         known = [paper_tables.PILE_HEAD_NPM[state].get(name, float("nan")) for state in printed]
         start, mean = values.get("initial", float("nan")), drawn.get(name, {}).get("mean")
-        ours, ratios = [number(values[s] / 1e6) for s in states], [fixed(values[s] / start, 2) for s in states]
+        ours, ratios = [number(values[s] / 1e6) for s in states], [decimal(values[s] / start, 2) for s in states]
         if drawn:
             cov = drawn.get(name, {}).get("cov")
             ours += [number(mean / 1e6) if mean else MISSING, number(cov, 2)]
-            ratios += [fixed(mean / start, 2) if mean else MISSING, ""]
+            ratios += [decimal(mean / start, 2) if mean else MISSING, ""]
         rows.append((name, "MN/m", *ours, *[number(v / 1e6, 2) for v in known]))
-        rows.append((f"{name} over initial", "-", *ratios, *[fixed(v / known[1], 2) for v in known]))
+        rows.append((f"{name} over initial", "-", *ratios, *[decimal(v / known[1], 2) for v in known]))
     columns = [Column(name="quantity", number=False), Column(name="unit", number=False)]
     columns += [Column(name=SHORT_WORDS.get(state, state)) for state in states]
     columns += [Column(name="posterior mean"), Column(name="posterior CoV", unit="-")] if drawn else []
@@ -326,7 +326,7 @@ def _scatter_table(run: Run, update: UpdateRecord) -> Table | None:
         if posterior is not None and np.mean(posterior[:, k]):
             width = number(float(np.std(posterior[:, k], ddof=1) / abs(np.mean(posterior[:, k]))), 2)
         rows.append((p.name, p.unit or "-", *_scatter(sets.theta_step[:, k], p), *_scatter(sets.theta_map[:, k], p),
-                     fixed(float(resolution[k]), 2), width,
+                     decimal(float(resolution[k]), 2), width,
                      *(_paper_scatter(p.name, 1.0) if run.paper_comparable else ())))
     for name, values in sets.derived.items():
         drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
@@ -353,7 +353,7 @@ def _scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[st
             return f"{number(mean)} *", MISSING
     std = float(np.std(values, ddof=1))
     cov = cov_of(mean, std, parameter) if parameter is not None else std / abs(mean) if mean else np.nan
-    return number(mean), "< 0.0001" if cov < 5e-5 else fixed(cov, 4)
+    return number(mean), "< 0.0001" if cov < 5e-5 else decimal(cov, 4)
 
 
 def _paper_scatter(name: str, unit: float) -> tuple[str, str]:
@@ -388,8 +388,8 @@ def _sensitivity_table(update: UpdateRecord) -> Table:
         ours = ""
         if here:
             p = update.parameters.items[update.parameters.index(name)]
-            ours = fixed(p.std / p.initial, 2) if p.initial else number(p.std)
-        rows.append((name, "yes" if here else "no", ours, words[uncertainty], fixed(cov, 2) if cov else "",
+            ours = decimal(p.std / p.initial, 2) if p.initial else number(p.std)
+        rows.append((name, "yes" if here else "no", ours, words[uncertainty], decimal(cov, 2) if cov else "",
                      words[sensitivity]))
     columns = (Column(name="parameter", number=False), Column(name="updated here", number=False),
                Column(name="prior CoV here", unit="-"), Column(name="uncertainty", number=False, paper=True),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.modal.modes import Sensor, rotate_to_real
-from probupdate.modal.sensor_places import at_one_place
+from probupdate.modal.sensor_places import sensors_by_place
 from probupdate.model.interface import Wireframe
 
 STATE_NAMES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
@@ -41,7 +41,7 @@ def align(measured: np.ndarray, computed: np.ndarray, groups: Sequence[tuple[int
 
 def sensor_points(sensors: Sequence[Sensor]) -> tuple[np.ndarray, list[list[int]]]:
     """Positions (n_point, 3) where there are sensors and the channels at each."""
-    places = at_one_place(sensors)
+    places = sensors_by_place(sensors)
     return np.array([sensors[there[0]].position_m for there in places]).reshape(-1, 3), places
 
 

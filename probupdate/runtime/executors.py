@@ -125,7 +125,7 @@ class Executor(ABC):
         """at_once: what is running is given up; the next run does it again."""
 
 
-def completed(
+def iterate_completed(
     function: Callable[..., T], tasks: Sequence[tuple], *, jobs: int | Executor = 1, least: int | None = None
 ) -> Iterator[T]:
     """function(*task) of every task, in the order in which they end, on an executor or in up to `jobs` processes."""
@@ -203,7 +203,7 @@ class _Processes(Executor):
 
     def prepare(self, count, *modules):
         pool = self._pool or self._start(self._jobs)
-        with one_thread_each():
+        with limit_threads_of_workers():
             for _ in range(min(count, self._size)):
                 pool.submit(_import_all, modules)
 
@@ -217,7 +217,7 @@ class _Processes(Executor):
         try:
             while True:
                 for number, task in islice(waiting, (1 + WAITING) * self._size - len(running)):
-                    with one_thread_each():
+                    with limit_threads_of_workers():
                         running[pool.submit(function, *task)] = number
                 if not running:
                     return
@@ -381,7 +381,7 @@ def _run_at_worker(version: str, function: Callable, task: tuple) -> object:
 
 
 def _run_alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
-    with one_thread_each(), _processes(1) as pool:
+    with limit_threads_of_workers(), _processes(1) as pool:
         try:
             return pool.submit(function, *task).result()
         except BrokenProcessPool:
@@ -411,7 +411,7 @@ def processes_beside(*tasks: tuple) -> Iterator[list[Future]]:
     """The tasks (function, *arguments) one after the other in a process of their own while the block runs; yields their
     futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
-    with one_thread_each(), _processes(1) as pool:
+    with limit_threads_of_workers(), _processes(1) as pool:
         futures = [pool.submit(*task) for task in tasks]
         try:
             yield futures
@@ -425,7 +425,7 @@ def processes_beside(*tasks: tuple) -> Iterator[list[Future]]:
 
 
 @contextmanager
-def one_thread_each() -> Iterator[None]:
+def limit_threads_of_workers() -> Iterator[None]:
     """Processes started within run linear algebra in one thread; this process's environment is put back after."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def stated(default: Any, unit: str, effect: str, source: str = "") -> Any:
+def setting(default: Any, unit: str, effect: str, source: str = "") -> Any:
     """A field of a frozen dataclass: its default, the unit, what it does, and where the value comes from ('' where it
     is this program's own choice)."""
     return field(default=default, metadata={"unit": unit, "effect": effect, "source": source})
 
 
 def rows(settings: DataclassInstance) -> Iterator[dict[str, Any]]:
-    """name, value, unit, effect and source of every field of such a value that was `stated`."""
+    """name, value, unit, effect and source of every field of such a value that was `setting`."""
     for f in fields(settings):
         if "effect" in f.metadata:
             yield {"name": f.name, "value": getattr(settings, f.name), **f.metadata}

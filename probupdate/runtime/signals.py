@@ -11,7 +11,7 @@ ENDING = (signal.SIGTERM, signal.SIGINT)
 
 
 @contextlib.contextmanager
-def held_back() -> Iterator[None]:
+def hold_back_signals() -> Iterator[None]:
     """SIGTERM and Ctrl-C within the block are answered when it ends. For libraries that call back into Python: an
     exception of a signal that is raised there comes out as another one, or is lost."""
     handlers = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}

@@ -16,7 +16,7 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.moved_channels import MovedChannels
-from probupdate.structure.readings import FeltGravity, across_gravity
+from probupdate.structure.readings import FeltGravity, rotation_reading
 
 # cosine from which two lines are one; of what a channel reads, the share within which it is its node's motion
 STRAIGHT, AT_NODE = 0.999, 1e-9
@@ -132,7 +132,7 @@ def _reading_rows(model: AffineModel, node: int, directions: Sequence[np.ndarray
     rows = [_motion(model, node, d) for d in directions]
     if model.tilt_matrix is not None:
         turn = sparse.csr_array(model.wire_turn)[3 * node : 3 * node + 3]
-        rows += [sparse.csr_array(across_gravity(d)[None]) @ turn for d in directions]
+        rows += [sparse.csr_array(rotation_reading(d)[None]) @ turn for d in directions]
     return sparse.vstack(rows, format="csr")
 
 

@@ -83,7 +83,7 @@ def _pair(index: np.ndarray, block: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _both_planes(block: np.ndarray) -> np.ndarray:
+def _expand_to_both_planes(block: np.ndarray) -> np.ndarray:
     """block (..., 4, 4) for (v_1, r_1, v_2, r_2) -> both bending planes (..., 12, 12)."""
     matrix = np.zeros((*block.shape[:-2], 12, 12))
     for index, sign in PLANES:
@@ -132,8 +132,8 @@ def stiffness_matrices(length_m: float) -> Mapping[str, np.ndarray]:
     return {
         "axial": _pair(AXIAL, rod),
         "torsion": _pair(TORSION, rod),
-        "bending": _both_planes(bending * np.outer(scale, scale)),
-        "shear": _both_planes(shear * np.outer(scale, scale)),
+        "bending": _expand_to_both_planes(bending * np.outer(scale, scale)),
+        "shear": _expand_to_both_planes(shear * np.outer(scale, scale)),
     }
 
 
@@ -164,13 +164,13 @@ _MOMENTS = np.moveaxis(_product(_DEFLECTION, _DEFLECTION), 2, 0)
 @_cache_by_length
 def transverse_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times mass per metre and phi^0, phi^1, phi^2 over (1 + phi)^2."""
-    return _both_planes(_TRANSVERSE * np.outer(_scale(length_m), _scale(length_m)) * length_m)
+    return _expand_to_both_planes(_TRANSVERSE * np.outer(_scale(length_m), _scale(length_m)) * length_m)
 
 
 @_cache_by_length
 def rotary_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times rho I and phi^0, phi^1, phi^2 over (1 + phi)^2, rotation of the cross-sections."""
-    return _both_planes(_ROTARY * np.outer(_scale(length_m), _scale(length_m)) / length_m)
+    return _expand_to_both_planes(_ROTARY * np.outer(_scale(length_m), _scale(length_m)) / length_m)
 
 
 def geometric_stiffness(length_m: float) -> np.ndarray:
@@ -181,7 +181,7 @@ def geometric_stiffness(length_m: float) -> np.ndarray:
 @_cache_by_length
 def transverse_moments(length_m: float) -> np.ndarray:
     """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi), mu_m = int q xi^m dx, 0 <= xi <= 1."""
-    return _both_planes(_MOMENTS * np.outer(_scale(length_m), _scale(length_m)))
+    return _expand_to_both_planes(_MOMENTS * np.outer(_scale(length_m), _scale(length_m)))
 
 
 @_cache_by_length

@@ -18,8 +18,8 @@ from probupdate.structure import beam as beams
 from probupdate.structure.assembly import node_dofs, rigid_motion
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.moved_channels import MovedChannels
-from probupdate.structure.plausible_size import other_unit
-from probupdate.structure.readings import across_gravity
+from probupdate.structure.plausible_size import other_unit_words
+from probupdate.structure.readings import rotation_reading
 from probupdate.structure.schema import nearest
 
 # how far from a part's surface a sensor may sit
@@ -168,7 +168,7 @@ def attachments(
             raise InputError(label, f"part '{part}' is not in the model", nearest(part, frame.parts))
         found = attach(frame, sensor.position_m, part)
         if found.gap_m > REACH_M:
-            if scaled := other_unit(lambda f: _gaps(frame, sensors, parts, f), REACH_M):
+            if scaled := other_unit_words(lambda f: _gaps(frame, sensors, parts, f), REACH_M):
                 raise InputError(where, scaled, "correct position_m of every [[sensor]]")
             raise InputError(
                 label, f"{found.gap_m:.1f} m from the surface of {part or 'any part'} (at most {REACH_M:.0f} m)",
@@ -215,7 +215,7 @@ def _rows(frame: Frame, sensors: Sequence[Sensor], places: dict[int, Attachment]
         turn = np.kron(np.eye(4), beams.axes(start, end))
         at_axis = turn[:6, :6].T @ beams.interpolation(found.xi, float(np.linalg.norm(end - start))) @ turn
         moved, own = rigid_motion(found.arm_m) @ at_axis, sensors[number].direction
-        for row, value in ((number, own @ moved[:3]), (n + number, across_gravity(own) @ moved[3:])):
+        for row, value in ((number, own @ moved[:3]), (n + number, rotation_reading(own) @ moved[3:])):
             rows.append(np.full(12, row))
             columns.append(node_dofs(found.beam.start, found.beam.end))
             values.append(value)

@@ -350,7 +350,7 @@ class OnFoundation(Description):
 SUBSTRUCTURES: dict[str, type[Description]] = {kind.stands_on: kind for kind in (OnJacket, OnMonopile, OnFoundation)}
 
 
-def updated(description: Description, where: str) -> Parameters:
+def updatable_parameters(description: Description, where: str) -> Parameters:
     """The parameters with update = true and their prior, in the file's order."""
     tables = [p.model_dump(exclude_none=True, include=set(KEYS)) for p in description.parameter]
     return updated_parameters(tables, where, description.correlation)

@@ -17,7 +17,7 @@ from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.description import Description
-from probupdate.structure.description import updated as updated_parameters_of
+from probupdate.structure.description import updatable_parameters as updated_parameters_of
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.load import turbine_model

@@ -21,7 +21,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.assembly import assemble
 from probupdate.structure.channels import Move, channel_rows
 from probupdate.structure.description import Description, described_sensors
-from probupdate.structure.description import updated as updated_of
+from probupdate.structure.description import updatable_parameters as updated_of
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.frame import Frame
@@ -129,7 +129,7 @@ def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
     if "matrices" in raw:
         return None
     description = parse_description(raw, str(path))
-    return _own_sensors(description) if description.sensor else ()
+    return _model_sensors(description) if description.sensor else ()
 
 
 def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:
@@ -240,7 +240,7 @@ def turbine_model(
         frame, updated=parameters.names, values=values, theory=mesh.theory,
         gravity_mps2=description.gravity_mps2 if mesh.geometric_stiffness else None,
     )
-    chosen = tuple(sensors) if sensors is not None else _own_sensors(description)
+    chosen = tuple(sensors) if sensors is not None else _model_sensors(description)
     rows, moved = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where,
                                _moves(description, parameters, values))
     wire, wire_rows = _wireframe(frame)
@@ -297,7 +297,7 @@ def _felt_gravity(
                        known=frozen_array(np.ones(len(sensors)), bool))
 
 
-def _own_sensors(description: Description) -> tuple[Sensor, ...]:
+def _model_sensors(description: Description) -> tuple[Sensor, ...]:
     if not description.sensor:
         raise InputError(description.name, "lists no [[sensor]]", "add the channels, or give a campaign's")
     return described_sensors(description)

@@ -62,7 +62,7 @@ class Wetting:
         level = self.still_m + np.asarray(total(self.rise, values))
         low, high = sorted((self.start_m, self.end_m))
         # a level on a node belongs to the element above it alone, so that its derivative is counted once
-        wet = soil.clipped((level - low) / (high - low), 0.0, 1.0)[..., None]
+        wet = soil.clip_real((level - low) / (high - low), 0.0, 1.0)[..., None]
         order = np.arange(1, 8)
         if self.start_m < self.end_m:
             return self.length_m * wet**order / order

@@ -463,7 +463,7 @@ def _wireframe(
     if len(node) > 1 and np.all(node == node[0]):
         raise InputError(f"{path}, node_position_m", f"has all {len(node)} nodes at one place",
                          "give every node's place in m, or leave the picture's arrays out")
-    moves, turns = (_onto_nodes(dof_node, direction - first, len(node)) for first in (0, 3))
+    moves, turns = (_node_rows(dof_node, direction - first, len(node)) for first in (0, 3))
     line = np.asarray(content.get("line", np.empty((0, 2), int)))
     if line.dtype.kind not in "iu" or line.shape[1:] != (2,) or np.any((line < 0) | (line >= len(node))):
         raise InputError(f"{path}, line", "is not pairs of rows of node_position_m", "count from zero, (n_line, 2)")
@@ -471,7 +471,7 @@ def _wireframe(
     return wire, moves, turns
 
 
-def _onto_nodes(dof_node: np.ndarray, axis: np.ndarray, n_node: int) -> sparse.csr_array:
+def _node_rows(dof_node: np.ndarray, axis: np.ndarray, n_node: int) -> sparse.csr_array:
     """(3 n_node, n) of the rows whose axis is 0, 1 or 2."""
     rows = np.flatnonzero((axis >= 0) & (axis < 3))
     return sparse.csr_array((np.ones(len(rows)), (3 * dof_node[rows] + axis[rows], rows)),

@@ -9,7 +9,7 @@ import numpy as np
 from probupdate.structure.coefficient import Coefficient, parameter, product
 from probupdate.structure.description import Grout, OnFoundation, OnMonopile, Sleeve, TubeEntry
 from probupdate.structure.frame import Body, LineMass, NodeSpring, Tie
-from probupdate.structure.turbine_mesh import Member, Mesh, Segment, between_stations, drive_pile
+from probupdate.structure.turbine_mesh import Member, Mesh, Segment, drive_pile, tube_between_stations
 
 PILE, SLEEVE = Member("pile", "monopile"), Member("column", "transition piece")
 # what holds the foot of a tower on land: no beam, but a place where effects act
@@ -29,7 +29,7 @@ def add_monopile(mesh: Mesh, d: OnMonopile) -> tuple[int, list[Body], list[NodeS
     for high, low in pairwise(stations):
         below = mesh.node([0, 0, low.z_m])
         own = mesh.chain(above, below, "pile", at_m=overlap)
-        chain, entries = [*chain, *own], [*entries, *(between_stations(low, high, s.z_m) for s in own)]
+        chain, entries = [*chain, *own], [*entries, *(tube_between_stations(low, high, s.z_m) for s in own)]
         above = below
     dry = [k for k, s in enumerate(chain) if s.z_m > d.site.mudline_m]
     for k in dry:

@@ -73,7 +73,7 @@ class OwnModes:
         return "\n".join([self.model, *rows, *(f"note: {note}" for note in self.notes)])
 
 
-def own_modes(
+def modes_of_model(
     model: str | Path | Model | Callable, count: int | None = None, *, parameters: Parameters | str | Path | None = None
 ) -> OwnModes:
     """The lowest modes of a model at its initial parameters: `count` of them, or where None is given as many as it has,

@@ -47,7 +47,7 @@ def implausible_extent(extent_m: float) -> str:
     return "" if extent_m <= MOST_EXTENT_M else f"an extent of {extent_m:.3g} m is more than structures have"
 
 
-def other_unit(distance_m: Callable[[float], np.ndarray], near_m: float) -> str:
+def other_unit_words(distance_m: Callable[[float], np.ndarray], near_m: float) -> str:
     """A sentence where one factor brings sensors' places to within `near_m` of where the model has them, '' where they
     are there or none does. distance_m: of a factor, the distances (n,) of the places times it."""
     if np.mean(distance_m(1.0) <= near_m) >= FITTING_NOW:

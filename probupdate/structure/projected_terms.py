@@ -35,7 +35,7 @@ class ProjectedTerms:
 
     @classmethod
     def of(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray) -> ProjectedTerms:
-        pattern, entry = patterned(terms)
+        pattern, entry = union_pattern(terms)
         column = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
         # a basis that is read-only is shared
         basis = frozen_array(basis) if basis.flags.writeable else basis
@@ -168,7 +168,7 @@ class Expansion:
         return total + terms.total(rest)
 
 
-def patterned(terms: Sequence[sparse.csc_array]) -> tuple[sparse.csc_array, sparse.csr_array]:
+def union_pattern(terms: Sequence[sparse.csc_array]) -> tuple[sparse.csc_array, sparse.csr_array]:
     """The union of the terms' patterns, and their entries on it (n_term, n_entry)."""
     n = terms[0].shape[0]
     keys = []

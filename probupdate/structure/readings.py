@@ -19,7 +19,7 @@ from probupdate.runtime.arrays import frozen_array
 STANDARD_MPS2 = 9.80665
 
 
-def across_gravity(direction: np.ndarray) -> np.ndarray:
+def rotation_reading(direction: np.ndarray) -> np.ndarray:
     """z x d (3,): what a channel along d reads of a rotation, times g / w^2."""
     return np.array([-direction[1], direction[0], 0.0])
 

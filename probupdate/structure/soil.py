@@ -78,7 +78,7 @@ def tip_stiffness(clay: Clay, diameter_m: float, depth: float) -> float:
     return QZ[1][1] * capacity / (QZ[0][1] * diameter_m)
 
 
-def clipped(value, low: float, high: float):
+def clip_real(value, low: float, high: float):
     """value clipped to [low, high] by its real part; at the bounds only the upper one is exclusive, so that the
     derivative of a mudline that lies on a node is counted in one element."""
     value = np.asarray(value)
@@ -102,7 +102,7 @@ class PileSprings:
     def buried_from(self, scour):
         """(..., n_element): xi of the present seabed in each element, 0 fully buried, 1 fully exposed."""
         top, length = np.array(self.top_depth_m), np.array(self.length_m)
-        return clipped((np.asarray(scour)[..., None] - top) / length, 0.0, 1.0)
+        return clip_real((np.asarray(scour)[..., None] - top) / length, 0.0, 1.0)
 
     def exposed_moments(self, scour):
         """(..., n_element, 7): int xi^m dx over the part above the seabed, m = 0..6."""

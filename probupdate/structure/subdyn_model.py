@@ -26,7 +26,7 @@ from probupdate.structure import beam as beams
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
-from probupdate.structure.readings import STANDARD_MPS2, FeltGravity, across_gravity
+from probupdate.structure.readings import STANDARD_MPS2, FeltGravity, rotation_reading
 from probupdate.structure.schema import Number, Table, Vector, nearest
 from probupdate.structure.subdyn_frame import (
     SAME_PLACE,
@@ -43,7 +43,7 @@ from probupdate.structure.subdyn_frame import (
     stiffness_units,
     tube,
 )
-from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, body_of, mounted, tables_of
+from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, body_of, mount_tower, tables_of
 
 # raise it when the same files give other matrices
 FORMULATION = 2
@@ -180,7 +180,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
         if body is None:
             raise InputError(f"{path}: rotor_nacelle", "is missing", "give mass_kg, centre_m and inertia_kgm2")
         carried = body_of(body)
-    whole = mounted(file, entry, tower, carried, platform, str(path))
+    whole = mount_tower(file, entry, tower, carried, platform, str(path))
     groups = {"tower": GroupEntry(members=whole.members), "rotor_nacelle": GroupEntry(masses=(whole.mass,))}
     nacelle = description.subdyn.model_copy(update={"nacelle": (*description.subdyn.nacelle, whole.mass)})
     return whole.file, description.model_copy(update={"group": {**description.group, **groups}, "subdyn": nacelle})
@@ -213,7 +213,7 @@ def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
     """The channels the model of a file answers at: those of its TOML, or the motions of all joints."""
     if path.suffix != ".toml":
         return joint_sensors(read_subdyn(path))
-    return _own_sensors(*with_tower(read_description(read_toml(path), path), path), path)
+    return _file_sensors(*with_tower(read_description(read_toml(path), path), path), path)
 
 
 def turns_nacelle(path: Path) -> bool:
@@ -256,7 +256,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     _check_bounds(description, parameters, path)
     fixed = {name: value for name, value in values.items() if name not in parameters.names}
     terms = _terms(frame, description, targets, path, angle_deg)
-    chosen = tuple(sensors) if sensors is not None else _own_sensors(file, description, path)
+    chosen = tuple(sensors) if sensors is not None else _file_sensors(file, description, path)
     joints = {s.channel: s.joint for s in description.sensor if s.joint is not None}
     text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)],
             [joint.position_m for joint in file.joints],
@@ -527,7 +527,7 @@ def joint_sensors(file: SubDynFile) -> tuple[Sensor, ...]:
     )
 
 
-def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -> tuple[Sensor, ...]:
+def _file_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -> tuple[Sensor, ...]:
     if not description.sensor:
         return joint_sensors(file)
     places = {joint.id: joint.position_m for joint in file.joints}
@@ -563,7 +563,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
             dofs, motion = _sensor_on_beam(frame, sensor, path)
         else:
             dofs, motion, known[number] = _sensor_at_joint(frame, sensor, joint, path)
-        across = across_gravity(sensor.direction)
+        across = rotation_reading(sensor.direction)
         known[number] |= not across.any()
         for dof, along, tilt in zip(dofs, sensor.direction @ motion[:3], across @ motion[3:], strict=True):
             rows[number, dof] += along

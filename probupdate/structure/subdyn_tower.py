@@ -47,7 +47,7 @@ class RotorNacelleEntry(Table):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Mounted:
+class MountedTower:
     """The structure with its tower; the groups `tower` (members) and `rotor_nacelle` (masses) that come with it."""
 
     file: SubDynFile
@@ -76,9 +76,9 @@ def body_of(entry: RotorNacelleEntry) -> RigidBody:
                         inertia_kgm2=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def mounted(
+def mount_tower(
     file: SubDynFile, entry: TowerEntry, tower: Tower, body: RigidBody, platform: RigidBody | None, where: str
-) -> Mounted:
+) -> MountedTower:
     """Put a tower of `entry.elements` uniform beams on a joint, or on a rigid transition piece, with ElastoDyn's
     platform at its foot; numbers follow the file's highest ones."""
     if entry.joint is None:
@@ -114,7 +114,7 @@ def mounted(
         masses=(*file.masses, *points, mass),
         sets={**file.sets, "arbitrary": (*file.sets["arbitrary"], *sets)},
     )
-    return Mounted(file=whole, members=tuple(m.id for m in members), mass=mass.id)
+    return MountedTower(file=whole, members=tuple(m.id for m in members), mass=mass.id)
 
 
 def _mass(joint: Joint, body: RigidBody, origin_m: np.ndarray) -> Row:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.io.fortran_text import replaced, words
+from probupdate.io.fortran_text import replace_words, words
 from probupdate.io.ssi_file import scaled_ssi
-from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn, reparsed
+from probupdate.io.subdyn_file import BEAMS, SubDynFile, parse_again, read_subdyn
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import SOIL_PARTS, file_beside, read_description, targets_of
 
@@ -25,7 +25,7 @@ def unspeakable(path: Path) -> tuple[str, ...]:
     return tuple(p.name for p in read_description(read_toml(path), path).parameter if p.acts in UNSPEAKABLE)
 
 
-def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[SubDynFile, tuple[str, ...]]:
+def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[SubDynFile, tuple[str, ...]]:
     """The SubDyn file of a TOML with [subdyn] as it is at the values of its parameters (those not named stand at their
     initial value), and the names of parameters that act on its [tower] and so are not in it. `remark` goes into the
     file's second line. Raises InputError for what SubDyn cannot say (`unspeakable`)."""
@@ -129,7 +129,7 @@ class _Edit:
             self.words.setdefault(row.line, {})[k] = repr(float(row.values[k - 1] * factor))
 
     def file(self, remark: str) -> SubDynFile:
-        lines = [replaced(text, self.words[at]) if at in self.words else text
+        lines = [replace_words(text, self.words[at]) if at in self.words else text
                  for at, text in enumerate(self.source.lines, 1)]
         if remark:
             lines[1] = f"{lines[1]} | {remark}"
@@ -137,7 +137,7 @@ class _Edit:
         # from below, so that lines above keep their numbers
         for kind in sorted(self.rows, key=lambda k: -self.source.counts[k]):
             at, had = self.source.counts[kind], len(tables[kind])
-            lines[at - 1] = replaced(lines[at - 1], {0: str(had + len(self.rows[kind]))})
+            lines[at - 1] = replace_words(lines[at - 1], {0: str(had + len(self.rows[kind]))})
             below = at + 2 + had
             lines[below:below] = [f"  {row}" for row in self.rows[kind]]
-        return reparsed(self.source, lines, self.soils)
+        return parse_again(self.source, lines, self.soils)

@@ -115,7 +115,8 @@ class _Tables:
         self.soil[own] = K + stiffness, M + mass
 
 
-def as_subdyn(frame: Frame, values: Values, above: np.ndarray, foot: int, *, theory: str, title: str) -> SubDynFile:
+def subdyn_file_of(frame: Frame, values: Values, above: np.ndarray, foot: int, *, theory: str,
+                   title: str) -> SubDynFile:
     """The file of a frame at parameter values (all by name), but of the nodes `above` (n_node,); `foot` is its
     interface joint. Raises NoWord where the structure is more than SubDyn can be given."""
     frame, t = structure_alone(frame), _Tables()

@@ -64,7 +64,7 @@ def _matrices(model: Model, n_mode: int) -> dict[str, np.ndarray]:
     scale = _unit_mass(_coefficients(at.shape, of_shape)[0])
     shape, of_shape = at.shape * scale, of_shape * scale[:, None]
     inside, outside = _coefficients(shape, of_shape)
-    new = _outside_basis(outside)
+    new = _basis_outside(outside)
     n, size = n_mode, n_mode + new.shape[1]
     high = np.full(new.shape[1], ABOVE_HIGHEST**2 * value.max())
     found = {"K0": np.diag(np.r_[value, high]), "M0": np.eye(size), "channel_row": np.hstack([shape, new])}
@@ -117,7 +117,7 @@ def _unit_mass(c: np.ndarray) -> np.ndarray:
     return np.exp(-np.linalg.lstsq(np.array(rows), np.array(right), rcond=None)[0]) if rows else np.ones(n)
 
 
-def _outside_basis(outside: np.ndarray) -> np.ndarray:
+def _basis_outside(outside: np.ndarray) -> np.ndarray:
     """Orthonormal columns (n_channel, n) for changes (n_channel, n_mode, n_param) that no mode has."""
     flat = outside.reshape(len(outside), -1)
     u, s, _ = np.linalg.svd(flat, full_matrices=False)

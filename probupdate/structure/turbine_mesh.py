@@ -163,7 +163,7 @@ class Mesh:
             still_m=self.d.site.water_level_m, rise=self.rise,
         ).moments()
         # growth stays where it has grown
-        return tuple(mass if mass.grown else covered(mass, wetting) for mass in (*masses, *filling))
+        return tuple(mass if mass.grown else covered_mass(mass, wetting) for mass in (*masses, *filling))
 
 
 def _levels_inside(levels, start: float, rise: float) -> set[float]:
@@ -173,7 +173,7 @@ def _levels_inside(levels, start: float, rise: float) -> set[float]:
     return {t for t in ((z - start) / rise for z in levels) if SAME_POINT_M < t * abs(rise) < abs(rise) - SAME_POINT_M}
 
 
-def covered(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
+def covered_mass(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
     """A mass along the part of a beam that the moments (7) cover."""
     return LineMass(per_metre=mass.per_metre, transverse_only=mass.transverse_only, grown=mass.grown,
                     moments=tuple(mass.per_metre * m for m in moments))
@@ -197,7 +197,7 @@ def flooding(d: Offshore, tube: Tube) -> Coefficient:
     return Water(kind="flooding", tube=tube, density_kgpm3=d.site.water_density_kgpm3).coefficient_of()
 
 
-def between_stations(low: Section, high: Section, z_m: float) -> TubeEntry:
+def tube_between_stations(low: Section, high: Section, z_m: float) -> TubeEntry:
     """The tube at a level between two stations."""
     t = (z_m - low.z_m) / (high.z_m - low.z_m)
     return TubeEntry(diameter_m=low.diameter_m + t * (high.diameter_m - low.diameter_m),
@@ -224,7 +224,7 @@ def drive_pile(
     moments = _pile_moments(mesh, chain, clay, diameters, ("sc", *mesh.effects.at("scour", at_tip)))
     for k, (segment, entry) in enumerate(zip(chain, entries, strict=True)):
         place, tube = mesh.between(segment, member), mesh.tube(member, entry, segment)
-        carried = [covered(mass, moments["exposed_moments"][k])
+        carried = [covered_mass(mass, moments["exposed_moments"][k])
                    for mass in water_and_growth(d, mesh.effects, tube, place, segment.z_m)]
         fills = (Coefficient(),) if flooded else ()
         fills += tuple(parameter(name) for name in mesh.effects.at("flooding", place))
@@ -268,7 +268,7 @@ def add_tower(mesh: Mesh, foot: int) -> tuple[int, list[Body]]:
     for low, high in pairwise(stations):
         above = mesh.node([0, 0, high.z_m])
         for segment in mesh.chain(below, above, "tower", cut=False):
-            entry = between_stations(low, high, segment.z_m)
+            entry = tube_between_stations(low, high, segment.z_m)
             mesh.beam(segment, member, mesh.tube(member, entry, segment), carried=(secondary,))
         bodies.append(Body(node=above, mass=Coefficient(high.flange_kg)))
         below = above

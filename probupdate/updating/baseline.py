@@ -215,7 +215,7 @@ def _refuse_other(own: Unknowns, known: LearntError) -> None:
                          "give a run with the same names of channels")
 
 
-def together(known: Sequence[LearntError], own: Unknowns) -> Rows:
+def join_baselines(known: Sequence[LearntError], own: Unknowns) -> Rows:
     """What several baselines say of these. Raises InputError where two hold the same state."""
     seen: dict[str, str] = {}
     for one in known:

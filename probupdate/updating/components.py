@@ -74,7 +74,7 @@ def variance_components(problem: Problem, laplace: Laplace, seen_hz: Sequence[fl
         std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
         source_names=tuple(s.description for s in sources),
         source_std=frozen_array(np.abs(of_sources[:, : len(sources)].T)),
-        measures=_ranked(problem, laplace, whitened, seen_hz),
+        measures=_rank_measures(problem, laplace, whitened, seen_hz),
     )
 
 
@@ -106,7 +106,7 @@ def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, .
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhitenedResponses:
     """Responses linear about a maximum, over their noise: slope X (n, n_param), factor B (n, n_source + n_pair) per
     standard deviation of each source, then of what mixes modes, and the prior's precision (n_param, n_param)."""
 
@@ -126,22 +126,23 @@ class Whitened:
         inner = np.eye(B.shape[1]) + B.T @ B
         return np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + self.prior)
 
-    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> Whitened:
-        return Whitened(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
+    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> WhitenedResponses:
+        return WhitenedResponses(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
 
-    def scaled(self, rows: np.ndarray, by: float) -> Whitened:
+    def scaled(self, rows: np.ndarray, by: float) -> WhitenedResponses:
         """With the noise of some responses smaller by a factor; rows are of independent noise."""
         scale = np.ones(len(self.slope))
         scale[rows] = by
-        return Whitened(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
+        return WhitenedResponses(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
 
 
-def whitened_at(problem: Problem, laplace: Laplace) -> Whitened:
+def whitened_at(problem: Problem, laplace: Laplace) -> WhitenedResponses:
     """Of one problem at the maximum of its posterior."""
     _, sensitivity = problem.sensitivity(laplace.theta)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
     common = np.column_stack([problem.factor, problem.mixing_factor])
-    return Whitened(problem.unmixed_root @ sensitivity, problem.unmixed_root @ common, prior_slope.T @ prior_slope)
+    return WhitenedResponses(problem.unmixed_root @ sensitivity, problem.unmixed_root @ common,
+                             prior_slope.T @ prior_slope)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -154,8 +155,8 @@ class Candidate:
     known: tuple[int, ...] = ()
 
 
-def _ranked(
-    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float]
+def _rank_measures(
+    problem: Problem, laplace: Laplace, now: WhitenedResponses, seen_hz: Sequence[float]
 ) -> tuple[Measure, ...]:
     before = np.sqrt(np.diag(now.covariance()))
     found = []
@@ -167,7 +168,7 @@ def _ranked(
 
 
 def candidates(
-    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float] = ()
+    problem: Problem, laplace: Laplace, now: WhitenedResponses, seen_hz: Sequence[float] = ()
 ) -> Iterator[Candidate]:
     """What could be measured next: each tolerance checked, each mode identified better, a mode of the model's more."""
     sources = problem.error_sources
@@ -184,7 +185,7 @@ def candidates(
     yield from _further_modes(problem, laplace, now, seen_hz)
 
 
-def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
+def _better(problem: Problem, now: WhitenedResponses) -> Iterator[Candidate]:
     """A mode whose frequency, or shape, is identified to half its standard deviation."""
     frequency, shape = 0, problem.n_frequency
     variance, missed = problem.std**2, problem.discrepancy_std**2
@@ -202,7 +203,7 @@ def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
 
 
 def _further_modes(
-    problem: Problem, laplace: Laplace, now: Whitened, seen_hz: Sequence[float]
+    problem: Problem, laplace: Laplace, now: WhitenedResponses, seen_hz: Sequence[float]
 ) -> Iterator[Candidate]:
     """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
     n_mode = problem.matching.n_mode

@@ -23,7 +23,7 @@ from probupdate.model.interface import Model
 from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
-from probupdate.runtime.settings import refuse_other_types, stated
+from probupdate.runtime.settings import refuse_other_types, setting
 from probupdate.updating.baseline import LearntError, Rows
 from probupdate.updating.baseline_file import Baseline, read_baseline
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori, prior_residual
@@ -42,23 +42,23 @@ PLACE = CONSTANTS.place
 class LikelihoodSettings:
     """What is compared and what is stated of its error: one value, the same for every estimator that is given it."""
 
-    weights: str | tuple[float, ...] | Weights = stated(
+    weights: str | tuple[float, ...] | Weights = setting(
         "measured", "-", "standard deviations of the responses: 'measured', 'covariance', 'paper', or a CoV a mode")
-    frequencies: str = stated("hz", "-", "frequencies are compared as they are ('hz') or as logarithms ('log')")
-    shapes: str = stated("plane", "-", "shapes are compared as 'plane', 'components', 'mac' or 'none'")
-    discrepancy: float | str | None = stated(
+    frequencies: str = setting("hz", "-", "frequencies are compared as they are ('hz') or as logarithms ('log')")
+    shapes: str = setting("plane", "-", "shapes are compared as 'plane', 'components', 'mac' or 'none'")
+    discrepancy: float | str | None = setting(
         None, "-", "share of every frequency that the model may miss, and ten times that of shapes; 'auto' for as much "
         "as the misfit says; None: 'auto' with the measurement's own standard deviations, else 0")
-    tolerances: bool | None = stated(
+    tolerances: bool | None = setting(
         None, "-", "stated tolerances of structure, soil, rotor-nacelle assembly and sensors are marginalised; None: "
         "with the measurement's own standard deviations")
-    modes: tuple[str | int, ...] | None = stated(
+    modes: tuple[str | int, ...] | None = setting(
         None, "-", "labels of the modes that are compared, or their numbers from 1; None: those of interest")
-    fix: Mapping[str, float] | None = stated(None, "-", "parameters that are held, name -> value")
-    alternatives: tuple[object, ...] = stated(
+    fix: Mapping[str, float] | None = setting(None, "-", "parameters that are held, name -> value")
+    alternatives: tuple[object, ...] = setting(
         (), "-", "other models of the same structure (files or models): the truth may lie anywhere from this model to "
         "each, a source of error that is marginalised")
-    baseline: tuple[Baseline, ...] = stated(
+    baseline: tuple[Baseline, ...] = setting(
         (), "-", "runs of other states of the structure, whose model's error is this one's: directories or files")
 
     def __post_init__(self):
@@ -73,8 +73,8 @@ class LikelihoodSettings:
         self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
     ) -> Weights:
         """As plain numbers, of this set (the reference set where None)."""
-        chosen = stated_weights(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
-                                tolerances=self.tolerances)
+        chosen = weights_by_name(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
+                                 tolerances=self.tolerances)
         if self.alternatives and not chosen.tolerances:
             raise InputError("alternatives", "are sources of the model's error, which these weights do not marginalise",
                              "give --tolerances too")
@@ -122,7 +122,7 @@ def state_model_error(
     return chosen
 
 
-def stated_weights(
+def weights_by_name(
     weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane",
     tolerances: bool | None = None,
 ) -> Weights:
@@ -214,7 +214,8 @@ def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | N
     as_they_are = Coordinates(logarithmic=np.zeros(len(theta), bool), scale=problem.parameters.std)
     error = shared_error([problem], theta[None], as_they_are, alone=True)
     found = learn_scales(error, _prior_about(problem, theta),
-                         evidence=None if known is None else _evidence(problem, said_of(problem, theta).below([known])))
+                         evidence=None if known is None else _evidence(problem,
+                                                                       error_rows(problem, theta).below([known])))
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
@@ -237,7 +238,7 @@ def _evidence(problem: Problem, rows: Rows) -> Evidence:
     return of_scales
 
 
-def said_of(problem: Problem, theta: np.ndarray) -> Rows:
+def error_rows(problem: Problem, theta: np.ndarray) -> Rows:
     """What the measured responses say of the model's error, the parameters' prior integrated out with responses linear
     about theta (n_param,)."""
     bare = problem.bare or problem
@@ -254,7 +255,7 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     bare = problem.bare or problem
     if problem.weights.shapes == "mac" or not np.any(bare.error_covariance):
         return None
-    rows = said_of(problem, theta).below([] if problem.known is None else [problem.known])
+    rows = error_rows(problem, theta).below([] if problem.known is None else [problem.known])
     stated = problem.weights.scales or ((*problem.weights.discrepancies, problem.weights.mixing, 0.0),)
     priors = [replace(bare, scales=scales[:3]).error_covariance for scales in stated] if problem.weights.scales else [
         bare.error_covariance]

@@ -20,7 +20,7 @@ from scipy import special
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
-from probupdate.runtime.executors import Executor, completed, executor
+from probupdate.runtime.executors import Executor, executor, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.chain_store import ChainStore, Segment
 from probupdate.updating.problem import Problem
@@ -227,7 +227,7 @@ def sample(
             kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
             done = {k: segment for k, segment in kept.items() if segment is not None}
             tasks = [(k, problem, surrogate, trusted, states[k], n_more) for k in kept if k not in done]
-            for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
+            for k, segment in iterate_completed(_run_numbered, tasks, jobs=runs, least=1):
                 store.append(segment, len(rounds), k)
                 done[k] = segment
             rounds.append([done[k] for k in range(settings.ensembles)])

@@ -254,7 +254,7 @@ def fitted_proposal(
     parameters = problem.parameters
     n, prior, logarithmic = len(parameters), PriorDensity(parameters), parameters.lower >= 0
     wanted = max(LEAST_COUNT, PER_COEFFICIENT * (n + 1) * (n + 2) // 2)
-    rounds = [_round(problem, _weighed(parameters, [*approximations], prior), N_ROUND, rng, progress)]
+    rounds = [_round(problem, _weigh_components(parameters, [*approximations], prior), N_ROUND, rng, progress)]
     best, best_share, since, served, solved = rounds[0].proposal, 0.0, 0, 0, N_ROUND
     probes, broad, power = np.empty((0, n)), None, 1.0
     wide: list[Transport] = []
@@ -273,14 +273,14 @@ def fitted_proposal(
             continue
         begin = proposed if broad is None else broad.log_density(theta)
         before = power
-        power, weight = _tempered(value - begin, begin - proposed, wanted, (power, min(GROWTH * power, 1.0)))
+        power, weight = _temper_weights(value - begin, begin - proposed, wanted, (power, min(GROWTH * power, 1.0)))
         if power < 1.0:
             since = 0 if power > before else since + 1
             if since >= PATIENCE:
                 break
         else:
             share = _shares(value, known, value - proposed)
-            pooled = _together(parameters, [r.proposal for r in kept], share)
+            pooled = _join_proposals(parameters, [r.proposal for r in kept], share)
             since += 1
             # of the same draws, so that shares can be compared
             j = int(np.argmax(share))
@@ -291,7 +291,7 @@ def fitted_proposal(
                 break
         parts = _fit(coordinates(theta, logarithmic), weight, PER_MAXIMUM * len(approximations), logarithmic, rng)
         bent = _transports(theta, weight, approximations)
-        current = _weighed(parameters, [*bent, *wide, *parts, *approximations], prior, (theta, weight))
+        current = _weigh_components(parameters, [*bent, *wide, *parts, *approximations], prior, (theta, weight))
         # of a lower power: it reaches where those of the posterior end
         wide = bent if power < 1 else wide
         # where the last ones served, fewer show whether an arm was missed
@@ -367,7 +367,7 @@ def _transports(theta: np.ndarray, weight: np.ndarray, approximations: Sequence[
     return found
 
 
-def _weighed(
+def _weigh_components(
     parameters: Parameters, components: Sequence[Density], prior: PriorDensity,
     points: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Mixture:
@@ -385,7 +385,7 @@ def _weighed(
                    weight=frozen_array([*((1 - PRIOR_SHARE) * share), PRIOR_SHARE]))
 
 
-def _together(parameters: Parameters, proposals: Sequence[Density], share: np.ndarray) -> Mixture:
+def _join_proposals(parameters: Parameters, proposals: Sequence[Density], share: np.ndarray) -> Mixture:
     """One mixture of several, by their shares (n,); a component of many of them is one."""
     parts: dict[int, Density] = {}
     weight: dict[int, float] = {}
@@ -423,12 +423,12 @@ def importance_sample(
         log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)),
         evaluated=evaluated + N_DRAW,
         without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
-        unreached=_unreached(problem, proposal, getattr(proposal, "probes", np.empty((0, 0))),
-                             log_evidence - constant),
+        unreached=_count_unreached(problem, proposal, getattr(proposal, "probes", np.empty((0, 0))),
+                                   log_evidence - constant),
     )
 
 
-def _unreached(problem: Problem, proposal: Density, probes: np.ndarray, level: float) -> int:
+def _count_unreached(problem: Problem, proposal: Density, probes: np.ndarray, level: float) -> int:
     """Of probes (n, n_param), at how many the posterior over the proposal is far above exp(level)."""
     if not len(probes):
         return 0
@@ -449,7 +449,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
     return relative / relative.sum()
 
 
-def _tempered(
+def _temper_weights(
     log_ratio: np.ndarray, log_weight: np.ndarray, wanted: float, powers: tuple[float, float]
 ) -> tuple[float, np.ndarray]:
     """The largest of the powers of a ratio at which `wanted` draws count, or the least of them, and the weights there,

@@ -143,7 +143,7 @@ def information(
     for k, p in enumerate(parameters):
         share = p.std / abs(p.initial) if p.initial else float("nan")
         role = LEAVE if signal[k] < SILENT else UPDATE if width[k] <= BLIND else CARRY
-        sampled = _sampled(posterior, p) if posterior is not None else (float("nan"), float("nan"))
+        sampled = _sampled_information(posterior, p) if posterior is not None else (float("nan"), float("nan"))
         rows.append(ParameterInformation(
             name=p.name, unit=p.unit, value=float(point[k]), cov=cov_of(p.initial, p.std, p),
             uncertainty=_metric(share, UNCERTAINTY_FROM) if np.isfinite(share) else -1, slope=float(slope[k]),
@@ -181,7 +181,7 @@ def _slopes(problem: Problem, response, sensitivity, point):
     return change.max(axis=0), change.argmax(axis=0), relative
 
 
-def _sampled(posterior: Posterior, parameter) -> tuple[float, float]:
+def _sampled_information(posterior: Posterior, parameter) -> tuple[float, float]:
     """Posterior over prior standard deviation and bits, of a parameter that was sampled."""
     if parameter.name not in posterior.names:
         return float("nan"), float("nan")

@@ -213,9 +213,9 @@ def estimate_farm(
         if wide is not None:
             system = system.with_wide(wide)
         x = scales.maximum(system, x) if learnt else np.zeros(scales.n_x(system))
-        u, z, e = _solved(system, scales, x)
+        u, z, e = _solve_system(system, scales, x)
         u = u + error.middle
-        step, relaxed = _bounded(u - coordinates.to(theta), step, relaxed, std)
+        step, relaxed = _bound_step(u - coordinates.to(theta), step, relaxed, std)
         fresh = _move_off_zero(np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper), first)
         moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
         theta = fresh
@@ -238,7 +238,7 @@ def estimate_farm(
         at_bound=np.any((reached < first.lower) | (reached > first.upper), axis=0))
 
 
-def _bounded(
+def _bound_step(
     step: np.ndarray, before: np.ndarray, relaxed: float, std: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """A step (n_turbine, n_param) no farther than FARTHEST for any turbine, and shorter the more often it has turned
@@ -259,7 +259,7 @@ def _move_off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:
     return np.where(parameters.lower >= 0, np.maximum(theta, 1e-3 * parameters.std), theta)
 
 
-def _solved(system: FarmSystem, scales: Scales, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _solve_system(system: FarmSystem, scales: Scales, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     tau = scales.tau(x)
     joint = system.conditional(tau, system.common_std(scales.shared(x, system)))
     return system.of_turbines(tau, joint)[0], joint.mean[: system.n_z], joint.mean[system.n_z :]

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.model.interface import ManySolutions
-from probupdate.runtime.executors import Executor, completed
+from probupdate.runtime.executors import Executor, iterate_completed
 from probupdate.runtime.progress import Progress
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
@@ -319,7 +319,7 @@ class FarmModels:
         wanted = np.array([one.exact for one in moving])
         tasks = [(i, turbine, fast.models[i], c[:, i], spread[:, i], step, wanted)
                  for i, turbine in enumerate(self.turbines)]
-        found = {number: rest for number, *rest in completed(turbine_bends, tasks, jobs=jobs, least=1)}
+        found = {number: rest for number, *rest in iterate_completed(turbine_bends, tasks, jobs=jobs, least=1)}
         bend, slope = (np.array([found[i][k] for i in range(len(tasks))]) for k in range(2))
         row = np.cumsum(wanted) - 1
         for k, one in enumerate(moving):

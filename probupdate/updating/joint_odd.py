@@ -17,7 +17,7 @@ from scipy import special, stats
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.joint_scales import Scales
 from probupdate.updating.joint_system import FarmSystem, lower_solve
-from probupdate.updating.outlier_sets import near_the_median
+from probupdate.updating.outlier_sets import is_near_median
 from probupdate.updating.settings import CONSTANTS
 
 SHARE, SURE = CONSTANTS.outlier_share, CONSTANTS.outlier_sure
@@ -101,7 +101,7 @@ def _start_values(system: FarmSystem, scales: Scales) -> np.ndarray:
     tau, std = scales.tau(np.zeros(len(scales.spread))), system.common_std(scales.hyper)
     alone = [system.chosen([i]).conditional(tau, std) for i in range(len(system.products))]
     value = np.array([one.mean[: one.n_z] for one in alone])
-    return near_the_median(value, np.full_like(value, LEAST), FAR) if len(value) > 3 else np.ones(len(value), bool)
+    return is_near_median(value, np.full_like(value, LEAST), FAR) if len(value) > 3 else np.ones(len(value), bool)
 
 
 def _nodes(system: FarmSystem, scales: Scales, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -151,7 +151,8 @@ def sample_scales(
         return ScaleChain(x=np.zeros((1, 0)), ess=float(TARGET_ESS), converged=True, verdict="no scale is unknown")
     rng = np.random.default_rng([seed, 31])
     about = student_about(scales, system, maximum)
-    return independent_draws(scales, system, about, rng, progress) or walked(scales, system, about, rng, progress)
+    return independent_draws(scales, system, about, rng, progress) or sample_scale_chain(scales, system, about, rng,
+                                                                                         progress)
 
 
 def independent_draws(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
@@ -186,8 +187,8 @@ def independent_draws(scales: Scales, system: FarmSystem, about: StudentT, rng: 
     return None
 
 
-def walked(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
-           progress: Progress = silent) -> ScaleChain:
+def sample_scale_chain(scales: Scales, system: FarmSystem, about: StudentT, rng: np.random.Generator,
+                       progress: Progress = silent) -> ScaleChain:
     """emcee."""
     n = len(about.centre)
     low, high = scales.bounds(n).T

@@ -116,7 +116,7 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
     # sets that state nothing and agree to the last digit that is printed share its rounding
     mean = replace(mean, std=np.where(mean.is_stated, mean.std, np.maximum(mean.std, rounding_std(frequency))))
     shape = Mean.of(np.real(np.array([s.shape for s in sets])), np.array([s.shape_std for s in sets]))
-    imaginary = _weighted(np.imag(np.array([s.shape for s in sets])), shape.share)
+    imaginary = _weighted_sum(np.imag(np.array([s.shape for s in sets])), shape.share)
     damping = Mean.of(np.array([s.damping_ratio for s in sets]), np.array([s.damping_ratio_std for s in sets]))
     every = [s.covariance_factors.loaded() for s in sets if s.covariance_factors is not None]
     factors = _mean_factors(every, mean, shape, damping) if len(every) == len(sets) else None
@@ -160,14 +160,14 @@ class Mean:
         stated = np.all(known | ~there, axis=0) & (n > 0)
         own = np.where(known, std, 0.0) ** 2
         weight = np.where(there, 1 / np.where(there & stated, own, 1.0), 0.0)
-        first = _weighted(values, weight / np.maximum(weight.sum(axis=0), 1e-300))
+        first = _weighted_sum(values, weight / np.maximum(weight.sum(axis=0), 1e-300))
         square = np.where(there, (values - first) ** 2, 0.0)
         q, total = np.sum(weight * square, axis=0), weight.sum(axis=0)
         room = total - np.sum(weight**2, axis=0) / np.where(total > 0, total, 1.0)
         between = np.where(stated, np.maximum(q - (n - 1), 0.0) / np.where(room > 0, room, np.inf), 0.0)
         weight = np.where(there & stated, 1 / np.where(there & stated, own + between, 1.0), there.astype(float))
         share = weight / np.maximum(weight.sum(axis=0), 1e-300)
-        value = _weighted(values, share)
+        value = _weighted_sum(values, share)
         scatter = np.sqrt(np.sum(square, axis=0) / np.maximum(n - 1, 1))
         noise = np.sum(share**2 * np.where(there, own, 0.0), axis=0)
         variance = np.where(stated, np.sum(share**2 * np.where(there, own + between, 0.0), axis=0),
@@ -179,7 +179,7 @@ class Mean:
                    is_stated=stated)
 
 
-def _weighted(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _weighted_sum(values: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Sum over the first axis, NaN where no set has a value."""
     there = np.isfinite(values)
     return np.where(there.any(axis=0), np.sum(np.where(there, values, 0.0) * share, axis=0), np.nan)
@@ -197,10 +197,10 @@ def _to_one_scale(data: ModalData) -> list[ModalSet]:
     measured = np.array([s.frequency_hz for s in data.sets])
     n = np.isfinite(measured).sum(axis=0)
     frequency = np.where(n > 0, np.nansum(measured, axis=0) / np.maximum(n, 1), np.nan)
-    return [_turned(s, target, close_clusters(frequency)) for s in data.sets]
+    return [_turn_set(s, target, close_clusters(frequency)) for s in data.sets]
 
 
-def _turned(modal_set: ModalSet, target: np.ndarray, clusters: Sequence[Sequence[int]]) -> ModalSet:
+def _turn_set(modal_set: ModalSet, target: np.ndarray, clusters: Sequence[Sequence[int]]) -> ModalSet:
     shape, std = np.array(modal_set.shape), np.array(modal_set.shape_std)
     factors = None if modal_set.covariance_factors is None else modal_set.covariance_factors.loaded()
     moved = None if factors is None else np.array(factors.shape)

@@ -12,7 +12,7 @@ from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
-from probupdate.updating.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
+from probupdate.updating.tikhonov import HALVINGS, ROUNDING, bounded_step, is_pinned, relaxation_share
 
 MAX_ITERATION = 200
 # in -2 ln posterior, two ways that end as high: a twentieth of a standard deviation
@@ -161,7 +161,7 @@ def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> 
     """The Gauss-Newton Gaussian at a maximum."""
     residual, slope, data_slope = _system(problem, theta)
     precision = slope.T @ slope
-    at_bound = pinned(theta, problem.parameters)
+    at_bound = is_pinned(theta, problem.parameters)
     covariance = np.linalg.inv(precision) if len(problem.nodes) == 1 else _averaged_covariance(problem, theta)
     # a uniform prior resolves as a Gaussian of its standard deviation would
     flat = np.array([p.prior == "uniform" for p in problem.parameters]) / problem.parameters.std**2
@@ -279,7 +279,7 @@ def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool
     for _ in range(MAX_ITERATION):
         residual, slope, _ = _system(problem, theta)
         step = bounded_step(slope, -residual, theta, parameters)
-        share, trial, fresh = relaxed(step / parameters.std, last, share, LONGEST), theta, value
+        share, trial, fresh = relaxation_share(step / parameters.std, last, share, LONGEST), theta, value
         last = step / parameters.std
         for _ in range(HALVINGS):
             trial = np.clip(theta + share * step, parameters.lower, parameters.upper)

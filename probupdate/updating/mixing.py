@@ -16,7 +16,7 @@ LEAST_GAP = 0.05
 OWN_CHANGE = 0.5 * np.sqrt(3)
 
 
-def mixed(
+def mix_modes(
     solution: ModalSolution, clusters: Sequence[tuple[int, ...]]
 ) -> tuple[tuple[tuple[int, int], ...], ModalSolution]:
     """Pairs of modes, the lower first, and the modes with their derivatives with respect to how a local error of

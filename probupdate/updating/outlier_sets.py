@@ -92,7 +92,7 @@ def outlier_sets(data: ModalData) -> OutlierSets:
     # of the frequency and of the shape of each mode
     ratio, off, mac = np.full((2, n_set, n_mode), -np.inf), np.zeros((n_set, n_mode)), np.ones((n_set, n_mode))
     probability = np.zeros(n_set)
-    counts = near_the_median(ln, stated) & shapes.near_the_median()
+    counts = is_near_median(ln, stated) & shapes.near_the_median()
     for _ in range(PASSES if n_set >= FEWEST else 0):
         for s, j in np.ndindex(n_set, n_mode):
             others = (np.arange(n_set) != s) & counts
@@ -114,7 +114,7 @@ def outlier_sets(data: ModalData) -> OutlierSets:
                        mac=frozen_array(np.where(kind == 1, mac[row, mode], np.nan)))
 
 
-def near_the_median(value: np.ndarray, stated: np.ndarray, times: float = 5.0) -> np.ndarray:
+def is_near_median(value: np.ndarray, stated: np.ndarray, times: float = 5.0) -> np.ndarray:
     """Rows (n_set,) of value (n_set, n) to begin with: none far from the median by the median absolute deviation, which
     is no less than what is stated."""
     # a mode of interest that no set shows says nothing

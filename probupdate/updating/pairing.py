@@ -43,11 +43,11 @@ def paired_modes(
     # mostly every group's best columns are its own: no sum can be larger, and no assignment problem need be solved
     in_order = np.sort(computed, axis=1)
     for n in np.flatnonzero(doubtful | np.any(in_order[:, 1:] == in_order[:, :-1], axis=1)):
-        computed[n] = _one_to_one(groups, scores[n], shape[n])
+        computed[n] = _assign_columns(groups, scores[n], shape[n])
     return computed, np.stack(criterion, axis=1)
 
 
-def _one_to_one(groups: Sequence[ResponseGroup], score: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def _assign_columns(groups: Sequence[ResponseGroup], score: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Columns (n_used,) of score (n_used, n_mode), one to one, ascending in each group."""
     result, start = assign(score), 0
     for group in groups:

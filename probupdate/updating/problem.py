@@ -22,8 +22,8 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, together
-from probupdate.updating.mixing import mixed
+from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, join_baselines
+from probupdate.updating.mixing import mix_modes
 from probupdate.updating.pairing import paired_modes
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
 from probupdate.updating.settings import CONSTANTS
@@ -380,7 +380,7 @@ class Problem:
             return self
         clusters = self._clusters(self.model.solve(theta, self.matching.n_mode))
         solution = self.model.solve(theta, min(self.matching.n_mode + SEARCH, self.model.n_available))
-        pairs, turned = mixed(solution, clusters)
+        pairs, turned = mix_modes(solution, clusters)
         _, slope = self._response_slope(turned, clusters)
         return replace(self, mixing=frozen_array(slope) if pairs else None, mixed_pairs=pairs)
 
@@ -439,7 +439,7 @@ class Problem:
         if not np.any(self.error_covariance):
             raise InputError("baseline", "is of a model's error, and this run states that there is none",
                              "leave --discrepancy out, or give --discrepancy auto")
-        known = together(self.weights.baseline, self.unknowns)
+        known = join_baselines(self.weights.baseline, self.unknowns)
         nodes = [(log_weight, replace(self, scales=tuple(scales))) for *scales, log_weight in self.weights.scales]
         given = tuple((log_weight + known.log_evidence(node.error_covariance), node.with_known(known))
                       for log_weight, node in nodes)

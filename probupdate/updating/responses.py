@@ -52,7 +52,7 @@ class Weights:
     discrepancy: what the model itself may miss at its best parameters, a share of every frequency; shape_discrepancy:
     of the largest component of shapes (None: shape_factor times `discrepancy`); independent, added in squares to
     whatever the above give. mixing: relative local error of stiffness, which mixes the model's modes, so that what
-    it does to shapes goes together over the structure (`problem.mixed`). `discrepancy_by` says where they come from
+    it does to shapes goes together over the structure (`problem.mix_modes`). `discrepancy_by` says where they come from
     (`updating.discrepancy`). `scales`: where they are learnt, rows of the three and ln of the hyper-prior's weight,
     over which likelihoods are averaged; the numbers then stand for them where one covariance is wanted (Eq. 6-7).
     `shared`: the share of a stated discrepancy's variance that is the same in all sets of a structure; of a learnt one
@@ -403,7 +403,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     if weights.covariance:
         phase = np.nansum(modal_set.shape[:, members].conj() * turned, axis=0)
         phase = phase / np.abs(phase)
-        changes = _own_changes(modal_set, members, kept, phase / largest, to_basis, weights, where)
+        changes = _changes_of_set(modal_set, members, kept, phase / largest, to_basis, weights, where)
         std, sigma = _std_of_changes(changes, frequency, len(basis), weights)
         return ResponseGroup(
             frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
@@ -469,7 +469,7 @@ def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: 
     return np.maximum(sigma, weights.least_shape_std), np.sqrt(np.maximum(weights.least_shape_std**2 - sigma**2, 0.0))
 
 
-def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: Weights, where: str) -> np.ndarray:
+def _changes_of_set(modal_set: ModalSet, members, kept, factor, to_basis, weights: Weights, where: str) -> np.ndarray:
     """ResponseGroup.changes: the set's standard deviations carried to the responses.
 
     How the turn onto the real axis itself deviates is left out: it moves real parts by imaginary ones, which are small.

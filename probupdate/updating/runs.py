@@ -82,7 +82,7 @@ def deterministic_update(
     settings = settings or UpdateSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     path = alpha_path(problem, progress=progress)
-    runs, alpha = _both_readings(problem, path, settings, progress)
+    runs, alpha = _both_tikhonov_updates(problem, path, settings, progress)
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
     sets = _scatter(problem, every or data, schemes[0].closest_iteration, model_at, jobs, progress)
@@ -90,7 +90,7 @@ def deterministic_update(
     modal_set = data.set(set_id)
     computed = _order_as_data(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
     error = learnt_error(problem, laplace.theta)
-    likely, seen_hz = _suspected(problem, data, laplace, set_id), [*_unused_hz(problem, modal_set), *seen_hz]
+    likely, seen_hz = _suspected_mistake(problem, data, laplace, set_id), [*_unused_hz(problem, modal_set), *seen_hz]
     return UpdateRecord(
         model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
@@ -109,8 +109,8 @@ def deterministic_update(
         map_mac=_order_as_data(problem, predicted.mac[1], data.n_mode),
         n_response=problem.measured.size, n_effective=problem.n_effective,
         other_maxima=laplace.others,
-        derived=_derived(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
-                         prior=runs["prior"].theta[-1], map=laplace.theta),
+        derived=_derived_values(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
+                                prior=runs["prior"].theta[-1], map=laplace.theta),
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": alpha,
                   "iterations at most": str(settings.iterations), "anchored by": settings.method,
@@ -134,7 +134,7 @@ def _baseline_settings(problem: Problem, error: LearntError | None) -> dict[str,
                                  "parameters count as numbers of their own in each state"])}
 
 
-def _both_readings(
+def _both_tikhonov_updates(
     problem: Problem, path: AlphaPath, settings: UpdateSettings, progress: Progress
 ) -> tuple[dict[str, TikhonovUpdate], str]:
     """Eq. 7 as printed and anchored at the prior, and which alpha was taken."""
@@ -148,7 +148,8 @@ def _both_readings(
     return runs, f"{alpha:g} ({settings.alpha if by_rule else 'by hand'})"
 
 
-def _suspected(problem: Problem, data: ModalData, laplace: Laplace, set_id: str | None) -> ChannelMistake | None:
+def _suspected_mistake(problem: Problem, data: ModalData, laplace: Laplace,
+                       set_id: str | None) -> ChannelMistake | None:
     """Channels that would explain shapes unlike the model's, at its initial parameters or at the maximum."""
     return suspected_channels(problem.model, data, [problem.parameters.initial, laplace.theta], set_id=set_id,
                               absent=problem.matching.absent)
@@ -177,7 +178,7 @@ def _scatter(
     return ScatterRecord(**{name: getattr(scatter, name) for name in ScatterRecord.__dataclass_fields__})
 
 
-def _derived(model: Model, **theta: np.ndarray) -> dict[str, dict[str, float]]:
+def _derived_values(model: Model, **theta: np.ndarray) -> dict[str, dict[str, float]]:
     """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state ->
     value."""
     return {name: {state: float(compute(values)) for state, values in theta.items()}
@@ -349,19 +350,19 @@ def sample_posterior(
     flat = kept.reshape(-1, kept.shape[2])
     shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
     predicted = fast.predict_many(shown)
-    found = _Sampled(
+    found = _SampledChain(
         problem=problem, laplace=laplace, prepared=prepared, chain=chain, thin=thin, theta=kept,
         log_posterior=log_posterior[::thin], agreement=agree(weighted, chain),
         laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
-        against=_against_full(problem, predicted, shown[:N_CHECK]),
-        likely=_suspected(problem, data, laplace, set_id),
+        against=_compare_with_full(problem, predicted, shown[:N_CHECK]),
+        likely=_suspected_mistake(problem, data, laplace, set_id),
         exchanges=exchange_words(problem, laplace.theta, weighted) if prepared.notes["maxima"] > 1 else "",
     )
     return _posterior(found, data, settings, rng)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Sampled:
+class _SampledChain:
     """A chain, every `thin`-th step of it after burn-in (theta, log_posterior), and what it stands beside: the problem
     on the full model, the maximum, the approach, weighted draws, the evidence (None: not stated), predictions at some
     draws and those of the full model, channels that may be mistaken, words on parameters that may be exchanged."""
@@ -382,7 +383,7 @@ class _Sampled:
     exchanges: str
 
 
-def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
+def _posterior(found: _SampledChain, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
     """What is kept of a run: its draws, draws of the prior, predictions, verdict and record."""
     problem, chain, agreement, predicted = found.problem, found.chain, found.agreement, found.predicted
     parameters = problem.parameters
@@ -409,7 +410,7 @@ def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng:
     )
 
 
-def _run_record(found: _Sampled, settings: SamplerSettings, error: LearntError | None) -> dict[str, Any]:
+def _run_record(found: _SampledChain, settings: SamplerSettings, error: LearntError | None) -> dict[str, Any]:
     """How the draws came about and what to read before them, as posterior.nc keeps it."""
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
@@ -451,7 +452,7 @@ class _AgainstFull(NamedTuple):
                 f"log-likelihood within {self.log_likelihood:.1e}")
 
 
-def _against_full(problem: Problem, predicted: Prediction, checked: np.ndarray) -> _AgainstFull:
+def _compare_with_full(problem: Problem, predicted: Prediction, checked: np.ndarray) -> _AgainstFull:
     """`predicted`: by the reduced model, the first of them at `checked`."""
     n, full = len(checked), problem.predict_many(checked)
     at_highest = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))

@@ -41,14 +41,14 @@ from probupdate.updating.set_views_file import (
     advice,
     parameter_sentence,
 )
-from probupdate.updating.set_wise_updates import each_set
+from probupdate.updating.set_wise_updates import iterate_sets
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import (
-    Averaged,
+    AveragedDensity,
     GaussianPrior,
     Inner,
     SharedError,
-    joined,
+    join_densities,
     shared_error,
     total,
 )
@@ -71,7 +71,7 @@ LINEAR_SHARE = CONSTANTS.linear_share
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighted:
+class _WeightedDraws:
     """Draws theta (n, n_param) with normalised weights (n,), ln evidence, Pareto k."""
 
     theta: np.ndarray
@@ -90,9 +90,9 @@ class _Weighted:
 
 
 def joint_posterior(
-    likelihoods: Averaged, parameters: Parameters, coordinates: Coordinates, prior: GaussianPrior,
+    likelihoods: AveragedDensity, parameters: Parameters, coordinates: Coordinates, prior: GaussianPrior,
     rng: np.random.Generator, n_draw: int = N_DRAW,
-) -> _Weighted:
+) -> _WeightedDraws:
     """One posterior of all these sets by importance sampling: Gaussians of a few nodes propose, narrow and wide ones,
     then one fitted to the draws."""
     powers = tuple(0 if x else 1 for x in coordinates.logarithmic)
@@ -101,7 +101,7 @@ def joint_posterior(
     below = np.cumsum(share[order])
     picked = sorted({int(order[np.searchsorted(below, q * below[-1])]) for q in PROPOSED})
     proposals = [_gaussian(likelihoods.node(k), parameters, coordinates) for k in picked]
-    tried: list[_Weighted] = []
+    tried: list[_WeightedDraws] = []
     for _ in range(ROUNDS):
         each = [Proposal(approximation=GaussianApproximation(
             gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
@@ -114,7 +114,7 @@ def joint_posterior(
         smooth, k = smoothed_weights(log_weight)
         peak = log_weight.max()
         evidence = float(peak + np.log(np.mean(np.exp(log_weight - peak))))
-        found = _Weighted(theta, np.exp(smooth), evidence, k)
+        found = _WeightedDraws(theta, np.exp(smooth), evidence, k)
         tried.append(found)
         if k < GOOD_K:
             break
@@ -180,8 +180,8 @@ def view_sets(
     reference = build_problem(model if model_at is None else model_at(data.set()), data, weights=weights)
     clusters = [group.measured for group in reference.matching.groups]
     failed: list[str] = []
-    found = list(each_set(model, data, weights=reference.weights, clusters=clusters, model_at=model_at, failed=failed,
-                          progress=progress))
+    found = list(iterate_sets(model, data, weights=reference.weights, clusters=clusters, model_at=model_at,
+                              failed=failed, progress=progress))
     if len(found) < 2:
         raise _too_few(len(found), len(data.sets), failed)
     problems, maxima = [p for p, _ in found], [x for _, x in found]
@@ -189,7 +189,7 @@ def view_sets(
     rng = np.random.default_rng([seed, 31])
     options = {"seed": seed, "correlated": correlated, "spread": own, "progress": progress}
     prior, tau = gaussian_prior(parameters, coordinates), own * coordinates.scale
-    centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
+    centres = np.array([_hold_inside_bounds(x.theta, parameters, coordinates) for x in maxima])
     shared = shared_error(problems, centres, coordinates)
     scales = learn_scales(shared, prior, tau)
     noise = shared.without(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
@@ -197,7 +197,7 @@ def view_sets(
                               r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
     middle = linearise(noise, centres, coordinates).draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
-    centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(middle)])
+    centres = np.array([_hold_inside_bounds(x, parameters, coordinates) for x in coordinates.back(middle)])
     shared = shared_error(problems, centres, coordinates)
     expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
     likelihoods = linearise(noise := shared.without(expected, scales.new), centres, coordinates)
@@ -208,7 +208,7 @@ def view_sets(
     joint = joint_posterior(at_one.of_all(), *sampled)
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
     scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
-    share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
+    share = _effective_shares(noise, likelihoods, population, coordinates, parameters, rng)
     population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, own, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
@@ -253,7 +253,7 @@ def _correlation(population: Population) -> np.ndarray:
     return frozen_array(np.median(each, axis=0))
 
 
-def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarray:
+def _hold_inside_bounds(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarray:
     """Held within the bounds, and off zero where a logarithm is taken."""
     low = np.where(coordinates.logarithmic, np.maximum(parameters.lower, 1e-3 * parameters.std), parameters.lower)
     return np.clip(theta, low, parameters.upper)
@@ -273,16 +273,16 @@ class Common:
         scales = learn_scales(error, prior)
         return cls(error, scales, error.each(scales.new))
 
-    def of_sets(self, keep: Sequence[int]) -> Averaged:
+    def of_sets(self, keep: Sequence[int]) -> AveragedDensity:
         """At one scale of what is new, that all sets together have shown."""
         return self.error.likelihoods(total([self.each[k] for k in keep]), self.scales.shared)
 
-    def of_all(self) -> Averaged:
+    def of_all(self) -> AveragedDensity:
         """Averaged over the scales of what is new too."""
         by_new: dict[tuple[float, float], list] = {}
         for scales in self.scales.nodes:
             by_new.setdefault(scales.new, []).append(scales)
-        return joined([self.error.likelihoods(self.error.summed(new), rows) for new, rows in by_new.items()])
+        return join_densities([self.error.likelihoods(self.error.summed(new), rows) for new, rows in by_new.items()])
 
 
 def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> GaussianPrior:
@@ -312,7 +312,7 @@ def _cross_validate(likelihoods, common: Common, population: Population, lent, a
                    pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))
 
 
-def _confirmed(problems, likelihoods, population, coordinates, parameters, rng) -> np.ndarray:
+def _effective_shares(problems, likelihoods, population, coordinates, parameters, rng) -> np.ndarray:
     """Effective share of draws of each set's own parameters when the full model's likelihood weighs them (n_set,)."""
     pick = np.linspace(0, len(population.mean) - 1, N_CHECK).astype(int)
     own = likelihoods.draw_own(population.mean[pick], population.factor[pick], rng)
@@ -459,7 +459,7 @@ def _notes(
     names = [p.name for p, x in zip(parameters, near, strict=True) if x > 0.2]
     if names:
         notes.append(f"the population's middle lies at a bound: {', '.join(names)}; its tau hangs on that bound")
-    counted = _counted(data, problems)
+    counted = _scatter_ratio(data, problems)
     if counted > 1.5:
         notes.append(f"the weights' frequency standard deviations are {counted:.1f} times what identification states: "
                      "scatter between sets is counted as noise there, and tau is only what exceeds it; for tau use the "
@@ -475,7 +475,7 @@ def _notes(
     return notes
 
 
-def _counted(data: ModalData, problems: list[Problem]) -> float:
+def _scatter_ratio(data: ModalData, problems: list[Problem]) -> float:
     """Median of the weights' standard deviation of ln f over identification's own; NaN where that is not stated."""
     ratios = []
     for problem in problems:

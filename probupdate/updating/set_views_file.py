@@ -180,9 +180,9 @@ def summary(views: SetViews) -> str:
     for r in views.rows:
         interval = tau_interval(r)
         lines.append(
-            f"{r.name:<{width}} {_three(r.prior_cov)} | {r.scatter_mean:>10.4g} {_three(r.scatter_cov)} | "
-            f"{r.pooled_mean:>10.4g} {_three(r.pooled_cov)} | {r.joint_mean:>10.4g} {_three(r.joint_cov)} | "
-            f"{r.mean:>10.4g} {_three(r.mean_cov)} {_three(r.tau)} {interval:>14} {_three(r.population_cov):>7}"
+            f"{r.name:<{width}} {_digits(r.prior_cov)} | {r.scatter_mean:>10.4g} {_digits(r.scatter_cov)} | "
+            f"{r.pooled_mean:>10.4g} {_digits(r.pooled_cov)} | {r.joint_mean:>10.4g} {_digits(r.joint_cov)} | "
+            f"{r.mean:>10.4g} {_digits(r.mean_cov)} {_digits(r.tau)} {interval:>14} {_digits(r.population_cov):>7}"
         )
     lines.append("(a) scatter of the updates, (b) posteriors pooled, (c) one posterior for all, (d) population: its "
                  "middle, its scatter tau between sets, and the CoV of a set not yet measured")
@@ -201,7 +201,7 @@ def summary(views: SetViews) -> str:
     return "\n".join([*lines, *views.notes, views.advice])
 
 
-def _three(value: float) -> str:
+def _digits(value: float) -> str:
     return f"{value:6.3f}" if np.isfinite(value) else f"{'':6}"
 
 

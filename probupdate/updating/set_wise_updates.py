@@ -16,7 +16,7 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
-from probupdate.runtime.executors import Executor, completed
+from probupdate.runtime.executors import Executor, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.identifiability import cov_of
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
@@ -77,7 +77,7 @@ def update_sets(
         alone = replace(data, sets=(modal_set,), reference_set=None)
         tasks.append((number, own, alone, weights, clusters, iterations))
     progress(what, len(found), len(data.sets))
-    for number, one in completed(_update_set, tasks, jobs=jobs, least=1):
+    for number, one in iterate_completed(_update_set, tasks, jobs=jobs, least=1):
         found[number] = one
         progress(what, len(found), len(data.sets))
     ordered = [found[number] for number in range(len(data.sets))]
@@ -105,7 +105,7 @@ def _update_set(
 ) -> tuple[int, str | tuple[str, Laplace, np.ndarray, dict[str, float]]]:
     """Of the only set of `data`: id, maximum, Eq. 7 as printed and derived parameters, or why there are none."""
     failed: list[str] = []
-    for problem, laplace in each_set(model, data, weights=weights, clusters=clusters, failed=failed):
+    for problem, laplace in iterate_sets(model, data, weights=weights, clusters=clusters, failed=failed):
         try:
             printed = update(problem, penalty="step", max_iteration=iterations)
         except ProbupdateError as error:
@@ -115,7 +115,7 @@ def _update_set(
     return number, failed[0]
 
 
-def each_set(
+def iterate_sets(
     model: Model,
     data: ModalData,
     *,

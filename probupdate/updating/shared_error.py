@@ -8,7 +8,7 @@ not at all. Inner products of r, J and B, summed over the sets, hold all of it, 
 part costs one small factorisation whatever the number of sets.
 
 What is common of frequencies and of components of shapes each has its scale, and so has what mixes modes
-(`problem.mixed`), which goes together over the structure; how large they are is learnt in `scales`.
+(`problem.mix_modes`), which goes together over the structure; how large they are is learnt in `scales`.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Inner:
         unique, which = _unique_rows(common_std[:, before])
         rest, log_det = self._without_own(own, np.r_[:n, n + source, n + mixing], unique[:, len(source) :])
         still = np.r_[:n, n + len(source) : rest.shape[1]]
-        rest, more = _eliminated(rest, still, np.arange(n, n + len(source)), unique[:, : len(source)])
+        rest, more = _eliminate_unknowns(rest, still, np.arange(n, n + len(source)), unique[:, : len(source)])
         left, most = _without_mixing(rest, n, which, common_std[:, mixing[:1]])
         value = self.constant - 0.5 * left[:, 0, 0] - 0.5 * ((log_det + more)[which] + most)
         return value, left[:, 1:, 0], left[:, 1:, 1:]
@@ -90,7 +90,7 @@ class Inner:
         if np.any(inner != np.diag(np.diag(inner))):
             order = np.r_[keep, rows]
             whole = np.broadcast_to(self.products[np.ix_(order, order)], (len(std), len(order), len(order)))
-            return _eliminated(whole, np.arange(len(keep)), np.arange(len(keep), len(order)), std)
+            return _eliminate_unknowns(whole, np.arange(len(keep)), np.arange(len(keep), len(order)), std)
         grown = 1 + std**2 * np.diag(inner)
         across = self.products[np.ix_(rows, keep)]
         taken = np.array([(across.T * weight) @ across for weight in std**2 / grown])
@@ -99,12 +99,12 @@ class Inner:
     def evidence(self, common_std: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """ln of the integral over d too (n,), with a Gaussian for its prior, + const."""
         value, gradient, precision = self.reduced(common_std)
-        return value + integrated(gradient, precision, self.middle, prior)
+        return value + log_gaussian_integral(gradient, precision, self.middle, prior)
 
 
 def _without_mixing(products: np.ndarray, n: int, which: np.ndarray, size: np.ndarray):
-    """As `_eliminated`, of all but the first n unknowns of products (n_unique, k, k), all of one size (n, 1), each with
-    the products that `which` (n,) names: one decomposition for any number of sizes."""
+    """As `_eliminate_unknowns`, of all but the first n unknowns of products (n_unique, k, k), all of one size (n, 1),
+    each with the products that `which` (n,) names: one decomposition for any number of sizes."""
     left = products[:, :n, :n][which]
     if not size.shape[1]:
         return left, np.zeros(len(which))
@@ -123,7 +123,7 @@ def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found, which.ravel()
 
 
-def _eliminated(
+def _eliminate_unknowns(
     products: np.ndarray, keep: np.ndarray, gone: np.ndarray, std: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """products (n, k, k) of `keep` with unknowns `gone`, of std (n, n_gone), integrated out, and ln det (n,)."""
@@ -135,7 +135,7 @@ def _eliminated(
     return left, np.linalg.slogdet(inner)[1]
 
 
-def integrated(gradient, precision, middle: np.ndarray, prior: GaussianPrior) -> np.ndarray:
+def log_gaussian_integral(gradient, precision, middle: np.ndarray, prior: GaussianPrior) -> np.ndarray:
     """ln of the integral of exp(gradient d - d^T precision d / 2) over d = u - middle, u with a Gaussian prior, up to a
     constant: (n,) of gradient (n, n_param), precision (n, n_param, n_param)."""
     off = prior[0] - middle
@@ -213,10 +213,10 @@ class SharedError:
                      constant=-float(counted @ (np.log(std) + 0.5 * np.log(2 * np.pi)))
                      - sum(p.taken_by_alignment for p in self.problems))
 
-    def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> Averaged:
+    def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> AveragedDensity:
         """Of the sets summed in `inner` at one common u, averaged over the scales."""
         std = self.common_std(np.array([s.shared for s in scales]))
-        return averaged(inner.middle, [s.log_weight for s in scales], *inner.reduced(std))
+        return average_density(inner.middle, [s.log_weight for s in scales], *inner.reduced(std))
 
     def expected(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """Posterior mean of what is common (n_common,), each set's own parameters scattered by tau."""
@@ -292,7 +292,7 @@ class SharedError:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Averaged:
+class AveragedDensity:
     """ln p of some sets at one common u: ln of the weighted mean over nodes of exp(value + gradient d - d^T precision
     d / 2), d = u - middle; log_weight, value (n_node,), gradient (n_node, n_param), precision (n_node, n_param,
     n_param)."""
@@ -319,19 +319,19 @@ class Averaged:
 
     def shares(self, prior: GaussianPrior) -> np.ndarray:
         """Posterior probability of each node (n_node,), with a Gaussian for the prior of u."""
-        value = self.log_weight + self.value + integrated(self.gradient, self.precision, self.middle, prior)
+        value = self.log_weight + self.value + log_gaussian_integral(self.gradient, self.precision, self.middle, prior)
         return np.exp(value - special.logsumexp(value))
 
 
-def averaged(middle, log_weight, value, gradient, precision) -> Averaged:
-    return Averaged(middle=frozen_array(middle), log_weight=frozen_array(log_weight), value=frozen_array(value),
-                    gradient=frozen_array(gradient), precision=frozen_array(precision))
+def average_density(middle, log_weight, value, gradient, precision) -> AveragedDensity:
+    return AveragedDensity(middle=frozen_array(middle), log_weight=frozen_array(log_weight), value=frozen_array(value),
+                           gradient=frozen_array(gradient), precision=frozen_array(precision))
 
 
-def joined(parts: Sequence[Averaged]) -> Averaged:
+def join_densities(parts: Sequence[AveragedDensity]) -> AveragedDensity:
     """All nodes of several."""
-    return averaged(parts[0].middle, *(np.concatenate([getattr(p, name) for p in parts]) for name in
-                                       ("log_weight", "value", "gradient", "precision")))
+    return average_density(parts[0].middle, *(np.concatenate([getattr(p, name) for p in parts]) for name in
+                                              ("log_weight", "value", "gradient", "precision")))
 
 
 def total(parts: Sequence[Inner]) -> Inner:

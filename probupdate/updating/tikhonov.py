@@ -93,13 +93,13 @@ def update(
                          f"give {', '.join(parameters.names)}")
     objective = _Objective(problem, penalty, alpha, linalg.cholesky(np.linalg.inv(parameters.covariance)))
     if method == "levenberg-marquardt":
-        return _finished(objective, _trust_region(objective, theta, max_iteration, tolerance))
+        return _finish_update(objective, _trust_region(objective, theta, max_iteration, tolerance))
     found = _gauss_newton(objective, theta, max_iteration, tolerance, progress)
     progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
     if found.converged and np.max(np.abs(found.path[-1] - found.path[0]) / parameters.std) < tolerance:
         found = found._replace(status="converged where it started: the data ask for no change" if alpha <= 1 else
                                f"converged where it started: alpha {alpha:g} leaves the data no weight")
-    return _finished(objective, found)
+    return _finish_update(objective, found)
 
 
 class _Iterates(NamedTuple):
@@ -160,7 +160,7 @@ def _gauss_newton(
         step, origin = objective.step(theta), objective.origin(theta)
         before = misfits[-1] + objective.change(theta, origin)
         relative = step / parameters.std
-        share = relaxed(relative, last, share, 1.0) if objective.penalty == "prior" else 1.0
+        share = relaxation_share(relative, last, share, 1.0) if objective.penalty == "prior" else 1.0
         last = relative
         trial, misfit, lower = theta, misfits[-1], False
         for _ in range(HALVINGS):
@@ -185,7 +185,7 @@ def _gauss_newton(
     return _Iterates(path, misfits, shares, False, f"stopped after {max_iteration} iterations without settling")
 
 
-def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:
+def relaxation_share(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:
     """Share of a Gauss-Newton step after a `share` of the `last` one, both in prior standard deviations (Aitken 1926;
     Irons & Tuck 1969): where the residual's own curvature, which Gauss-Newton leaves out, makes steps overshoot, they
     go to and fro with a fixed ratio that the two give."""
@@ -196,7 +196,7 @@ def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float
     return 1.0 if size == 0 else float(np.clip(-share * (last @ change) / size, LEAST_SHARE, most))
 
 
-def _finished(objective: _Objective, found: _Iterates) -> TikhonovUpdate:
+def _finish_update(objective: _Objective, found: _Iterates) -> TikhonovUpdate:
     path, parameters = np.array(found.path), objective.problem.parameters
     predicted = objective.problem.predict_many(path)
     return TikhonovUpdate(
@@ -204,7 +204,7 @@ def _finished(objective: _Objective, found: _Iterates) -> TikhonovUpdate:
         misfit=frozen_array(found.misfit), share=frozen_array(found.share),
         penalty=frozen_array([objective.change(row, parameters.initial) for row in path]),
         frequency_hz=frozen_array(predicted.frequency_hz), mac=frozen_array(predicted.mac),
-        at_bound=frozen_array(pinned(path[-1], parameters), bool), converged=found.converged, status=found.status,
+        at_bound=frozen_array(is_pinned(path[-1], parameters), bool), converged=found.converged, status=found.status,
     )
 
 
@@ -260,7 +260,7 @@ def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, param
     return np.clip(theta + result.x * parameters.std, parameters.lower, parameters.upper) - theta
 
 
-def pinned(theta: np.ndarray, parameters) -> np.ndarray:
+def is_pinned(theta: np.ndarray, parameters) -> np.ndarray:
     """(n_param,) bool: at a bound."""
     close = AT_BOUND * parameters.std
     return (theta - parameters.lower <= close) | (parameters.upper - theta <= close)

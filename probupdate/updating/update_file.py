@@ -290,7 +290,7 @@ def _usual_cov(record: UpdateRecord) -> float:
     return float(np.nanmedian(record.measured_std_hz / record.measured_hz))
 
 
-def _one_factor(record: UpdateRecord) -> str:
+def _common_factor_words(record: UpdateRecord) -> str:
     """What to say where the model at its best has all frequencies off by one factor."""
     words = common_factor_words(np.log(record.map_hz / record.measured_hz), COMMON_FACTOR)
     return f"; {words}" if words else ""
@@ -301,7 +301,7 @@ def beyond_chance(n_effective: int) -> float:
     return n_effective + ACCUSED * np.sqrt(2 * n_effective)
 
 
-def stated_error(record: UpdateRecord) -> tuple[str, ...]:
+def stated_error_words(record: UpdateRecord) -> tuple[str, ...]:
     """What is stated of the model's own error and of its sensors', by the components of the estimates' variance."""
     parts = record.components
     if parts is None:
@@ -313,7 +313,7 @@ def stated_error(record: UpdateRecord) -> tuple[str, ...]:
 def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
     """Whether the model at its best fits the data within the stated standard deviations. diagnosed: a misfit is what
     the findings of a diagnosis explain, and that this model lacks."""
-    stated = ", ".join(stated_error(record))
+    stated = ", ".join(stated_error_words(record))
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
     cov = _usual_cov(record)
@@ -321,14 +321,15 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
         whose = f" with what is stated of the model ({stated})" if stated else ""
         return (f"{text}: no test of the model, as standard deviations of {100 * cov:.2g} % of the frequencies (median)"
                 f"{whose} let any fit; no parameter counts as strongly identified until what is wrong with model or "
-                f"data is found, or smaller ones are stated{_one_factor(record)}")
+                f"data is found, or smaller ones are stated{_common_factor_words(record)}")
     if misses(record):
         accused = () if record.components is None else record.components.accused()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
         remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes "
                   "with --shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find "
                   "what the model lacks (probupdate diagnose), or state a larger --discrepancy")
-        remedy = "as the model lacks what the diagnosis found" if diagnosed else f"{remedy}{_one_factor(record)}"
+        remedy = "as the model lacks what the diagnosis found" if diagnosed else (
+            f"{remedy}{_common_factor_words(record)}")
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     apart = standing_out(record)

@@ -22,7 +22,7 @@ __all__ = [
 _STEPS = {
     "verbs.checking": ("check",),
     "verbs.comparing_runs": ("compare_runs",),
-    "verbs.estimating": ("compare", "inform", "sample", "sets", "unmatched", "update"),
+    "verbs.estimating": ("compare", "inform", "sample", "sets", "unmatched_sentences", "update"),
     "verbs.exploring": ("explore",),
     "verbs.finishing": ("diagnose", "export", "figures", "report"),
     "verbs.identifying": ("identify", "identify_setups", "identify_shard", "regress", "select"),

@@ -53,11 +53,11 @@ def check(
     opened = read_campaign(campaign)
     if model is None:
         return check_campaign(opened, progress=progress).with_more("; ".join(implausible_places(opened.sensors)))
-    held = against_model(opened, model, parameters=parameters, progress=progress)
+    held = check_against_model(opened, model, parameters=parameters, progress=progress)
     return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
 
 
-def against_model(
+def check_against_model(
     campaign: Campaign, model: GivenModel, *, parameters: str | Path | None = None, progress: Progress = silent
 ) -> AgainstModel:
     """Some blocks are identified without standard deviations, their shapes taken together, and each block asked again.
@@ -78,7 +78,7 @@ def _shapes_against(
     progress: Progress,
 ) -> AgainstModel:
     try:
-        found = identify(_some_blocks(campaign), sought.modes, others=sought.others,
+        found = identify(_first_blocks(campaign), sought.modes, others=sought.others,
                          settings=replace(chosen, sub_records=0), progress=progress)
     except InputError as error:
         return AgainstModel(finding="", use=f"not held against the model, as no modes were identified: {error.problem}")
@@ -134,7 +134,7 @@ def _reversed_remedy(channel: str) -> str:
             "channel_row times -1)")
 
 
-def _some_blocks(campaign: Campaign) -> Campaign:
+def _first_blocks(campaign: Campaign) -> Campaign:
     """The campaign with so few of its files that they hold about MOST_BLOCKS blocks."""
     n_file = len(campaign.files)
     kept = max(1, min(n_file, int(np.ceil(n_file * MOST_BLOCKS / max(len(block_starts(campaign)), 1)))))

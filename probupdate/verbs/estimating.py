@@ -115,7 +115,7 @@ class Case:
         return {STEP: words} if words else {}
 
 
-def unmatched(
+def unmatched_sentences(
     modes: str | Path | ModalData, every_mode: bool = False, only: Sequence[str | int] | None = None
 ) -> dict[str, tuple[str, ...]]:
     """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
@@ -178,7 +178,7 @@ def update(
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
                                   every=case.data, seen_hz=uncompared_hz(modes, case.data), model_at=case.model_at,
                                   jobs=jobs, progress=progress)
-    said = unmatched(modes, every_mode, likelihood.modes)
+    said = unmatched_sentences(modes, every_mode, likelihood.modes)
     used = [label for label, number in zip(record.labels, record.computed_mode, strict=True) if number > 0]
     kept = {**record.settings, **case.setting, **case.step(used)}
     if said["taken"]:

@@ -131,7 +131,7 @@ def export(
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
     folder = Path(run)
-    places = run_places(folder, _given_places(**elsewhere))
+    places = run_places(folder, _parts_elsewhere(**elsewhere))
     for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
                          ("posterior.nc", "run `probupdate sample`")):
         if name not in places:
@@ -152,7 +152,7 @@ def export(
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress))
 
 
-def _given_places(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
+def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
     """Parts of a run that lie elsewhere -> where."""
     given = {"model": None if model is None else model_path(model), "parameters": parameters}
     return {name: Path(path) for name, path in given.items() if path is not None}

@@ -22,7 +22,7 @@ from probupdate.identification.identify import identify_shard as identify_campai
 from probupdate.identification.proposal import propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
-from probupdate.identification.roving import Merged
+from probupdate.identification.roving import MergedModes
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.identification.settings import IdentificationSettings
@@ -38,8 +38,8 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import implausible
-from probupdate.structure.plausible_size import implausible_extent, other_unit
-from probupdate.verbs.models import GivenModel, has_geometry, open_model, refuse_other_value, stated_channels
+from probupdate.structure.plausible_size import implausible_extent, other_unit_words
+from probupdate.verbs.models import GivenModel, channels_of_model, has_geometry, open_model, refuse_other_value
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
 
@@ -134,7 +134,7 @@ def identify_setups(
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
-) -> Merged:
+) -> MergedModes:
     """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
     place): its modes out of all setups' poles, each setup's part of them merged into one set of all channels. Options
     as of `identify`.
@@ -168,7 +168,7 @@ def ssi_settings(
     said, units = [], ""
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
     recorded = min(c.sampling_rate_hz for c in campaigns)
-    few = _few_periods(min(c.block_minutes for c in campaigns), reference)
+    few = _few_periods_note(min(c.block_minutes for c in campaigns), reference)
     said += [f"{TOO_FEW}: {'; '.join(few)}"] if few else []
     if len(given) == 3 or has_geometry(model) and 2 * highest < PAPER_HZ <= recorded:
         chosen = {"target_rate_hz": PAPER_HZ} | given
@@ -252,7 +252,7 @@ def reference_at(
     computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
     lowest_first = np.sort(np.hstack(computed))
     odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible(turbine, lowest_first)]
-    lacking = lacking_notes(stated_channels(model, turbine), campaigns)
+    lacking = lacking_notes(channels_of_model(model, turbine), campaigns)
     return replace(found, notes=(*odd, *far, *lacking, *found.notes))
 
 
@@ -275,7 +275,7 @@ def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]
         return np.linalg.norm(away - np.median(away, axis=0) if len(away) > 2 else away, axis=1)
 
     near = max(ELSEWHERE * float(np.ptp(np.asarray(model.wire.node_m), axis=0).max()), LEAST_M)
-    if scaled := other_unit(distances, near):
+    if scaled := other_unit_words(distances, near):
         return (f"suspect: {scaled} (position_m in campaign.toml, node_position_m of {model.name})",)
     far = [f"{s.channel} ({d:.1f} m)" for s, d in zip(known, distances(1.0), strict=True) if d > near]
     return (f"suspect: {', '.join(far)} by position_m so far from the nodes that {model.name} reads: check position_m "
@@ -300,7 +300,7 @@ def _refuse_other_directions(where: str, model: AffineModel, sensors: Sequence[S
             "for an oblique sensor)")
 
 
-def _few_periods(block_minutes: float, reference: ReferenceModes | None) -> tuple[str, ...]:
+def _few_periods_note(block_minutes: float, reference: ReferenceModes | None) -> tuple[str, ...]:
     """What is too short, and what to give; () where a block holds enough of the model's lowest mode."""
     lowest = np.inf if reference is None else float(np.min(reference.frequency_hz))
     periods = 60 * block_minutes * lowest

@@ -20,7 +20,7 @@ from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import REFERENCE_STATES, load_model, model_sensors, nacelle_angle_deg, reference_model
-from probupdate.structure.own_modes import OwnModes, own_modes, unused_of
+from probupdate.structure.own_modes import OwnModes, modes_of_model, unused_of
 from probupdate.structure.readings import gravity_words
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 
@@ -168,7 +168,7 @@ def has_geometry(model: object) -> TypeGuard[str | Path]:
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
 
 
-def stated_channels(model: GivenModel, opened: Model) -> tuple[str, ...]:
+def channels_of_model(model: GivenModel, opened: Model) -> tuple[str, ...]:
     """The channels that a model has of its own: of one with members those of its file, wherever the sensors are that
     it was opened with."""
     return tuple(s.channel for s in model_sensors(model_path(model)) or ()) if has_geometry(model) else opened.channels
@@ -188,4 +188,4 @@ def model_modes(
 ) -> OwnModes:
     """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
     function theta -> (frequency_hz, shape) with `parameters`."""
-    return own_modes(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)
+    return modes_of_model(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)

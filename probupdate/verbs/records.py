@@ -64,7 +64,7 @@ def convert(
     if to == "modes":
         if description is None and Path(sources).suffix.lower() in (".uff", ".unv"):
             return universal.modes_from_universal(sources, out, sensors=sensors)
-        return _followed(sources, out, description, sensors)
+        return _follow_sources(sources, out, description, sensors)
     if Path(sources).is_dir():
         return universal.records_to_universal(sources, out, progress=progress)
     if sensors is None:
@@ -72,7 +72,7 @@ def convert(
     return universal.modes_to_universal(sources, out, sensors=sensors)
 
 
-def _followed(
+def _follow_sources(
     sources: str | Path, out: str | Path, description: str | Path | None, sensors: str | Path | None
 ) -> ImportedModes:
     from probupdate.campaign.pole_tables import read_pole_tables

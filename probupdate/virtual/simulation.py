@@ -16,7 +16,7 @@ from probupdate.io.files import holds_nothing, read_text, write_table, write_tex
 from probupdate.io.result_table import table_of
 from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import Sensor
-from probupdate.runtime.executors import Executor, completed
+from probupdate.runtime.executors import Executor, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
@@ -195,7 +195,7 @@ def _write_missing(
             progress("simulating hours", done, len(hours))
         return
     parts = [(recipe, folder, tuple(todo[k : k + PART])) for k in range(0, len(todo), PART)]
-    for written in completed(_write_part, parts, jobs=jobs, least=1):
+    for written in iterate_completed(_write_part, parts, jobs=jobs, least=1):
         done += written
         progress("simulating hours", done, len(hours))
 

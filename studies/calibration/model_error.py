@@ -31,7 +31,7 @@ from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.responses import response_group
 from probupdate.updating.scales import learn_scales
 from probupdate.updating.set_likelihoods import coordinates_of
-from probupdate.updating.shared_error import MIXING, Scales, joined, shared_error
+from probupdate.updating.shared_error import MIXING, Scales, join_densities, shared_error
 
 N_MODE, N_HELD, N_CHANNEL = 5, 2, 12
 FREQUENCY_HZ = np.array([1.0, 1.7, 3.1, 4.6, 7.3, 9.9, 13.0])
@@ -183,7 +183,7 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
         by_new[one.new].append(one)
     parts = [own.likelihoods(own.summed(new), rows) for new, rows in by_new.items()]
     missed = [off_by(s, own) for rows in by_new.values() for s in rows]
-    found = {"ours": of_quadratics(joined(parts), missed)}
+    found = {"ours": of_quadratics(join_densities(parts), missed)}
     seconds = time.process_time() - begin
     # the error is of the largest component, as the scales are
     share = KINDS[kind]

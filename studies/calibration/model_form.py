@@ -22,7 +22,7 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.functions import FunctionModel
-from probupdate.updating.discrepancy import estimate_discrepancy, learnt_error, stated_weights
+from probupdate.updating.discrepancy import estimate_discrepancy, learnt_error, weights_by_name
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
 
@@ -146,7 +146,7 @@ def with_alternatives(frame: Frame, model: AffineModel) -> AffineModel:
 
 def estimated(model: AffineModel, data: ModalData, baseline=()):
     known = getattr(model, "uncertainty", None) is not None
-    weights = replace(stated_weights("measured", data, tolerances=known), baseline=baseline)
+    weights = replace(weights_by_name("measured", data, tolerances=known), baseline=baseline)
     problem = build_problem(model, data, weights=estimate_discrepancy(model, data, weights=weights))
     return problem, maximum_a_posteriori(problem, [model.parameters.initial])
 

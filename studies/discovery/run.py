@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.extension import extend, updated
+from probupdate.diagnosis.extension import extend, update_extended
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import read_modes, write_modes
@@ -57,7 +57,7 @@ def with_shear(out: Path) -> dict:
     path.write_text(text.replace('theory = "bernoulli-euler"', 'theory = "timoshenko"'), encoding="utf-8")
     mean = read_modes(out / "diagnosis.mean.json")
     angle = nacelle_angle_deg(mean.sets[0].environment, "diagnosis.mean.json")
-    return updated(load_model(path, nacelle_angle_deg=angle), mean)
+    return update_extended(load_model(path, nacelle_angle_deg=angle), mean)
 
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:

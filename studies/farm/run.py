@@ -28,7 +28,7 @@ import probupdate
 from probupdate.campaign.reading import read_campaign
 from probupdate.farms import month as months
 from probupdate.farms.description import read_farm
-from probupdate.runtime.executors import executor, one_thread_each
+from probupdate.runtime.executors import executor, limit_threads_of_workers
 from probupdate.verbs import model_path
 
 PREPARED = "diagnose, once a turbine"
@@ -71,7 +71,7 @@ def steps_of(description: Path, out: Path) -> tuple[dict[str, float], int]:
     first = farm.months[0]
     months._KEPT.clear()
     begun = time.process_time()
-    months._prepared(model_path(first.model), read_campaign(first.campaign).sensors)
+    months._prepare_model(model_path(first.model), read_campaign(first.campaign).sensors)
     taken = {PREPARED: time.process_time() - begun}
     for step in farm.steps:
         begun = time.process_time()
@@ -149,8 +149,8 @@ def on_executor(description: Path, out: Path, jobs: int, scheduler: str | None =
 def on_dask(description: Path, out: Path, workers: int) -> None:
     import distributed
 
-    with one_thread_each(), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
-                                                     dashboard_address=":0") as cluster:
+    with limit_threads_of_workers(), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
+                                                              dashboard_address=":0") as cluster:
         on_executor(description, out, 1, cluster.scheduler_address)
 
 
@@ -250,7 +250,7 @@ def main() -> None:
         print(f"{blocks} blocks: " + ", ".join(f"{step} {s:.1f} s" for step, s in taken.items())
               + f"; at most {measured[name]['peak_mb']:.0f} MB", flush=True)
     measured["throughput"] = throughput(description, a.out / "farm", a.workers, a.turbines)
-    ready = months._prepared(model_path("as_built"), read_campaign(data / "T1" / "0").sensors)
+    ready = months._prepare_model(model_path("as_built"), read_campaign(data / "T1" / "0").sensors)
     measured["diagnose"] = {}
     for name, hidden in (("nothing hidden", []), ("two hidden", HIDDEN)):
         taken, n_set, verdict = month_of_modes(ready, hidden)

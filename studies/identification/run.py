@@ -16,15 +16,15 @@ import pandas as pd
 
 import probupdate
 from probupdate.campaign.blocks import blocks
-from probupdate.campaign.gaps import interpolated
+from probupdate.campaign.gaps import fill_short_gaps
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
 from probupdate.identification.environment import fore_aft_deg
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.identify import Identification
-from probupdate.identification.preprocessing import resampled
-from probupdate.identification.reference import turned
+from probupdate.identification.preprocessing import resample
+from probupdate.identification.reference import turn_reference
 from probupdate.identification.ssi import factorise, output_covariances, poles
 from probupdate.verbs import modes_of_interest, open_model
 from probupdate.virtual.truth import read_truth_modes
@@ -71,13 +71,13 @@ def with_harmonics_removed(campaign: Campaign, identification: Identification, r
         conditions = environment[block.id]
         if conditions.get("excluded"):
             continue
-        record = resampled(interpolated(block.data, len(block.data))[0], campaign.sampling_rate_hz, RATE_HZ)
+        record = resample(fill_short_gaps(block.data, len(block.data))[0], campaign.sampling_rate_hz, RATE_HZ)
         speed = [float(conditions.get(f"rotor_speed_rpm_{end}", np.nan)) for end in ("min", "max")]
         removal = without_harmonics(record, RATE_HZ, (speed[0], speed[1]))
         followed[block.id] = removal.followed
         covariance = output_covariances(removal.record, 2 * BLOCK_ROWS - 1)
-        stack = rules.stacked(poles(factorise(covariance, BLOCK_ROWS, max(ORDERS), RATE_HZ), ORDERS))
-        here = turned(reference, campaign.sensors, fore_aft_deg(conditions, campaign))
+        stack = rules.stack_poles(poles(factorise(covariance, BLOCK_ROWS, max(ORDERS), RATE_HZ), ORDERS))
+        here = turn_reference(reference, campaign.sensors, fore_aft_deg(conditions, campaign))
         like = rules.comparison(stack, here)
         judged.append(tracking.JudgedPoles(
             id=block.id, poles=stack, comparison=like, reference=here, bands=rules.rotor_bands(conditions, settings),

@@ -47,7 +47,7 @@ from probupdate.structure.description_file import parse_description, read_descri
 from probupdate.structure.load import load_model, model_sensors, reference_model
 from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.reduced_model import project
-from probupdate.updating.discrepancy import stated_weights
+from probupdate.updating.discrepancy import weights_by_name
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
 from probupdate.virtual.modal_blocks import BLOCK_S, LABELS
@@ -359,7 +359,7 @@ def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
         true = whole.reduced([]).solve(one.initial)
         line |= {"true": bench.curve.factor(np.log(true.damage_per_year())).tolist(), "theta": theta.tolist()}
         # the floors alone: an estimated discrepancy was zero in each of the first dozen
-        weights = stated_weights("measured", data)
+        weights = weights_by_name("measured", data)
         start = bench.model.parameters.initial
         first = build_problem(bench.model, data, weights=replace(weights, tolerances=False)).with_model(bench.fast)
         place = maximum_a_posteriori(first, [start]).theta
@@ -391,9 +391,9 @@ def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
 
 
 def description_parameter(description: Description):
-    from probupdate.structure.description import updated
+    from probupdate.structure.description import updatable_parameters
 
-    return next(iter(updated(description, "truth")))
+    return next(iter(updatable_parameters(description, "truth")))
 
 
 def read_lines(path: Path) -> list[dict]:

@@ -29,7 +29,7 @@ import opensees_jacket as jacket
 from run import DATA, read_lines
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.free_form import free_form, own_response_content
+from probupdate.diagnosis.free_form import channel_response_content, free_form
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.prepare import Prepared, prepare
 
@@ -82,7 +82,7 @@ def run_mount(prepared: Prepared, d: jacket.Description, number: int) -> dict:
             "time_profile": effect.time_profile, "verdict": known.diagnosis.verdict,
             "findings": [[f.cause, f.location, f.posterior_probability] for f in known.proposed]}
     if known.own_response is not None:
-        content = own_response_content(known)
+        content = channel_response_content(known)
         line |= {"parts": content["parts"], "complete": content["complete"], "gain": content["gain"]["heldout_elpd"],
                  "gain_se": content["gain"]["heldout_elpd_se"], "off": _off(known, content["parts"][0], effect)}
         line["placed"] = line["in_set"] = content["parts"][0]["location"] == effect.location

@@ -71,7 +71,7 @@ def page(rows: list[dict[str, str]]) -> str:
 def draw(rows: list[dict[str, str]], path: Path) -> None:
     from probupdate.reporting import style
 
-    @style.styled
+    @style.with_style
     def figure():
         drawn = style.new_figure(style.FULL_IN, 3.0)
         axes = drawn.subplots()

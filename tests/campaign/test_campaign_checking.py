@@ -9,7 +9,7 @@ import pytest
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.usable import remedy, uncovered
+from probupdate.campaign.usable import no_block_remedy, remedy
 from probupdate.errors import InputError
 
 
@@ -155,7 +155,7 @@ def test_records_shorter_than_a_block_are_the_blocks_fault_not_the_sensors(campa
     assert "all channels lack 25.0 %" in text and "a-x lacks" not in text and "gaps too long" not in text
     # two that follow each other are one
     whole = read_campaign(campaign_folder([(300, noise(n=4500)), (750, noise(n=2000))], head=four_channels(head)))
-    assert uncovered(whole) == ""
+    assert no_block_remedy(whole) == ""
 
 
 @pytest.mark.parametrize(("value", "dead"), [(0.0, [1]), (np.nan, [1]), (0.0, [1, 3])])

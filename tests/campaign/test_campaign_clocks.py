@@ -6,7 +6,7 @@ import pytest
 from scipy import signal
 
 from probupdate.campaign.checking import check
-from probupdate.campaign.findings import Compared, clock_findings, runaway_clocks
+from probupdate.campaign.findings import ComparedBlock, clock_findings, runaway_clocks
 from probupdate.campaign.reading import read_campaign
 
 CHANNELS = ("a", "b", "c")
@@ -19,9 +19,9 @@ def blocks(ppm, n=48, seed=0):
         late = ppm * 1e-6 * 1800 * (k + 0.5)
         seen = late if late < 2 else rng.uniform(-1, 1) if rng.random() < 0.1 else np.nan
         start = pd.Timestamp("2024-05-01T00:00Z") + k * pd.Timedelta(minutes=30)
-        found.append(Compared(id=start.strftime("%H:%M"), start=start, state="unknown", suspicions=(), pieces=(),
-                              delay_s=np.array([0.0, seen, 0.001]) + 0.001 * rng.standard_normal(3),
-                              delay_std_s=np.full(3, 0.002), drift=np.zeros(3), lowest_hz=0.3))
+        found.append(ComparedBlock(id=start.strftime("%H:%M"), start=start, state="unknown", suspicions=(), pieces=(),
+                                   delay_s=np.array([0.0, seen, 0.001]) + 0.001 * rng.standard_normal(3),
+                                   delay_std_s=np.full(3, 0.002), drift=np.zeros(3), lowest_hz=0.3))
     return found
 
 

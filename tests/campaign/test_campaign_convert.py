@@ -23,7 +23,7 @@ from probupdate.campaign.blocks import blocks
 from probupdate.campaign.converting import convert
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.sources import opened
+from probupdate.campaign.sources import open_source
 from probupdate.errors import InputError
 
 RATE, START = 10.0, pd.Timestamp("2019-06-03T10:00:00Z")
@@ -462,8 +462,8 @@ def test_a_source_that_changes_while_it_is_converted_is_named(job, monkeypatch):
     raw, campaign = job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
     np.save(raw / "r.npy", noise(seed=1))
     np.save(campaign / "other.npy", noise(seed=2))
-    monkeypatch.setattr(converting, "opened", lambda path, *given, **more: (
-        os.replace(campaign / "other.npy", path), opened(path, *given, **more))[1])
+    monkeypatch.setattr(converting, "open_source", lambda path, *given, **more: (
+        os.replace(campaign / "other.npy", path), open_source(path, *given, **more))[1])
     with pytest.raises(InputError, match=r"r\.npy: changed while it was converted"):
         convert(raw, campaign)
     assert not list((campaign / "acceleration").glob("*.h5"))

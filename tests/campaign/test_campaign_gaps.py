@@ -8,7 +8,7 @@ import pytest
 
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check
-from probupdate.campaign.gaps import filled, markers, repeated, with_markers, zero_filled
+from probupdate.campaign.gaps import find_filled, find_repeated, markers, with_markers, zero_filled
 from probupdate.campaign.reading import read_campaign
 
 RATE = 20.0
@@ -28,7 +28,7 @@ def test_a_slower_converter_repeats_and_first_values_count(ratio):
     own = np.floor(np.arange(12000) / ratio)
     first = np.concatenate([[True], np.diff(own) > 0])
     column = of_four_bytes(vibration()[np.maximum.accumulate(np.where(first, np.arange(12000), 0))])
-    found = repeated(column, RATE)
+    found = find_repeated(column, RATE)
     # but for the record's two extremes
     assert np.count_nonzero(found != ~first) <= 4
 
@@ -37,7 +37,7 @@ def test_a_radio_that_sends_the_last_value_again_is_found():
     again = np.random.default_rng(1).random(12000) < 0.03
     again[0] = False
     column = of_four_bytes(vibration()[np.maximum.accumulate(np.where(again, 0, np.arange(12000)))])
-    assert np.count_nonzero(repeated(column, RATE) != again) <= 4
+    assert np.count_nonzero(find_repeated(column, RATE) != again) <= 4
 
 
 def test_lines_drawn_over_gaps_are_found():
@@ -45,21 +45,21 @@ def test_lines_drawn_over_gaps_are_found():
     lost[[0, -1]] = False
     column = vibration()
     column[lost] = np.interp(np.flatnonzero(lost), np.flatnonzero(~lost), column[~lost])
-    found = filled(of_four_bytes(column))
+    found = find_filled(of_four_bytes(column))
     assert np.count_nonzero(found != lost) <= 0.001 * len(lost)
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.02, 0.1, 0.5, 1.0])
 def test_a_coarse_converter_measures_all_its_samples(step):
     column = np.round(vibration() / step) * step
-    assert not repeated(column, RATE).any() and not filled(column).any()
+    assert not find_repeated(column, RATE).any() and not find_filled(column).any()
 
 
 def test_clipped_or_still_samples_are_no_repeats():
     clipped = np.clip(vibration(), -0.8, 0.8)
     still = of_four_bytes(vibration())
     still[3000:3100] = still[3000]
-    assert not repeated(clipped, RATE).any() and not repeated(still, RATE).any()
+    assert not find_repeated(clipped, RATE).any() and not find_repeated(still, RATE).any()
 
 
 def test_cross_spectra_with_lost_samples_are_right_on_average():

@@ -9,7 +9,7 @@ import scipy.io
 from peer_packages import peer
 
 from probupdate.campaign.converting import convert
-from probupdate.campaign.stated import known_unit
+from probupdate.campaign.stated import parse_unit
 from probupdate.campaign.uff_file import read_uff_modes
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
@@ -77,13 +77,13 @@ def universal(path, data, ordinates):
     ("µm", "displacement", 1e-6),
 ])
 def test_units_are_known_however_they_are_written(text, quantity, factor):
-    found = known_unit(text)
+    found = parse_unit(text)
     assert found is not None and found[0] == quantity and found[1] == pytest.approx(factor)
 
 
 @pytest.mark.parametrize("text", ["top", "EU", "", "acc", "1"])
 def test_words_that_are_no_unit_say_nothing(text):
-    assert known_unit(text) is None
+    assert parse_unit(text) is None
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("g", 9.80665), ("mm/s2", 1e-3), ("Gal", 0.01)])

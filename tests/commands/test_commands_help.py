@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from probupdate.cli import EXAMPLES, GROUPS, build_parser
-from probupdate.cli.parser import parsed
+from probupdate.cli.parser import parse_arguments
 
 (VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
 
@@ -48,6 +48,6 @@ def test_help_asks_for_nothing_heavy():
 
 def test_an_unknown_option_is_the_commands_own_error(capsys):
     with pytest.raises(SystemExit, match="2"):
-        parsed([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
+        parse_arguments([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
     said = capsys.readouterr().err
     assert said == "probupdate update: unknown: --alpa 3; did you mean --alpha?; see probupdate update --help\n"

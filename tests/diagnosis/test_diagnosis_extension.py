@@ -12,10 +12,17 @@ import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis import extension_sampling
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
+from probupdate.diagnosis.extension import (
+    correct_sensors,
+    corrections,
+    describe_parameter,
+    extend,
+    mean_set,
+    size_statements,
+)
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.proposals import sharpened
+from probupdate.diagnosis.proposals import sharpen_time
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.effects.turbine import turbine_effects
@@ -65,7 +72,7 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record, v
             assert abs(abs(np.angle(late)) - 2 * np.pi * frequency[j] / 1.01 * 8e-3) < 1e-9
             shape[[0, 1], j] *= late
         sets.append(replace(s, shape=shape, frequency_hz=frequency / 1.01))
-    found = corrected(problem, replace(true, sets=tuple(sets)), faults)
+    found = correct_sensors(problem, replace(true, sets=tuple(sets)), faults)
     for was, now in zip(true.sets, found.sets, strict=True):
         row.error(now.frequency_hz / was.frequency_hz - 1, 1e-12, "frequencies")
         row.error(now.shape - was.shape, 1e-12, "shapes")
@@ -147,7 +154,7 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path, 
     path = reference_model("updated")
     effect = next(r for r in turbine_effects(read_description(path)) if r.adds.name == "brace_BC_2")
     one = IncludedEffect(effect=effect, time_profile=step_profile(40, 20), size=-0.6)
-    found_here = described(effect.adds, one, 0.05)
+    found_here = describe_parameter(effect.adds, one, 0.05)
     model = load_model(write_extended(path, [found_here], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
     assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
@@ -178,7 +185,7 @@ def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
     assert one.time_profile.at == 18 and outcome.diagnosis.findings[0].time_profile_start == problem.blocks.ids[18]
     # from the block before it, whatever the grid holds
     effect = next(j for j, e in enumerate(problem.effects) if e is one.effect)
-    assert sharpened(problem, outcome.null, effect, step_profile(len(problem.blocks), 17)).at == 18
+    assert sharpen_time(problem, outcome.null, effect, step_profile(len(problem.blocks), 17)).at == 18
 
 
 # The posterior with the findings ------------------------------------------------------------------------------------
@@ -322,7 +329,7 @@ def test_one_that_was_there_throughout_keeps_the_catalogues_prior():
     effect = next(r for r in turbine_effects(read_description(reference_model("updated"))) if
                   r.adds.name == "brace_BC_2")
     constant = TimeProfile(kind="constant", value=np.ones(4))
-    kept = described(effect.adds, IncludedEffect(effect=effect, time_profile=constant, size=-0.6), 0.05)
+    kept = describe_parameter(effect.adds, IncludedEffect(effect=effect, time_profile=constant, size=-0.6), 0.05)
     assert (kept.initial, kept.std) == (None, effect.adds.std)
 
 

@@ -6,10 +6,10 @@ import pytest
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.expected import residuals_at, signatures_at
-from probupdate.diagnosis.fitting import fit, linearised, noise_of
+from probupdate.diagnosis.fitting import fit, linearise, noise_of
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes, signature
 from probupdate.diagnosis.part_places import PartKey
-from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observed
+from probupdate.diagnosis.predictor import build_predictor, effect_signatures, observe
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.small_basis import small_model
@@ -84,7 +84,7 @@ def test_a_logger_turns_each_mode_of_a_pair_by_its_own_frequency(prepared, recor
                   observe=(Delay if cause == "clock offset" else LowPass)((0, 3, 4)))
     swap = Effect(kind="measurement", cause="swapped channels", location="two", unit="-", tolerance=0.0,
                   prior_scale=1.0, observe=Swap(0, 1))
-    seen = observed(field.references(small.at(theta), 0.0), [(late, 54.0), (swap, 1.0)])
+    seen = observe(field.references(small.at(theta), 0.0), [(late, 54.0), (swap, 1.0)])
     for q, (f, shape) in enumerate(identified(small, field, theta)):
         # the cable before the logger
         turned = late.seen(swap.seen(shape, f, 1.0)[0], f, 54.0)[0]
@@ -379,7 +379,7 @@ def test_departures_far_from_the_model_change_as_the_design_says(prepared, recor
     problem, _ = diagnosis_problem(prepared, record(6, storey=3, factor=0.5))
     theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
     noise = noise_of(problem, residuals_at(problem, theta, ()))
-    design, residuals, _ = linearised(problem, theta, (), noise, residuals_at(problem, theta, ()))
+    design, residuals, _ = linearise(problem, theta, (), noise, residuals_at(problem, theta, ()))
     assert max(np.abs(y).max() for y in residuals) > 0.2
     for number, k in enumerate(problem.updated):
         sides = []

@@ -10,7 +10,7 @@ from probupdate.diagnosis import diagnose
 from probupdate.diagnosis import elementary as elementary_parts
 from probupdate.diagnosis import free_form as free_form_module
 from probupdate.diagnosis.diagnose import examine
-from probupdate.diagnosis.elementary import PART_CAUSES, elementary, in_place_of, points
+from probupdate.diagnosis.elementary import PART_CAUSES, alternative_parts, elementary, points
 from probupdate.diagnosis.fitting import fitted_without_candidates
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.gain import SIGNIFICANT, measures
@@ -303,11 +303,11 @@ def test_one_part_stands_for_several_findings(frame, monkeypatch, validation):
     offered, rows = {}, []
 
     def in_place(parts, problem, best, numbers):
-        offered[numbers] = in_place_of(parts, problem, best, numbers)
+        offered[numbers] = alternative_parts(parts, problem, best, numbers)
         rows[:] = [log_prior(problem, [k]) for k in best.candidates]
         return offered[numbers]
 
-    monkeypatch.setattr(diagnose, "in_place_of", in_place)
+    monkeypatch.setattr(diagnose, "alternative_parts", in_place)
     examine(frame, record(11, spring=1e5, storey=4))
     (effect, alone, prior), (other, both, more) = (offered[numbers][0] for numbers in ((0,), (0, 1)))
     where = effect.location
@@ -343,10 +343,10 @@ def test_a_row_that_explains_the_record_keeps_its_name_beside_all_parts(frame, s
 
     def all_compared(parts, problem, best, numbers):
         monkeypatch.setattr(elementary_parts, "FIRST_ORDER_ERRS", 1e9)
-        offered.extend(in_place_of(parts, problem, best, numbers))
+        offered.extend(alternative_parts(parts, problem, best, numbers))
         return offered
 
-    monkeypatch.setattr(diagnose, "in_place_of", all_compared)
+    monkeypatch.setattr(diagnose, "alternative_parts", all_compared)
     found = examine(frame, data).diagnosis
     (finding,), (before,) = found.findings, alone.diagnosis.findings
     row.equal((found.verdict, finding.cause, finding.location), ("named", before.cause, before.location), "name")
@@ -370,11 +370,11 @@ def test_of_parts_that_promise_alike_the_one_that_fits_best_stands_for_its_kind(
         if answers:
             return []
         monkeypatch.setattr(elementary_parts, "MARGIN", 1e9)
-        answers.extend(in_place_of(parts, problem, best, numbers))
+        answers.extend(alternative_parts(parts, problem, best, numbers))
         return answers
 
-    monkeypatch.setattr(elementary_parts, "_compared", compared)
-    monkeypatch.setattr(diagnose, "in_place_of", in_place)
+    monkeypatch.setattr(elementary_parts, "_compare_part", compared)
+    monkeypatch.setattr(diagnose, "alternative_parts", in_place)
     examine(frame, record(11, spring=3e4))
     kinds = {effect.cause for effect, _, _ in answers}
     assert len(answers) == len(kinds) >= 2
@@ -423,7 +423,7 @@ def test_masses_on_springs_at_one_place_are_one_whatever_their_frequency():
     found = Finding(kind="structural", cause=own.cause, location=own.location, size=1e4, size_std=2e3, unit="kg",
                     time_profile="step", time_profile_start="", z=9.0, posterior_probability=0.32,
                     prior_probability=0.1, alternatives=others, check="", key=own.key)
-    said = free_form_module.by_place(found, placed)
+    said = free_form_module.place_probabilities(found, placed)
     assert said["posterior_probability"] == pytest.approx(0.57)
     assert [(a["location"], round(a["posterior_probability"], 2)) for a in said["alternatives"]] == [
         ("leg A, horizontal", 0.3), ("", 0.1), ("tower, z = 72 m, along 45 deg", 0.06)]

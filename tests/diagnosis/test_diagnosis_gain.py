@@ -11,7 +11,7 @@ from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import centred_residuals, design_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
-from probupdate.diagnosis.prediction import carried, columns, crps, predict, profile_factors
+from probupdate.diagnosis.prediction import carried_unknowns, columns, crps, predict, profile_factors
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
@@ -201,7 +201,7 @@ def test_gain_where_one_stretch_alone_tells_an_unknown(validation):
         y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
     fold, prior = gain.folds(N_BLOCK), plain.prior_std
-    shared, own = gain.shared_covariance(plain, carried(plain, y, np.arange(N_BLOCK))[1],
+    shared, own = gain.shared_covariance(plain, carried_unknowns(plain, y, np.arange(N_BLOCK))[1],
                                [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
         # of numbers of one, as the prior's standard deviations are; without the correct -0.04
@@ -249,9 +249,9 @@ def test_each_side_of_a_step_is_told_by_other_stretches():
         def __init__(self, at):
             self.time_profile = step_profile(48, at)
 
-    assert gain.how_many(48, []) == gain.how_many(48, [One(24)]) == gain.N_FOLD
+    assert gain.count_folds(48, []) == gain.count_folds(48, [One(24)]) == gain.N_FOLD
     for at in (8, 40):
-        n = gain.how_many(48, [One(at)])
+        n = gain.count_folds(48, [One(at)])
         fold = gain.folds(48, n)
         for side in (fold[:at], fold[at:]):
             assert max(np.bincount(side)) <= len(side) / 2 + 1

@@ -13,10 +13,10 @@ from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.hypotheses import without
 from probupdate.diagnosis.mode_numbers import Reference
-from probupdate.diagnosis.predictor import observed
+from probupdate.diagnosis.predictor import observe
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.proposals import sizes_of, tried_whole
+from probupdate.diagnosis.proposals import sizes_of, try_candidates
 from probupdate.diagnosis.search import drawn_scores
 from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.errors import InputError
@@ -285,7 +285,7 @@ def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
         return shape
 
     problem, _ = diagnosis_problem(prepared, of_sensors(data, change))
-    best = tried_whole(problem, (), np.ones(len(problem.which), bool))[0]
+    best = try_candidates(problem, (), np.ones(len(problem.which), bool))[0]
     effect = problem.effects[problem.which[best.candidate, 0]]
     assert (effect.cause, effect.location) == ("sensor gain", "y4") and best.whole
     # of 0.1 times powers of two, the size itself is 2
@@ -316,7 +316,7 @@ def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal(validat
     included = [(reverse, -2.0), (swap, 1.0), (turn, 30.0)]
     reference = Reference(tensor=np.diag([0.1, 0.2]), shape=shape)
     for order in (included, included[::-1]):
-        row.error(observed([reference], order)[0].shape - cable @ sign @ turned @ shape, 1e-14, "shapes")
+        row.error(observe([reference], order)[0].shape - cable @ sign @ turned @ shape, 1e-14, "shapes")
         found = [IncludedEffect(effect=e, time_profile=None, size=size) for e, size in order]
         A, shift = corrections(3, found, np.ones(3), 1.0)
         row.error(A - cable @ sign @ turned, 1e-14, "correction")

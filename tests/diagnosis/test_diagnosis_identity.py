@@ -11,7 +11,7 @@ from probupdate.diagnosis.elementary import PART_CAUSES, elementary, parts_of
 from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.part_places import words_of
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.wording import own_response_actions
+from probupdate.diagnosis.wording import channel_response_actions
 from probupdate.effects.turbine import turbine_effects
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import reference_model
@@ -54,7 +54,7 @@ def test_words_of_places():
 def test_channels_to_leave_out_are_named_as_the_command_takes_them():
     """Their names are not read back from the sentence that lists them."""
     part = {"location": "TP, A, x, T90", "channels": ["TP, A, x", "T90"], "factors": [], "check": "look at its mount"}
-    (action,) = own_response_actions({"details": {"free_form": {"parts": [part]}}})
+    (action,) = channel_response_actions({"details": {"free_form": {"parts": [part]}}})
     assert action.endswith("(--without 'TP, A, x' T90)")
 
 

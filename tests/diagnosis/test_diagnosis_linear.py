@@ -9,7 +9,7 @@ from scipy import stats
 
 from probupdate.diagnosis import diagnose, linear, wording
 from probupdate.diagnosis.arrow import ArrowFactor
-from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
+from probupdate.diagnosis.evidence import ERROR_SCALES, error_scale_mean, linear_evidence
 from probupdate.diagnosis.fitting import driver_profiles
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
@@ -138,11 +138,11 @@ def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(desig
         _, V, stacked = dense(replace(design, error_scale=error_scale))
         densities.append(stats.multivariate_normal.logpdf(stacked(lambda q, b: y[q][b]), cov=V))
     powers = 0.5 * len(V) * np.log(2 * np.pi)
-    found_here = over_error_scales(design, lambda d: linear_evidence(d, y))
+    found_here = error_scale_mean(design, lambda d: linear_evidence(d, y))
     row.error(found_here - np.log(np.mean(np.exp(densities))) - powers, 1e-8)
     # nothing found, no model error
     plain = replace(design, model_errors=())
-    assert over_error_scales(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
+    assert error_scale_mean(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
 
 
 def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_not(design):
@@ -158,7 +158,7 @@ def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_
     other[0] *= np.sqrt(3**2 / plain.misfit(other, []))
     behind = linear_evidence(plain, other)
     assert linear_evidence(model_errors, nothing_left) < behind
-    assert over_error_scales(model_errors, lambda d: linear_evidence(d, nothing_left)) > behind
+    assert error_scale_mean(model_errors, lambda d: linear_evidence(d, nothing_left)) > behind
 
 
 def test_draws_have_the_covariance_of_the_scores(design, validation):

@@ -10,20 +10,20 @@ import probupdate
 from probupdate.diagnosis import ranking, wording
 from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, SHAPES, adequacy, frequencies_off, shapes_off
 from probupdate.diagnosis.diagnose import NO_PLACES, NOT_SETTLED, NOT_TESTED, diagnose, examine
-from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
+from probupdate.diagnosis.evidence import log_evidence, promised_evidence, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import (
     design_at,
     design_without_candidates,
     fit,
     fitted_without_candidates,
-    linearised,
+    linearise,
     with_candidates,
 )
-from probupdate.diagnosis.free_form import own_response_content
+from probupdate.diagnosis.free_form import channel_response_content
 from probupdate.diagnosis.hypotheses import moves_from, transfer_noise_and_times, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
-from probupdate.diagnosis.predictor import effect_signatures, observed
+from probupdate.diagnosis.predictor import effect_signatures, observe
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.proposals import crosstalk_effects, problem_with_effects
@@ -151,7 +151,7 @@ def test_a_channel_out_of_phase_that_is_in_no_row_does_not_pass_for_normal(prepa
     (said,) = [note for note in found.notes if note.startswith("measured shapes are off")]
     assert "y5" in said and "out of phase" in said
     # and what is found is the channel with its phases
-    content = own_response_content(outcome)
+    content = channel_response_content(outcome)
     (part,) = content["parts"]
     assert (part["location"], part["time_profile"]) == ("y5", "constant") and part["posterior_probability"] > 0.99
     assert content["complete"]
@@ -367,7 +367,7 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
         value, turn = np.linalg.eigh(reference.tensor)
 
         def residuals_of(effects, reference=reference, axes=axes, value=value, turn=turn):
-            measured = observed([reference], effects)[0].shape @ turn
+            measured = observe([reference], effects)[0].shape @ turn
             return numbers_of_modes(np.exp(value)[None], measured[None], axes)[0][0]
 
         none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
@@ -408,7 +408,7 @@ def _hypothesis(problem, null, *parts):
     fitted = with_candidates(problem, fitted_without_candidates(problem, null.theta, included, base=null))
     return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
                       log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted),
-                      promised=only_promised(problem, fitted))
+                      promised=promised_evidence(problem, fitted))
 
 
 @pytest.fixture(scope="module")
@@ -566,14 +566,14 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     effect = next(e for e in problem.effects if (e.cause, e.location) == ("parameter", "k3"))
     time_profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 18)
     fitted = fit(problem, theta, (IncludedEffect(effect=effect, time_profile=time_profile, size=-0.1),))
-    at_rest = only_promised(problem, fitted)
+    at_rest = promised_evidence(problem, fitted)
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.included[0], size=fitted.included[0].size + 5 * std),)
-    design, residuals, centred = linearised(
+    design, residuals, centred = linearise(
         problem, fitted.theta, short, fitted.design.noise, residuals_at(problem, fitted.theta, short))
     stalled = replace(fitted, included=short, residuals=residuals, design=design, centred=centred)
     # five standard deviations of the size, whatever the parameters make up for; a fifth for what is not linear
-    assert 0 <= at_rest < 0.1 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
+    assert 0 <= at_rest < 0.1 and promised_evidence(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
 
 
 def test_prior_odds_stand_beside_what_the_data_told(prepared, record, monkeypatch):

@@ -7,9 +7,9 @@ from scipy import stats
 from probupdate.diagnosis.fitting import with_column_scatter
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
-from probupdate.diagnosis.noise import Noise, agrees, estimate_noise, factored, mixing_of
+from probupdate.diagnosis.noise import Noise, agrees, estimate_noise, factor_covariance, mixing_of
 from probupdate.diagnosis.problem import IncludedEffect
-from probupdate.diagnosis.search import exceeded, least_by_chance, tail
+from probupdate.diagnosis.search import least_by_chance, tail, value_exceeded_by
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
 
@@ -30,7 +30,7 @@ def test_few_columns_do_not_make_what_is_least_known_look_small(mixing, validati
     for _ in range(10):
         sample = rng.standard_normal((300, 60)) @ root.T
         prints = rng.standard_normal((50, 60))
-        for name, found_here in (("raw", sample.T @ sample / 300), ("factored", factored(sample))):
+        for name, found_here in (("raw", sample.T @ sample / 300), ("factored", factor_covariance(sample))):
             weight = prints @ np.linalg.inv(found_here)
             own, length = np.einsum("ni,ij,nj->n", weight, true, weight), np.einsum("ni,ni->n", weight, prints)
             # variance that a signature's z really has, and what is left of the largest z that can be had
@@ -185,7 +185,7 @@ def test_scales_are_drawn_together_where_they_were_told_together():
 @pytest.mark.parametrize("share", [0.1, 0.02, 0.01])
 def test_the_threshold_is_where_the_tail_has_its_share(share):
     maxima = np.random.default_rng(2).gumbel(3.2, 0.3, 400)
-    limit = exceeded(maxima, share)
+    limit = value_exceeded_by(maxima, share)
     assert tail(maxima, limit * 1.001) <= share * 1.05
     assert tail(maxima, limit * 0.97) > share
     # 400 draws of a known distribution: its quantile to three of its own standard deviations
@@ -208,7 +208,7 @@ def test_scores_by_noise_of_a_few_blocks_have_a_tail_that_is_a_power(validation)
         maxima = np.abs(stats.t.isf(0.5 * -np.expm1(np.log(rng.random(400)) / n), degrees))
         p.append(np.log(tail(maxima, exact[0], heavy=True) / 0.002))
         by_gumbel.append(np.log(tail(maxima, exact[0]) / 0.002))
-        limit.append(exceeded(maxima, 0.02, heavy=True) / exact[1] - 1)
+        limit.append(value_exceeded_by(maxima, 0.02, heavy=True) / exact[1] - 1)
     row.error(np.mean(p), 0.4, "p")
     row.error(np.mean(limit), 0.03, "threshold")
     assert np.mean(by_gumbel) < -0.7

@@ -139,7 +139,7 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
         made.append(move.candidates)
         return SimpleNamespace(log_posterior={0: 11_000.0, 1: 5.0}[move.candidates[0]])
 
-    monkeypatch.setattr(hypotheses, "_fitted", fitted)
+    monkeypatch.setattr(hypotheses, "_fit_move", fitted)
     monkeypatch.setattr(hypotheses, "_restore_fit_state", lambda one, move, base: one)
     known = {one: SimpleNamespace(log_posterior=-212_866.0), other: SimpleNamespace(log_posterior=10_990.0)}
     before = dict(known)

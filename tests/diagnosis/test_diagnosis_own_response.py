@@ -10,10 +10,10 @@ from scipy import linalg
 import probupdate
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.elementary import OWN_RESPONSE, mode_factor_effects
-from probupdate.diagnosis.free_form import own_response_content
+from probupdate.diagnosis.free_form import channel_response_content
 from probupdate.diagnosis.gain import SIGNIFICANT
 from probupdate.diagnosis.run import ModelSource, diagnose_files
-from probupdate.diagnosis.wording import found_words, free_form_words, own_response_actions
+from probupdate.diagnosis.wording import channel_response_actions, free_form_words, words_of_findings
 from probupdate.effects.catalogue import Crosstalk, Delay, Effect, FrequencyResponse, Gain, Rate, Swap, Turn
 from probupdate.modal.modes import ModalData, write_modes
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
@@ -56,7 +56,7 @@ def test_a_mount_that_resonates_is_the_channels_own_response(frame, from_block, 
     data = seen(3, lambda hz: mount(hz, 15.0), from_block)
     outcome = examine(frame, data)
     own = outcome.own_response
-    content = own_response_content(outcome)
+    content = channel_response_content(outcome)
     (part,) = content["parts"]
     row.equal((outcome.diagnosis.verdict, part["cause"], part["location"], part["time_profile"], part["since"]),
               ("unexplained", OWN_RESPONSE, CHANNELS[CHANNEL], "step" if from_block else "constant",
@@ -82,7 +82,7 @@ def test_a_fault_that_is_alike_in_every_mode_keeps_its_name(frame, fault, cause)
     assert (outcome.diagnosis.verdict, finding.cause, finding.location) == ("named", cause, CHANNELS[CHANNEL])
     assert outcome.own_response is None
     with pytest.raises(ValueError, match="no channel"):
-        own_response_content(outcome)
+        channel_response_content(outcome)
 
 
 @pytest.mark.parametrize("share", [0.33, pytest.param(0.07, marks=pytest.mark.long),
@@ -114,8 +114,8 @@ def test_the_search_for_parts_of_the_structure_is_not_asked_for_what_a_sensor_do
     found = diagnose_files(ModelSource(model=frame), seen(3, lambda hz: mount(hz, 15.0)))
     (part,) = found.details["free_form"]["parts"]
     assert part["location"] == CHANNELS[CHANNEL] and any("frequency response of its own" in n for n in found.notes)
-    assert found_words(found.content()) == [f"no row, but something like a {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
-    (action,) = own_response_actions(found.content())
+    assert words_of_findings(found.content()) == [f"no row, but something like a {OWN_RESPONSE}, {CHANNELS[CHANNEL]}"]
+    (action,) = channel_response_actions(found.content())
     assert action.startswith(f"{CHANNELS[CHANNEL]}: look at its mount")
     (said, *_) = free_form_words({"details": found.details})
     assert said.endswith(f"and diagnose again without it (--without {CHANNELS[CHANNEL]})")

@@ -14,8 +14,8 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.residuals import residuals, whitened
-from probupdate.diagnosis.splitting import needed_z
+from probupdate.diagnosis.residuals import residuals, whiten
+from probupdate.diagnosis.splitting import distinguishing_z
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.modal.modes import Sensor
 from probupdate.reporting import figures, report
@@ -126,7 +126,7 @@ def test_whitening_leaves_out_what_rounding_fills():
     rng = np.random.default_rng(6)
     columns = rng.standard_normal((5, 3)) * np.array([[1e-3], [1.0], [10.0], [1.0], [1e-2]])
     drawn = columns @ rng.standard_normal((3, 20000))
-    white = whitened(columns @ columns.T, drawn)
+    white = whiten(columns @ columns.T, drawn)
     assert white.shape == (3, 20000) and np.cov(white) == pytest.approx(np.eye(3), abs=0.05)
 
 
@@ -230,10 +230,10 @@ def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record
     (sentence, *_) = found.splits
     assert "parameter k2" in sentence and "group of parameters, second storey" in sentence
     assert "no record of these modes" in sentence
-    row.error([needed_z(0.8) - 5.2, needed_z(0.95) - 10.4], 0.05)
+    row.error([distinguishing_z(0.8) - 5.2, distinguishing_z(0.95) - 10.4], 0.05)
     # evidence divided by 1 + (0.1 z)^2 / 4: z^2 = 10.4^2 (1 + z^2 / 400), and never more than 20 of noise alone
-    assert needed_z(0.95, 0.1) == pytest.approx(10.4 / np.sqrt(1 - 10.4**2 / 400), rel=1e-3)
-    assert np.isinf(needed_z(0.99, 0.1))
+    assert distinguishing_z(0.95, 0.1) == pytest.approx(10.4 / np.sqrt(1 - 10.4**2 / 400), rel=1e-3)
+    assert np.isinf(distinguishing_z(0.99, 0.1))
     assert "to split them:" in found.summary
     assert (f"threshold |z| = {found.threshold:.1f} of the whole catalogue, before any finding is included (2 % of "
             "false alarms); ") in found.summary

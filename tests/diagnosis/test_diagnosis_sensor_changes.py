@@ -10,7 +10,7 @@ import pytest
 from scipy import linalg
 
 from probupdate.diagnosis.blocks import SetFactors, gather
-from probupdate.diagnosis.empirical_reference import mended, own_axes
+from probupdate.diagnosis.empirical_reference import correct_blocks, mean_plane_axes
 from probupdate.diagnosis.empirical_search import watch
 from probupdate.diagnosis.evidence import size_by_secant
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
@@ -92,8 +92,8 @@ def test_stated_scatter_goes_with_the_sensor():
     row = {c: k for k, c in enumerate(blocks.channels)}
     acting = np.ones(len(blocks))
     acting[0] = 0
-    halved = mended(blocks, effect_named(f"sensor gain, {first}", blocks.channels), -0.5 * acting)
-    exchanged = mended(blocks, effect_named(f"swapped channels, {first} and {second}", blocks.channels), acting)
+    halved = correct_blocks(blocks, effect_named(f"sensor gain, {first}", blocks.channels), -0.5 * acting)
+    exchanged = correct_blocks(blocks, effect_named(f"swapped channels, {first} and {second}", blocks.channels), acting)
     for b in (0, 3):
         factor = 2.0 if b else 1.0
         np.testing.assert_allclose(halved.factors[b].shape[row[first]], factor * blocks.factors[b].shape[row[first]])
@@ -109,7 +109,7 @@ def test_blocks_of_a_mended_record_are_no_strays(validation):
     record = draw_record("swap", 19)
     blocks = gather(record.data)
     acting = (np.arange(len(blocks)) >= 4).astype(float)
-    now = mended(blocks, effect_named("swapped channels, W6 and W9", blocks.channels), acting)
+    now = correct_blocks(blocks, effect_named("swapped channels, W6 and W9", blocks.channels), acting)
     seen = watch(now, (), (), np.zeros((len(blocks), 0)), ())
     row.equal(int(np.sum(np.any(seen.directions.weight < 0.5, axis=1))), 0, "blocks")
 
@@ -137,7 +137,7 @@ def test_axes_of_thousands_of_sets_need_little_memory():
                  frequency_std_hz=np.array([1e-3]), shape_std=np.full((3, 1), 0.01))
         for k, (f, s) in enumerate(zip(frequency, shape, strict=True)))))
     tracemalloc.start()
-    axes = own_axes(blocks, 0, ())
+    axes = mean_plane_axes(blocks, 0, ())
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert axes[:, 0] / axes[2, 0] == pytest.approx([0.2, 0.5, 1.0], abs=0.01)

@@ -216,7 +216,7 @@ def test_first_steps_are_made_at_the_heading_known_best(pictured_frame):
     angle = 40.0 * np.arange(N_BLOCK)
     angle[4:12], angle[[14, 15, 16, *range(24, 30)]] = 90.0, 270.0
     turned = replace(problem, blocks=replace(problem.blocks, angle_deg=angle))
-    assert unmatched.at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
+    assert unmatched.blocks_at_one_heading(turned).tolist() == [14, 15, 16, *range(24, 30)]
 
 
 def test_a_channel_that_no_mode_moves_is_no_place_for_parts(pictured_frame):

@@ -17,9 +17,9 @@ from probupdate.diagnosis.engine.evidence import (
     SCALES,
     SLOW_LENGTH,
     SLOW_RATIO,
-    along,
-    along_in_sequence,
-    over_scales,
+    profile_information,
+    scale_mean,
+    sequential_information,
 )
 from probupdate.diagnosis.engine.once import Once
 from probupdate.diagnosis.time_profiles import step_profile
@@ -242,7 +242,7 @@ def test_evidence_of_an_amount_is_that_of_dense_densities(validation):
     rng, hours, weight, nuisance = drawn(3)
     n, step = len(hours), step_profile(len(hours), 8).value
     x = rng.standard_normal(n) + 2.0 * step
-    found = along(x[:, None], weight[:, None], np.array([1e-12]), hours, nuisance, step[None])
+    found = profile_information(x[:, None], weight[:, None], np.array([1e-12]), hours, nuisance, step[None])
     nothing = dense(x, weight, hours, nuisance)
     expected = [dense(x, weight, hours, nuisance, s**2 * np.outer(step, step)) - nothing for s in SCALES]
     row.error(found.log_moved()[:, 0, 0] - expected, 1e-6, case="amounts")
@@ -257,19 +257,19 @@ def test_numbers_in_sequence_have_the_density_of_the_whole():
     step = step_profile(30, 12).value
     common = np.cumsum(rng.standard_normal(30))
     x = np.column_stack([common, common + 0.1 * rng.standard_normal(30)])
-    alone = along(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
-    chain = along_in_sequence(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    alone = profile_information(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    chain = sequential_information(x, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
     np.testing.assert_allclose(chain.log_moved()[:, 0], alone.log_moved()[:, 0], atol=1e-9)
     mixed = x @ [[1.0, 3.0], [0.0, 1.0]]
-    again = along_in_sequence(mixed, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
+    again = sequential_information(mixed, np.ones_like(x), np.full(2, 1e-8), hours, nuisance, step[None])
     np.testing.assert_allclose(again.log_moved(), chain.log_moved(), atol=1e-6)
 
 
 def test_a_column_that_steps_hides_no_step():
     """Where a column and a step are one and the same neither is distinguishable from the other."""
     step = (np.arange(60) >= 20).astype(float)
-    found = along(np.zeros((60, 1)), np.ones((60, 1)), np.ones(1), np.arange(60.0),
-                  np.column_stack([np.ones(60), step - 0.5]), step[None])
+    found = profile_information(np.zeros((60, 1)), np.ones((60, 1)), np.ones(1), np.arange(60.0),
+                                np.column_stack([np.ones(60), step - 0.5]), step[None])
     assert not found.usable.any()
 
 
@@ -286,8 +286,8 @@ def test_a_slow_error_is_no_step(memory, validation):
         slow[k] = memory * slow[k - 1] + rng.standard_normal(200)
     steps = np.array([step_profile(n, at).value for at in range(4, n - 3)])
     x = slow + 0.3 * rng.standard_normal((n, 200))
-    found = over_scales(along(x, np.ones_like(x), np.full(200, 1e-9), np.arange(n) * 1.0, np.ones((n, 1)),
-                              steps).log_moved())
+    found = scale_mean(profile_information(x, np.ones_like(x), np.full(200, 1e-9), np.arange(n) * 1.0, np.ones((n, 1)),
+                                           steps).log_moved())
     odds = np.logaddexp.reduce(found, axis=1) - np.log(len(steps))
     row.error(np.mean(odds > np.log(10)), 0.025, case=memory)
 

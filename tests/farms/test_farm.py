@@ -23,7 +23,7 @@ from probupdate.farms import run as farms_run
 from probupdate.farms.description import read_farm
 from probupdate.farms.run import run_one
 from probupdate.modal.modes import read_modes
-from probupdate.runtime.executors import executor, one_thread_each, processes
+from probupdate.runtime.executors import executor, limit_threads_of_workers, processes
 
 RESULTS = ("modes.json", "nine.json", "update.json", "diagnosis.json")
 
@@ -184,7 +184,7 @@ def test_a_dask_worker_killed_at_a_month_loses_nothing_and_no_finished_step_is_d
 ):
     distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
     out, found = tmp_path / "out", []
-    with one_thread_each(), distributed.LocalCluster(
+    with limit_threads_of_workers(), distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
             local_directory=str(tmp_path / "dask")) as cluster:
         def run():

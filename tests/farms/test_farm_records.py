@@ -9,7 +9,7 @@ from farm_cases import write_farm
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import read_campaign
 from probupdate.farms.description import natural_order, read_farm
-from probupdate.farms.month import made_of
+from probupdate.farms.month import month_sources
 from probupdate.identification import block_store
 from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.ssi import Poles
@@ -18,13 +18,13 @@ from probupdate.identification.ssi import Poles
 def test_a_record_of_the_same_name_and_size_is_another(tmp_path):
     farm = read_farm(write_farm(tmp_path / "data"))
     month = farm.months[0]
-    before, path = made_of(month, farm), next(month.campaign.rglob("*.h5"))
+    before, path = month_sources(month, farm), next(month.campaign.rglob("*.h5"))
     size = path.stat().st_size
     with h5py.File(path, "r+") as file:
         file["data"][10, 0] += 1.0
     os.utime(path, (1.6e9, 1.6e9))
     assert path.stat().st_size == size
-    after = made_of(month, farm)
+    after = month_sources(month, farm)
     assert after["records"] != before["records"]
     assert {k: v for k, v in after.items() if k != "records"} == {k: v for k, v in before.items() if k != "records"}
 

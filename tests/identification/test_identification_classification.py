@@ -8,7 +8,7 @@ import pytest
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification.classification import ClassifierSettings, PoleStack
-from probupdate.identification.reference import ReferenceModes, turned
+from probupdate.identification.reference import ReferenceModes, turn_reference
 from probupdate.identification.tracking import JudgedPoles, choose
 from probupdate.modal.modes import mac
 
@@ -60,7 +60,7 @@ def test_poles_of_a_pair_are_named_by_direction(jacket, reference, pairs_turned)
 def test_fore_aft_turns_with_the_nacelle(jacket, reference, pairs_turned, sensor_list):
     found = poles(jacket.frequency_hz, jacket.damping_ratio, pairs_turned(jacket.shape, 65))
     assert list(judged(found, reference)[0].pole) == [1, 0, 2, 4, 3]
-    assert list(judged(found, turned(reference, sensor_list, 65))[0].pole) == [0, 1, 2, 3, 4]
+    assert list(judged(found, turn_reference(reference, sensor_list, 65))[0].pole) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("flip", [(1, 1), (1, -1), (-1, 1)])
@@ -69,12 +69,12 @@ def test_turning_does_not_depend_on_signs_or_order(jacket, reference, pairs_turn
     shape[:, [0, 1]] *= flip
     here = replace(reference, shape=shape, pairs=((1, 0), (3, 4)))
     expected = pairs_turned(jacket.shape, 30)
-    assert np.diag(mac(turned(here, sensor_list, 30).shape, expected)) == pytest.approx(np.ones(5), abs=1e-3)
+    assert np.diag(mac(turn_reference(here, sensor_list, 30).shape, expected)) == pytest.approx(np.ones(5), abs=1e-3)
 
 
 def test_turning_leaves_pairs_of_other_names(jacket, sensor_list):
     other = ReferenceModes(labels=("V1", "T1"), frequency_hz=[1, 1.01], shape=jacket.shape[:, :2], pairs=((0, 1),))
-    assert (turned(other, sensor_list, 40).shape == other.shape).all()
+    assert (turn_reference(other, sensor_list, 40).shape == other.shape).all()
 
 
 def noise_shape(seed: int = 0) -> np.ndarray:
@@ -154,7 +154,7 @@ def test_paper_s_complexity_criterion_asks_near_the_p_frequencies_only(jacket, r
 def test_rotor_bands_cover_what_the_speed_swept():
     bands = rules.rotor_bands({"rotor_speed_rpm_min": 6.0, "rotor_speed_rpm_max": 12.0}, SETTINGS)
     assert bands[1] == pytest.approx([3 * 0.1 * 0.98, 3 * 0.2 * 1.02])
-    assert rules.within(np.array([0.28, 0.3, 0.6, 0.63]), bands[1:2]).tolist() == [False, True, True, False]
+    assert rules.is_within(np.array([0.28, 0.3, 0.6, 0.63]), bands[1:2]).tolist() == [False, True, True, False]
     for missing in ({}, {"rotor_speed_rpm_min": np.nan, "rotor_speed_rpm_max": 3.0}):
         assert rules.rotor_bands(missing, SETTINGS).shape == (0, 2)
 

@@ -9,7 +9,7 @@ import pytest
 from probupdate import verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.identification.counterparts import model_comparison, paired
+from probupdate.identification.counterparts import model_comparison, pair_modes
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.naming import with_independence
 from probupdate.identification.reference import ReferenceModes
@@ -38,12 +38,12 @@ def test_names_stand_with_a_torsion_of_mac_two_thirds_and_modes_of_members_about
                            frequency_hz=[0.30, 0.31, 1.2, 1.45, 1.5, 1.9, 2.0], pairs=((0, 1), (3, 4)))
     like = model_comparison(sets, ((0, 1), (3, 4)), [model] * 8)
     assert 0.6 < like.plane[2, 2] < 0.7
-    partner, probability = paired(like, model)
+    partner, probability = pair_modes(like, model)
     assert partner == {j: j for j in range(5)}
     assert probability[2, 2] > 0.9 and np.all(probability.sum(axis=1) <= 1)
     # what resembles nothing of the model is none of its modes
     other = replace(model, shape=np.roll(model.shape, 5, axis=0))
-    partner, probability = paired(model_comparison(sets, (), [other] * 8), other)
+    partner, probability = pair_modes(model_comparison(sets, (), [other] * 8), other)
     assert probability.sum(axis=1).min() < 0.1
 
 
@@ -64,7 +64,7 @@ def test_frequencies_name_modes_of_which_all_shapes_are_unlike(jacket, reference
                         damping_ratio=np.full(6, 0.01), frequency_std_hz=np.full(6, np.nan),
                         damping_ratio_std=np.full(6, np.nan), shape_std=np.full(shape.shape, np.nan))
                 for _ in range(4)]
-        partner, _ = paired(model_comparison(sets, (), [model] * 4), model)
+        partner, _ = pair_modes(model_comparison(sets, (), [model] * 4), model)
         if abs(off).max() < 0.05:
             right = sum(partner.get(j) == j for j in range(6))
         else:
@@ -73,7 +73,7 @@ def test_frequencies_name_modes_of_which_all_shapes_are_unlike(jacket, reference
     row.error(some, 2, "one of a poor model")
     # as it was where the shapes are right
     sets = [replace(s, shape=shape + 0j) for s in sets]
-    assert paired(model_comparison(sets, (), [model] * 4), model)[0] == {j: j for j in range(6)}
+    assert pair_modes(model_comparison(sets, (), [model] * 4), model)[0] == {j: j for j in range(6)}
 
 
 def test_a_mode_before_and_after_a_change_is_no_pair_with_itself(jacket, reference):

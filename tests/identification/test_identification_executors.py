@@ -26,7 +26,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.identification.identify import SSISettings, identify_shard
 from probupdate.runtime import executors
-from probupdate.runtime.executors import Executor, Shard, completed, dask_cluster, executor, processes
+from probupdate.runtime.executors import Executor, Shard, dask_cluster, executor, iterate_completed, processes
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None,
                                 reason="the extra `dask` is not installed")
@@ -60,12 +60,12 @@ def fatal(value: int) -> int:
 
 def test_processes_are_kept_for_the_next_tasks():
     with processes(2) as runs:
-        first = dict(completed(where, [(k,) for k in range(8)], jobs=runs, least=1))
+        first = dict(iterate_completed(where, [(k,) for k in range(8)], jobs=runs, least=1))
         # too few for processes of their own, but these are there already
-        second = dict(completed(where, [(k,) for k in range(4)], jobs=runs))
+        second = dict(iterate_completed(where, [(k,) for k in range(4)], jobs=runs))
     assert os.getpid() not in {*first.values(), *second.values()}
     assert set(second.values()) <= set(first.values()) and sorted(first) == list(range(8))
-    assert dict(completed(where, [(1,)], jobs=2)) == {1: os.getpid()}
+    assert dict(iterate_completed(where, [(1,)], jobs=2)) == {1: os.getpid()}
 
 
 def test_a_process_that_ends_by_itself_is_told_and_the_executor_works_on():
@@ -163,7 +163,7 @@ def cluster(tmp_path_factory):
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = here
     try:
-        with executors.one_thread_each(), distributed.LocalCluster(
+        with executors.limit_threads_of_workers(), distributed.LocalCluster(
                 n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
                 local_directory=str(tmp_path_factory.mktemp("dask"))) as found:
             yield found
@@ -263,7 +263,7 @@ def test_an_executor_of_ones_own_is_used_as_it_is():
                 yield function(*task)
 
     mine = Counting()
-    assert dict(completed(square, [(2,), (5,)], jobs=mine)) == {2: 4, 5: 25} and mine.count == 2
+    assert dict(iterate_completed(square, [(2,), (5,)], jobs=mine)) == {2: 4, 5: 25} and mine.count == 2
 
 
 def announcing(text: str) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 from scipy import optimize, signal
 
 from probupdate.identification.order_average import ModePoles
-from probupdate.identification.refinement import groups, refined
+from probupdate.identification.refinement import groups, refine_modes
 from probupdate.identification.spectral_likelihood import Spectrum, Start, fit
 from probupdate.modal.modes import CovarianceFactors, mac, plane_mac
 
@@ -144,8 +144,8 @@ def test_forces_that_grow_and_fade_widen_what_is_stated():
     for swell in (0.0, 1.2):
         taken = []
         for _ in range(6):
-            poles, by_likelihood = refined(record(rng, f, zeta, SHAPE, swell=swell), RATE, begun(f, zeta, SHAPE),
-                                           highest_hz=2.25)
+            poles, by_likelihood = refine_modes(record(rng, f, zeta, SHAPE, swell=swell), RATE, begun(f, zeta, SHAPE),
+                                                highest_hz=2.25)
             taken += list(np.linalg.norm(poles.factors.ln_frequency, axis=1)[by_likelihood])
         assert len(taken) >= 6
         stated[swell] = np.median(taken)
@@ -156,7 +156,7 @@ def test_a_machine_s_line_leaves_the_mode_as_it_was():
     rng, f, zeta = np.random.default_rng(7), [0.8, 1.6], [0.01, 0.01]
     y, poles = record(rng, f, zeta, SHAPE), begun(f, zeta, SHAPE)
     line = y.std() * np.outer(np.cos(2 * np.pi * 0.81 * np.arange(len(y)) / RATE), [1.0, 0.2, -0.5, 0.3, 0.6])
-    clean, with_line = (refined(one, RATE, poles, highest_hz=2.25) for one in (y, y + line))
+    clean, with_line = (refine_modes(one, RATE, poles, highest_hz=2.25) for one in (y, y + line))
     assert clean[1].tolist() == [True, True] and with_line[1].tolist() == [False, True]
     assert with_line[0].frequency_hz[0] == 0.8 and with_line[0].frequency_hz[1] != 1.6
 
@@ -168,11 +168,11 @@ def test_displacements_and_fixed_modes():
     line = np.fft.rfftfreq(len(y), 1 / RATE)
     line[0] = np.inf
     moved = np.fft.irfft(np.fft.rfft(y, axis=0) / -(2 * np.pi * line[:, None]) ** 2, len(y), axis=0)
-    one, other = (refined(a, RATE, poles, highest_hz=2.25, quantity=q)[0]
+    one, other = (refine_modes(a, RATE, poles, highest_hz=2.25, quantity=q)[0]
                   for a, q in ((y, "acceleration"), (moved, "displacement")))
     np.testing.assert_allclose(other.frequency_hz, one.frequency_hz, rtol=1e-6)
     np.testing.assert_allclose(other.damping_ratio, one.damping_ratio, rtol=1e-4)
-    kept, which = refined(y, RATE, poles, highest_hz=2.25, fixed=np.array([True, False]))
+    kept, which = refine_modes(y, RATE, poles, highest_hz=2.25, fixed=np.array([True, False]))
     assert which.tolist() == [False, True] and kept.damping_ratio[0] == 0.01
 
 

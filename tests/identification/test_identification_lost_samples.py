@@ -6,7 +6,7 @@ from scipy import signal
 
 from probupdate.errors import InputError
 from probupdate.identification.lost_samples import LossyRecord, pair_covariances, without_pairs
-from probupdate.identification.preprocessing import covariance_weights, resampled
+from probupdate.identification.preprocessing import covariance_weights, resample
 from probupdate.identification.ssi import output_covariances
 
 FREQUENCY, DAMPING = np.array([1.1, 2.3]), 0.012
@@ -91,7 +91,7 @@ def test_decimation_acts_on_covariances_as_on_records(target_hz):
     reach = first + weights.shape[1] - 1
     ahead = output_covariances(data - data.mean(axis=0), reach)
     both = np.concatenate([ahead[-first:0:-1].transpose(0, 2, 1), ahead])
-    expected = output_covariances(resampled(data, 10.0, target_hz), 8)
+    expected = output_covariances(resample(data, 10.0, target_hz), 8)
     found = np.einsum("kl,lij->kij", weights, both)
     # ends of the filtered record, 2 s of 3000
     assert found == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())

@@ -10,8 +10,8 @@ from probupdate.identification.physical import (
     MOST_BLOCKS,
     PersistenceSettings,
     block_candidates,
-    evenly,
-    gathered,
+    even_blocks,
+    gather_candidates,
     physical_modes,
     stays,
 )
@@ -42,7 +42,7 @@ def stack(rng, rows, n_noise=4, orders=ORDERS) -> PoleStack:
 
 def found_in(stacks, **how):
     parts = [block_candidates(one, k, ClassifierSettings(), PersistenceSettings()) for k, one in enumerate(stacks)]
-    return physical_modes(gathered(parts), n_block=len(stacks), **how)
+    return physical_modes(gather_candidates(parts), n_block=len(stacks), **how)
 
 
 def plain(rng, extra=()):
@@ -195,10 +195,10 @@ def test_at_a_constant_speed_a_line_is_kept_and_doubted():
 
 def test_months_are_thinned_out_evenly_and_rare_states_less():
     state = ["idling"] * 1400 + ["rated"] * 40
-    chosen = evenly(state)
+    chosen = even_blocks(state)
     assert len(chosen) <= MOST_BLOCKS + 40 and sum(k >= 1400 for k in chosen) == 40
     assert max(np.diff([k for k in chosen if k < 1400])) <= 3
-    assert evenly(state[:100]) == list(range(100))
+    assert even_blocks(state[:100]) == list(range(100))
 
 
 def test_settings_that_make_no_sense_are_refused():

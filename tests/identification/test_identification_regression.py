@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.identification.regression import regress, regress_modes, whitened
+from probupdate.identification.regression import regress, regress_modes, whiten_columns
 from probupdate.modal.modes import ModalData, ModalSet
 
 
@@ -30,7 +30,7 @@ def test_whitening_is_that_of_the_dense_covariance(validation):
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.3, 5, 40))
     noise, columns = rng.uniform(0.5, 2, 40), rng.standard_normal((40, 3))
-    white, log_determinant = whitened(columns, noise, 1.7, np.exp(-np.diff(time) / 4.0))
+    white, log_determinant = whiten_columns(columns, noise, 1.7, np.exp(-np.diff(time) / 4.0))
     dense = np.diag(noise**2) + 1.7**2 * np.exp(-np.abs(time[:, None] - time) / 4.0)
     factor = np.linalg.cholesky(dense)
     row.error(white - np.linalg.solve(factor, columns), below=1e-10)

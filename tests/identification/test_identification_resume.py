@@ -26,7 +26,7 @@ from probupdate.identification.reference import ReferenceModes
 from probupdate.io import files
 from probupdate.modal.modes import CovarianceFactors, StoredFactors
 from probupdate.runtime import executors
-from probupdate.runtime.executors import completed
+from probupdate.runtime.executors import iterate_completed
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
@@ -355,10 +355,10 @@ def test_standard_deviations_that_are_no_numbers_end_the_run(hour, rough, monkey
 
 def test_a_mistake_in_a_process_comes_back_in_one_line():
     with pytest.raises(InputError, match="jobs: 0 is not a number of processes"):
-        list(completed(int, [("1",)], jobs=0))
+        list(iterate_completed(int, [("1",)], jobs=0))
     # raised in another process, it arrives whole
     with pytest.raises(InputError, match="state 'sunk' is unknown") as here:
-        list(completed(reference_model, [("sunk",)] * 2, jobs=2, least=1))
+        list(iterate_completed(reference_model, [("sunk",)] * 2, jobs=2, least=1))
     assert here.value.remedy == "choose from " + ", ".join(REFERENCE_STATES)
 
 

@@ -12,10 +12,10 @@ import probupdate
 from probupdate.errors import InputError
 from probupdate.identification.criteria import (
     SelectionCriteria,
+    are_resolved,
     pair_angle_deg,
     preset_criteria,
     read_criteria,
-    resolved,
 )
 from probupdate.identification.selection import inconsistency, outlying, select, shape_scatter
 from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes, write_modes
@@ -347,7 +347,7 @@ def test_angles_and_resolution_of_a_pair(jacket):
     assert pair_angle_deg(s, 0, 1) == pytest.approx(90, abs=2)
     same = replace(s, shape=np.column_stack([jacket.shape[:, 0]] * 5))
     assert pair_angle_deg(same, 0, 1) == pytest.approx(0, abs=1e-4)
-    assert not resolved(s, 0, 1) and resolved(s, 3, 4)
+    assert not are_resolved(s, 0, 1) and are_resolved(s, 3, 4)
 
 
 def test_perpendicular_modes_that_are_not_resolved_look_slanted(jacket):

@@ -10,7 +10,7 @@ from scipy import signal
 
 from probupdate.errors import InputError
 from probupdate.identification import preprocessing
-from probupdate.identification.preprocessing import resampled
+from probupdate.identification.preprocessing import resample
 from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
     block_toeplitz,
@@ -275,7 +275,7 @@ def sine(frequency_hz: float, rate: float = 25.0, seconds: float = 200.0, phase:
 @pytest.mark.parametrize("frequency_hz", [0.1, 0.32, 1.3, 1.99, 2.25])
 def test_what_is_of_interest_passes_without_a_shift(frequency_hz, validation):
     row = validation(what="decimation, band of interest", reference="sine", why="ripple of the filter")
-    thinned = resampled(sine(frequency_hz), 25.0, 5.0)[:, 0]
+    thinned = resample(sine(frequency_hz), 25.0, 5.0)[:, 0]
     expected = sine(frequency_hz, rate=5.0)[:, 0]
     inside = slice(50, -50)
     # 70 dB: a ripple of 0.03 %, and no phase
@@ -284,7 +284,7 @@ def test_what_is_of_interest_passes_without_a_shift(frequency_hz, validation):
 
 @pytest.mark.parametrize("frequency_hz", [2.75, 3.5, 5.0, 9.0, 12.0])
 def test_what_would_fold_back_is_stopped(frequency_hz):
-    thinned = resampled(sine(frequency_hz), 25.0, 5.0)[50:-50, 0]
+    thinned = resample(sine(frequency_hz), 25.0, 5.0)[50:-50, 0]
     assert np.abs(thinned).max() < 10 ** (-68 / 20)
 
 
@@ -295,19 +295,19 @@ def test_matrix_products_are_scipy_s_polyphase_filter(rate, target, n_sample, mo
     row = validation(what="decimation by matrix products, eight rates and lengths",
                      reference="scipy's polyphase filter, same taps", why="rounding")
     data = np.random.default_rng(1).standard_normal((n_sample, 3)) + 2.0
-    found = resampled(data, rate, target)
-    monkeypatch.setattr(preprocessing, "_filtered", lambda data, up, down, taps: signal.resample_poly(
+    found = resample(data, rate, target)
+    monkeypatch.setattr(preprocessing, "_filter_polyphase", lambda data, up, down, taps: signal.resample_poly(
         data, up, down, axis=0, window=taps / up))
-    plain = resampled(data, rate, target)
+    plain = resample(data, rate, target)
     assert found.shape == plain.shape
     row.error(found - plain, below=1e-14)
 
 
 def test_rates_that_are_no_simple_ratio_are_refused_and_others_kept():
     data = np.random.default_rng(0).standard_normal((1000, 2)) + 3.0
-    assert resampled(data, 5.0, 5.0).mean(axis=0) == pytest.approx([0, 0], abs=1e-12)
-    assert len(resampled(data, 25.0, 10.0)) == 400
+    assert resample(data, 5.0, 5.0).mean(axis=0) == pytest.approx([0, 0], abs=1e-12)
+    assert len(resample(data, 25.0, 10.0)) == 400
     with pytest.raises(InputError, match=r"30 Hz is not in \(0, 25\]"):
-        resampled(data, 25.0, 30.0)
+        resample(data, 25.0, 30.0)
     with pytest.raises(InputError, match="not a ratio of small numbers"):
-        resampled(data, 25.0, 5.0012345)
+        resample(data, 25.0, 5.0012345)

@@ -6,13 +6,13 @@ from peer_packages import peer
 from scipy import signal
 
 from probupdate.errors import InputError
-from probupdate.identification.order_average import ModePoles, averaged, averages, twins
-from probupdate.identification.preprocessing import resampled
+from probupdate.identification.order_average import ModePoles, average_orders, averages, twins
+from probupdate.identification.preprocessing import resample
 from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
     block_toeplitz,
     factorise,
-    left_singular,
+    left_singular_vectors,
     output_covariances,
     poles,
     reference_projection,
@@ -253,7 +253,7 @@ def two_modes(seed):
         a = np.array([[0, 1], [-w * w, -0.02 * w]])
         b, d = signal.ss2tf(*signal.cont2discrete((a, np.eye(2)[:, 1:], a[1:], np.ones((1, 1))), 1 / 2.5)[:4])
         y = y + np.outer(signal.lfilter(b.ravel(), d, rng.standard_normal(6500))[2000:], column)
-    return resampled(y + 0.02 * y.std() * rng.standard_normal(y.shape), 2.5, 2.5 / 3), shape
+    return resample(y + 0.02 * y.std() * rng.standard_normal(y.shape), 2.5, 2.5 / 3), shape
 
 
 def test_stated_std_hold_at_an_order_far_above_the_record(validation):
@@ -293,7 +293,7 @@ def test_an_order_that_misses_the_estimate_is_not_averaged():
         frequency_hz=np.array([1.0, 1.002, 1.05]), damping_ratio=np.full(3, 0.01), shape=shape,
         factors=CovarianceFactors(ln_frequency=column, damping_ratio=0.1 * column,
                                   shape=0.1j * column + np.zeros((2, 1, 1))))
-    found = averaged(poles, [0, 1, 2])
+    found = average_orders(poles, [0, 1, 2])
     assert 1.0 < found.frequency_hz[0] < 1.002
     assert found.shape[:, 0] == pytest.approx([1.0, 0.5])
 
@@ -368,7 +368,7 @@ def test_small_singular_values_are_those_of_a_full_decomposition(validation):
     rng = np.random.default_rng(3)
     left, right = (np.linalg.qr(rng.standard_normal((60, 60)))[0] for _ in range(2))
     size = 10 ** -np.linspace(0, 9, 60)
-    squared, vector, rounding = left_singular(left * size @ right.T, 60)
+    squared, vector, rounding = left_singular_vectors(left * size @ right.T, 60)
     exact = np.linalg.svd(left * size @ right.T, compute_uv=False)
     row.error(np.sqrt(squared[:55]) / exact[:55] - 1, below=1e-5, of="values")
     assert np.abs(vector.T @ vector - np.eye(60)).max() < 1e-12

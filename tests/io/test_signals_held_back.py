@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate.cli.process import Interrupted, ended_by_signals
+from probupdate.cli.process import InterruptedBySignal, ended_by_signals
 from probupdate.io.hdf5_file import new_hdf5
-from probupdate.runtime.signals import ENDING, held_back
+from probupdate.runtime.signals import ENDING, hold_back_signals
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +24,7 @@ def ctrl_c_is_heard():
 
 @pytest.mark.parametrize("number", ENDING)
 def test_a_file_that_is_being_written_is_finished_first(tmp_path, number):
-    with pytest.raises(Interrupted), ended_by_signals(), new_hdf5(tmp_path / "a.h5") as file:
+    with pytest.raises(InterruptedBySignal), ended_by_signals(), new_hdf5(tmp_path / "a.h5") as file:
         os.kill(os.getpid(), number)
         file["data"] = np.arange(3.0)
     with h5py.File(tmp_path / "a.h5") as file:
@@ -33,7 +33,7 @@ def test_a_file_that_is_being_written_is_finished_first(tmp_path, number):
 
 
 def test_another_error_that_a_signal_became_is_the_signal_s():
-    with pytest.raises(Interrupted), ended_by_signals():
+    with pytest.raises(InterruptedBySignal), ended_by_signals():
         try:
             os.kill(os.getpid(), signal.SIGTERM)
         except KeyboardInterrupt:
@@ -49,7 +49,7 @@ def test_nothing_is_held_back_after_the_block():
     came = []
     before = signal.signal(signal.SIGTERM, lambda *_: came.append(1))
     try:
-        with held_back():
+        with hold_back_signals():
             os.kill(os.getpid(), signal.SIGTERM)
             assert not came
         assert came == [1]

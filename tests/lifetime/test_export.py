@@ -18,7 +18,7 @@ from probupdate.lifetime.superelement import frequencies, read_extptfm, superele
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import assembled_file
-from probupdate.structure.subdyn_values import applied
+from probupdate.structure.subdyn_values import apply_values
 from probupdate.updating.posterior_file import Posterior, write_posterior
 from tests.subdyn_text import FRAME_GROUPS, FRAME_SENSORS, STEEL, subdyn
 
@@ -100,7 +100,7 @@ def test_models_hold_every_parameter_of_their_draw(run, validation):
                                    expected)
     # values far from the initial ones are put in too
     far = dict(zip(model.parameters.names, model.parameters.initial * [2, 3, 0.5, 2, 3, 4, 0.3], strict=True))
-    file, above = applied(run / "model.toml", far)
+    file, above = apply_values(run / "model.toml", far)
     frame, K, M = assembled_file(file)
     value = sparse.linalg.eigsh(K, k=5, M=M, sigma=0.0, return_eigenvectors=False)
     own = model.solve(np.array(list(far.values())), 5).frequency_hz

@@ -269,6 +269,6 @@ def test_the_water_and_the_hub_are_stated(tmp_path):
     with pytest.raises(InputError, match="SubDyn models have"):
         fatigue_model_of(path, conditions(joint=[{"at": "leg", "curve": "T"} | CROSS]))
     with pytest.raises(InputError, match="name them in a TOML"):
-        from probupdate.lifetime.subdyn_stress import opened
+        from probupdate.lifetime.subdyn_stress import open_model
 
-        opened(path.with_name("pile.dat"))
+        open_model(path.with_name("pile.dat"))

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 
 from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime
-from probupdate.lifetime.superelement import frequencies, read_extptfm, reduced
+from probupdate.lifetime.superelement import frequencies, read_extptfm, reduce_model
 from probupdate.structure.assembly import assemble, supporting_matrices
 from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model
@@ -40,7 +40,7 @@ def test_a_turbines_superelement_with_its_tower_is_the_turbine(scour, validation
     rest_K, rest_M = K.copy(), M.copy()
     rest_K[np.ix_(inside, inside)] -= own[0].toarray()
     rest_M[np.ix_(inside, inside)] -= own[1].toarray()
-    one = reduced(below, n_mode=25)
+    one = reduce_model(below, n_mode=25)
     foot = np.flatnonzero(np.all(frame.node_m == below.reference_m, axis=1))[0]
     at_foot = np.flatnonzero(columns // 6 == foot)
     above = np.flatnonzero(~kept[columns // 6])
@@ -74,8 +74,8 @@ def test_the_export_of_a_turbine_has_superelements_of_every_draw(tmp_path):
     assert all((done.folder / "models" / k / "substructure.dat").is_file() for k in ("001", "002"))
     for k in (1, 2):
         read = read_extptfm(done.folder / "superelements" / f"{k:03d}.cb.dat")
-        own = reduced(turbine_substructure(read_description(done.folder / "models" / f"{k:03d}" / "model.toml")),
-                      n_mode=6)
+        own = reduce_model(turbine_substructure(read_description(done.folder / "models" / f"{k:03d}" / "model.toml")),
+                           n_mode=6)
         np.testing.assert_allclose(frequencies(read["Stiffness"], read["Mass"])[:6], own.frequency_hz, rtol=1e-6)
     # the draws differ in the jacket's stiffness, and so do they
     guyan = [read_extptfm(done.folder / "superelements" / f"00{k}.guyan.dat")["Stiffness"][0, 0] for k in (1, 2)]

@@ -16,6 +16,7 @@ from probupdate.modal.modes import (
     ModalData,
     ModalSet,
     StoredFactors,
+    criteria_within_plane,
     mac,
     modal_phase_collinearity,
     pair_by_mac,
@@ -23,7 +24,6 @@ from probupdate.modal.modes import (
     read_modes,
     rotate_to_real,
     subspace_mac,
-    within_plane,
     write_modes,
 )
 
@@ -387,7 +387,7 @@ def test_a_plane_is_spanned_by_two_shapes_as_turned_for_the_best(validation):
                      why="steps of half a degree")
     rng = np.random.default_rng(3)
     shape, (plane, _) = rng.standard_normal((7, 5)), np.linalg.qr(rng.standard_normal((7, 2)))
-    found = within_plane(plane, shape)
+    found = criteria_within_plane(plane, shape)
     inside = plane.T @ shape / np.linalg.norm(shape, axis=0)
     angle = np.radians(np.arange(0, 360, 0.5))
     along, across = np.cos(angle)[:, None] * inside[0] + np.sin(angle)[:, None] * inside[1], \

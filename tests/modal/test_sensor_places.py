@@ -5,7 +5,7 @@ import pytest
 
 from probupdate.effects.catalogue import positions
 from probupdate.modal.modes import Sensor
-from probupdate.modal.sensor_places import at_one_height, at_one_place
+from probupdate.modal.sensor_places import sensors_by_height, sensors_by_place
 
 
 def sensors(points, names="abcdef", scale=1.0):
@@ -19,20 +19,21 @@ POINTS = [(0, 0, 0.145), (0, 0, 0.14500001), (0.5, 0, 0.1451), (0, 0, 80.0), (0.
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_places_and_heights_hang_on_the_size(scale):
     there = sensors(POINTS, scale=scale)
-    assert at_one_place(there) == [[0, 1], [2], [3], [4]]
-    assert at_one_height(there) == [[0, 1, 2], [3, 4]]
+    assert sensors_by_place(there) == [[0, 1], [2], [3], [4]]
+    assert sensors_by_height(there) == [[0, 1, 2], [3, 4]]
 
 
 def test_no_digit_parts_what_is_together():
     """4.995 and 5.005 m round to other hundredths, 0.049 and 0.051 m to other tenths."""
     there = sensors([(0, 0, 4.995), (0, 0, 5.004), (0, 0, 0.049), (2, 0, 0.051), (0, 0, 60.0)])
-    assert at_one_place(there) == [[0, 1], [2], [3], [4]]
-    assert at_one_height(there) == [[2, 3], [0, 1], [4]]
+    assert sensors_by_place(there) == [[0, 1], [2], [3], [4]]
+    assert sensors_by_height(there) == [[2, 3], [0, 1], [4]]
 
 
 def test_one_place_alone_and_none():
-    assert at_one_place([]) == at_one_height([]) == []
-    assert at_one_place(sensors([(1, 2, 3), (1, 2, 3)])) == at_one_height(sensors([(1, 2, 3), (1, 2, 3)])) == [[0, 1]]
+    assert sensors_by_place([]) == sensors_by_height([]) == []
+    assert sensors_by_place(sensors([(1, 2, 3), (1, 2, 3)])) == sensors_by_height(sensors([(1, 2, 3),
+                                                                                           (1, 2, 3)])) == [[0, 1]]
 
 
 def test_places_whose_channels_begin_alike_have_names_of_their_own():

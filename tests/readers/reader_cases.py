@@ -240,7 +240,7 @@ def convert_description(folder: Path) -> Made:
 def source(suffix: str):
     def make(folder: Path) -> Made:
         from probupdate.campaign.description import read_description
-        from probupdate.campaign.sources import opened
+        from probupdate.campaign.sources import open_source
 
         table = np.random.default_rng(2).standard_normal((500, 3))
         table[:, 0] = np.arange(500) / 5
@@ -291,7 +291,7 @@ def source(suffix: str):
                     file[name] = table[:, k][None]
         (folder / "convert.toml").write_text(described)
         description = read_description(folder / "convert.toml", ("a",) if suffix == ".sac" else ("a", "b"))
-        return [path], lambda: sum(len(data) for _, data in opened(path, description, rate_hz=5.0)[1])
+        return [path], lambda: sum(len(data) for _, data in open_source(path, description, rate_hz=5.0)[1])
 
     return make
 

@@ -16,7 +16,7 @@ import pytest
 
 from probupdate.model.parameters import Parameters
 from probupdate.reporting import compose, figures
-from probupdate.reporting.elements import Column, Table, fixed, full_sentence, number, percent, plain_text
+from probupdate.reporting.elements import Column, Table, decimal, full_sentence, number, percent, plain_text
 from probupdate.reporting.page import csv_text
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "diagnosis", "update", "posterior", "comparison", "modes",
@@ -206,7 +206,7 @@ def test_a_table_for_a_spreadsheet_holds_no_formula():
 
 def test_percent_and_fixed():
     assert percent(0.01234, 1, sign=True) == "+1.2" and percent(-0.00001, 1, sign=True) == "0.0"
-    assert fixed(-0.0001, 2) == "0.00" and fixed(-1.5, 1) == "−1.5"
+    assert decimal(-0.0001, 2) == "0.00" and decimal(-1.5, 1) == "−1.5"
 
 
 def test_a_table_refuses_rows_of_another_width():

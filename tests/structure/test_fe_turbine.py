@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 from small_turbine import small_turbine
 
-from probupdate.runtime.executors import completed
+from probupdate.runtime.executors import iterate_completed
 from probupdate.structure.assembly import assemble
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attach
@@ -314,7 +314,7 @@ def test_fingerprint_changes_with_priors_names_and_layout(raw, small):
 
 def test_same_file_same_numbers_and_pools_may_take_the_model(raw, small):
     # there and back again, as pools take it
-    again, _ = completed(copy.copy, [(model(raw),)] * 2, jobs=2, least=1)
+    again, _ = iterate_completed(copy.copy, [(model(raw),)] * 2, jobs=2, least=1)
     theta = small.parameters.initial
     assert np.array_equal(again.solve(theta, 6).frequency_hz, small.solve(theta, 6).frequency_hz)
     assert np.array_equal(again.solve(theta, 6).shape, small.solve(theta, 6).shape)

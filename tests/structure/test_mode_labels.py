@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.modal.labels import indistinguishable, numbered
+from probupdate.modal.labels import indistinguishable, number_labels
 from probupdate.modal.mode_energy import energy_character
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter, Parameters
@@ -111,10 +111,11 @@ def test_shares_of_energy_add_up_to_one():
 def test_a_pair_that_bends_obliquely_is_one_of_either_direction():
     share = np.array([[0.55, 0.45, 0.0], [0.53, 0.47, 0.0], [0.98, 0.0, 0.0]])
     frequency = np.array([0.3, 0.3001, 1.2])
-    assert numbered(share, 1 - share.sum(axis=1), ("FA", "SS", "T"), frequency_hz=frequency) == ("FA1", "SS1", "FA2")
+    assert number_labels(share, 1 - share.sum(axis=1), ("FA", "SS", "T"), frequency_hz=frequency) == ("FA1", "SS1",
+                                                                                                      "FA2")
     # apart, they are what they lean to
-    assert numbered(share, 1 - share.sum(axis=1), ("FA", "SS", "T"),
-                    frequency_hz=np.array([0.3, 0.9, 1.2])) == ("FA1", "FA2", "FA3")
+    assert number_labels(share, 1 - share.sum(axis=1), ("FA", "SS", "T"),
+                         frequency_hz=np.array([0.3, 0.9, 1.2])) == ("FA1", "FA2", "FA3")
 
 
 def with_sensors(levels):

@@ -11,7 +11,7 @@ from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.own_modes import own_modes
+from probupdate.structure.own_modes import modes_of_model
 from probupdate.updating.problem import build_problem
 from probupdate.verbs.sought import reference_modes
 
@@ -46,7 +46,7 @@ def test_every_degree_of_freedom_gives_its_mode(n, validation):
     # all stiffness scales with the parameter: df/dk = f / 2, and no shape moves
     row.error(found.frequency_derivative[:, 0] / (expected / 2) - 1, 1e-9, "derivatives")
     row.error(found.shape_derivative / np.abs(found.shape).max(), 1e-9, "of shapes")
-    row.error(own_modes(model, n).frequency_hz / expected - 1, 1e-10, "frequencies")
+    row.error(modes_of_model(model, n).frequency_hz / expected - 1, 1e-10, "frequencies")
 
 
 def test_more_modes_than_degrees_of_freedom_are_refused():
@@ -91,9 +91,9 @@ def test_a_model_smaller_than_the_record_takes_its_own_modes_and_says_the_rest(n
 
 
 def test_without_a_count_a_small_model_gives_what_it_has():
-    assert len(own_modes(shear_building(3)).frequency_hz) == 3
+    assert len(modes_of_model(shear_building(3)).frequency_hz) == 3
     with pytest.raises(InputError, match="4 modes are asked for, it has 3"):
-        own_modes(shear_building(3), 4)
+        modes_of_model(shear_building(3), 4)
 
 
 @pytest.mark.parametrize(("stiffness", "mass", "height", "said"), [
@@ -115,7 +115,7 @@ def test_frequencies_of_no_structure_are_said_to_be(stiffness, mass, height, sai
         nodes = np.column_stack([np.zeros((3, 2)), height * np.array([0.0, 0.5, 1.0])])
         wire = Wireframe(node_m=nodes, line=np.array([[0, 1], [1, 2]]), line_group=("", ""))
         model = replace(model, wire=wire, wire_matrix=sparse.csr_array(np.zeros((9, 3))))
-    notes = own_modes(model, 3).notes
+    notes = modes_of_model(model, 3).notes
     assert len(notes) == bool(said)
     assert all(said in note and note.startswith("implausible: the lowest frequency is") for note in notes)
 

@@ -30,7 +30,7 @@ from probupdate.updating.discrepancy import (
     LikelihoodSettings,
     estimate_discrepancy,
     learnt_error,
-    stated_weights,
+    weights_by_name,
 )
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
 from probupdate.updating.problem import Problem, build_problem
@@ -199,7 +199,7 @@ def drawn(seed: int):
 
 def estimated(model, data, known=()) -> tuple[Problem, Laplace]:
     weights = replace(SHAPES, baseline=()).stated_for(model, data) if not known else estimate_discrepancy(
-        model, data, weights=replace(stated_weights("measured", data, tolerances=False), baseline=known))
+        model, data, weights=replace(weights_by_name("measured", data, tolerances=False), baseline=known))
     problem = build_problem(model, data, weights=weights)
     return problem, maximum_a_posteriori(problem, [INITIAL])
 

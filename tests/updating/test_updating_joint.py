@@ -16,7 +16,7 @@ from probupdate.updating.joint_file import read_joint
 from probupdate.updating.joint_inference import JointSettings, estimate_farm, sample_farm
 from probupdate.updating.joint_next import SURVEY, next_measurements
 from probupdate.updating.joint_result import infer_farm
-from probupdate.updating.joint_scales import student_about, walked
+from probupdate.updating.joint_scales import sample_scale_chain, student_about
 from probupdate.updating.problem import Weights
 
 SPREAD = 0.25 * 1.5
@@ -66,7 +66,7 @@ def test_the_chain_over_the_scatter_is_quadrature_s(farm, validation):
     y, found = farm
     about = student_about(found.scales, found.system, found.x)
     chains = {"independent draws": sample_farm(found).chain,
-              "emcee": walked(found.scales, found.system, about, np.random.default_rng(1))}
+              "emcee": sample_scale_chain(found.scales, found.system, about, np.random.default_rng(1))}
     tau = np.geomspace(1e-4, 3, 400)
     value = np.array([dense(y, t, *parts(y))[2] for t in tau]) + stats.halfnorm.logpdf(tau, scale=SPREAD) + np.log(tau)
     weight = special.softmax(value)

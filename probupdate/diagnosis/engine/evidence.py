@@ -33,7 +33,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Along:
+class ProfileInformation:
     """What n_number numbers say of n_profile profiles, for each slow error of the grid: information `a` and score `b`
     (n_slow, n_number, n_profile), sum of squares `c` and ln density `null` (n_slow, n_number) where nothing moves,
     degrees of freedom (n_number,), usable (n_number, n_profile)."""
@@ -82,44 +82,44 @@ class Along:
         return float(np.sum(logsumexp(own, axis=0) - self.log_nothing))
 
 
-def along(
+def profile_information(
     numbers: np.ndarray, weight: np.ndarray, least: np.ndarray, hours: np.ndarray, nuisance: np.ndarray,
     profiles: np.ndarray,
-) -> Along:
+) -> ProfileInformation:
     """numbers (n_block, n_number) with weight (n_block, n_number), zero where not measured, and `least` variance
     (n_number,) below which none is believed to repeat; hours (n_block,); nuisance (n_block, n_nuisance), the offset
     first; profiles (n_profile, n_block)."""
     patterns, of_number = np.unique(weight.T, axis=0, return_inverse=True)
     parts = [np.flatnonzero(of_number.ravel() == k) for k in range(len(patterns))]
-    found = [_along(numbers[:, own], v, least[own], hours, nuisance, profiles)
+    found = [_equal_weight_information(numbers[:, own], v, least[own], hours, nuisance, profiles)
              for own, v in zip(parts, patterns, strict=True)]
-    return _joined(found, np.argsort(np.concatenate(parts)))
+    return _join_information(found, np.argsort(np.concatenate(parts)))
 
 
-def along_in_sequence(
+def sequential_information(
     numbers: np.ndarray, weight: np.ndarray, least: np.ndarray, hours: np.ndarray, nuisance: np.ndarray,
     profiles: np.ndarray,
-) -> Along:
+) -> ProfileInformation:
     """The same where each number is explained by those before it too, with flat coefficients: the densities of all
     multiply to that of numbers that scatter and drift together, whatever their covariance."""
-    found = [_along(numbers[:, [k]], weight[:, k], least[[k]], hours,
-                    np.hstack([nuisance, numbers[:, :k] / np.sqrt(least[:k])]), profiles)
+    found = [_equal_weight_information(numbers[:, [k]], weight[:, k], least[[k]], hours,
+                                       np.hstack([nuisance, numbers[:, :k] / np.sqrt(least[:k])]), profiles)
              for k in range(numbers.shape[1])]
-    return _joined(found, np.arange(numbers.shape[1]))
+    return _join_information(found, np.arange(numbers.shape[1]))
 
 
-def _joined(parts: Sequence[Along], order: np.ndarray) -> Along:
+def _join_information(parts: Sequence[ProfileInformation], order: np.ndarray) -> ProfileInformation:
     def of(name: str, axis: int) -> np.ndarray:
         return np.take(np.concatenate([getattr(p, name) for p in parts], axis=axis), order, axis=axis)
 
-    return Along(a=of("a", 1), b=of("b", 1), c=of("c", 1), null=of("null", 1), degrees=of("degrees", 0),
-                 usable=of("usable", 0))
+    return ProfileInformation(a=of("a", 1), b=of("b", 1), c=of("c", 1), null=of("null", 1), degrees=of("degrees", 0),
+                              usable=of("usable", 0))
 
 
-def _along(
+def _equal_weight_information(
     numbers: np.ndarray, weight: np.ndarray, least: np.ndarray, hours: np.ndarray, nuisance: np.ndarray,
     profiles: np.ndarray,
-) -> Along:
+) -> ProfileInformation:
     """Of numbers of one weight (n_block,)."""
     m, k = numbers.shape[1], len(profiles)
     grid = [(0.0, 1.0), *product(SLOW_RATIO, SLOW_LENGTH)]
@@ -133,10 +133,10 @@ def _along(
         columns, n = np.hstack([nuisance, profiles.T, numbers]), nuisance.shape[1]
         for j, (ratio, length) in enumerate(grid):
             gram, log_det = _products(columns, weight, hours, ratio, length)
-            rest, log_known = _beyond(gram, n, rank)
+            rest, log_known = _residual_products(gram, n, rank)
             if not j:
-                whole = np.diag(_beyond(gram, 1, 1)[0])[n - 1 :][:k]
-                good = (np.diag(rest)[:k] > REMAINING * whole) & _on_both_sides(profiles, counted)
+                whole = np.diag(_residual_products(gram, 1, 1)[0])[n - 1 :][:k]
+                good = (np.diag(rest)[:k] > REMAINING * whole) & _has_blocks_on_both_sides(profiles, counted)
                 # what is as good as constant where it counts
                 good &= whole > 1e-9 * np.mean(weight)
                 usable[:] = good
@@ -144,10 +144,10 @@ def _along(
             b[j] = np.where(good, rest[k:, :k], 0.0)
             c[j] = np.maximum(np.diag(rest)[k:], 0.0) + least
             null[j] = prior[j] - 0.5 * (log_det + log_known + degrees * np.log(c[j]))
-    return Along(a=a, b=b, c=c, null=null, degrees=degrees, usable=usable)
+    return ProfileInformation(a=a, b=b, c=c, null=null, degrees=degrees, usable=usable)
 
 
-def _on_both_sides(profiles: np.ndarray, counted: np.ndarray) -> np.ndarray:
+def _has_blocks_on_both_sides(profiles: np.ndarray, counted: np.ndarray) -> np.ndarray:
     """(n_profile,) whether a step has enough blocks that count on either side; others always."""
     step = np.all((profiles == 0) | (profiles == 1), axis=1)
     after = np.sum(profiles[:, counted] != 0, axis=1)
@@ -186,7 +186,7 @@ def _pivots(banded: np.ndarray) -> np.ndarray:
     return result
 
 
-def _beyond(gram: np.ndarray, n: int, rank: int) -> tuple[np.ndarray, float]:
+def _residual_products(gram: np.ndarray, n: int, rank: int) -> tuple[np.ndarray, float]:
     """Products of what the first n columns do not explain, and the ln determinant of theirs."""
     value, vector = np.linalg.eigh(gram[:n, :n])
     value, vector = value[n - rank :], vector[:, n - rank :]
@@ -194,7 +194,7 @@ def _beyond(gram: np.ndarray, n: int, rank: int) -> tuple[np.ndarray, float]:
     return gram[n:, n:] - part.T @ part, float(np.sum(np.log(value)))
 
 
-def over_scales(log_moved: np.ndarray) -> np.ndarray:
+def scale_mean(log_moved: np.ndarray) -> np.ndarray:
     """Mean over amounts of no size and of each scale, of ln Bayes factors (n_scale, ...)."""
     return logsumexp(np.concatenate([np.zeros((1, *log_moved.shape[1:])), log_moved]), axis=0) - np.log(
         1 + len(log_moved))

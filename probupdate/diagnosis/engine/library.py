@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.engine.evidence import Along, over_scales
+from probupdate.diagnosis.engine.evidence import ProfileInformation, scale_mean
 from probupdate.diagnosis.evidence import log_weight_of_size
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
@@ -38,22 +38,23 @@ _SHARES = np.array([[0.5], [0.25], [0.25]])
 
 
 def log_unknown(
-    frequencies: Along, shapes: Along, real: Sequence[np.ndarray], imaginary: Sequence[np.ndarray]
+    frequencies: ProfileInformation, shapes: ProfileInformation, real: Sequence[np.ndarray],
+    imaginary: Sequence[np.ndarray],
 ) -> Unknown:
     """`frequencies`: numbers in sequence, of which only the first moves with one share of all; per group `real` and
     `imaginary`: the numbers of `shapes`, with one scale a group."""
     each, moved = frequencies.log_moved(), shapes.log_moved()
-    ways = np.array([over_scales(each[:, 0]), over_scales(np.sum(each, axis=1)), np.sum(over_scales(each), axis=0)])
+    ways = np.array([scale_mean(each[:, 0]), scale_mean(np.sum(each, axis=1)), np.sum(scale_mean(each), axis=0)])
     own = logsumexp(ways, axis=0, b=_SHARES)
 
     def free(parts: Sequence[np.ndarray]) -> np.ndarray:
-        return sum((over_scales(np.sum(moved[:, rows], axis=1)) for rows in parts), np.zeros(moved.shape[2]))
+        return sum((scale_mean(np.sum(moved[:, rows], axis=1)) for rows in parts), np.zeros(moved.shape[2]))
 
     structure = own + free(real)
     return Unknown(frequencies=own, structure=structure, everything=structure + free(imaginary))
 
 
-def sizes(along: Along, signature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sizes(along: ProfileInformation, signature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n_effect, n_profile) sizes and standard deviations of effects of signatures (n_number, n_effect) by weighted
     least squares, infinite where nothing shows them."""
     amount, variance = along.amounts
@@ -65,7 +66,7 @@ def sizes(along: Along, signature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Weighed:
+class WeighedEffects:
     """Effects of one size beside nothing: `rows` (n, 2) effect and profile of those with the largest gain, `log`
     (n,) their ln Bayes factors; size and size_std (n_effect, n_profile)."""
 
@@ -76,8 +77,9 @@ class Weighed:
 
 
 def weigh(
-    along: Along, effects: Sequence[Effect], signature: np.ndarray, profiles: Sequence[TimeProfile], span: np.ndarray
-) -> Weighed:
+    along: ProfileInformation, effects: Sequence[Effect], signature: np.ndarray, profiles: Sequence[TimeProfile],
+    span: np.ndarray,
+) -> WeighedEffects:
     """Effects (signature (n_number, n_effect)) along the profiles of range `span` (n_profile,) that their rows allow.
     """
     size, std = sizes(along, signature)
@@ -92,4 +94,4 @@ def weigh(
         along.log_of_size(signature[:, e], h, size[e, h])
         + min(0.0, log_weight_of_size(effects[e], size[e, h] / span[h], std[e, h] / span[h]))
         for e, h in rows])
-    return Weighed(rows=rows, log=log, size=size, size_std=std)
+    return WeighedEffects(rows=rows, log=log, size=size, size_std=std)
