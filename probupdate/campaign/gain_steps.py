@@ -41,6 +41,9 @@ TURNED = 3.0
 MOST_STEPS, MOST_TRIED = 8, 4
 # candidates whose residuals (sum of squared standard scores) are this close explain the records as well
 AS_WELL = 9.0
+# of sensors that change at one time, each by a factor of its own
+OF_STRUCTURE = ("; others change by other factors then, as where the structure changes (`probupdate diagnose` weighs the "
+                "two)")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -341,12 +344,13 @@ def gain_step_findings(steps: Sequence[_Change], ids: Sequence[str], channels: S
         size = float(np.mean([s[2] for s in group]))
         error = float(np.sqrt(np.mean([s[3] ** 2 for s in group])))
         who = ", ".join(names)
-        common = len(names) > 1
+        common, exchanged = len(names) > 1, len(inverse) == 1 == len(names)
+        besides = [s for s in steps if abs(s[1] - at) <= 1 and s not in group]
         message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} "
                    f"times what it was, from {ids[at]} on"
                    + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
-                   + (f"; that of {inverse[0]} by the inverse, as if the two were exchanged"
-                      if len(inverse) == 1 == len(names) else "")
+                   + (f"; that of {inverse[0]} by the inverse, as if the two were exchanged" if exchanged else "")
+                   + (OF_STRUCTURE if besides and not exchanged and min(s[2] for s in (*group, *besides)) > 0 else "")
                    + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
                    "leave it out (leave_out in campaign.toml)")
         one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], alternatives=others,
