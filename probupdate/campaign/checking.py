@@ -50,7 +50,7 @@ USES = {
     "pitch_deg": "criterion 'no pitching'",
     "nacelle_heading_deg": "fore-aft and side-side as the nacelle turns; how far it turned within a block",
     "yaw_rate_degps": "criterion 'no yawing'",
-    "wind_speed_mps": "wind and state over time (Fig. 4)",
+    "wind_speed_mps": "wind over time",
     "water_level_m": "frequency against water level",
     "air_temperature_c": "frequency against temperature",
 }
@@ -361,7 +361,8 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
              for channels, n in alone.most_common(3)]
     uses += left_out_notes(campaign.left_out)
     states = Counter(head["state"][good])
-    if campaign.scada is not None:
+    if set(states) - {"unknown"}:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
+    if campaign.scada is not None:
         uses += dict.fromkeys(text for column, text in USES.items() if column in campaign.scada)
     return tuple(uses)

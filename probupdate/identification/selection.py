@@ -376,11 +376,12 @@ def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count:
             lines.append(f"{label}: too few for a CoV")
             continue
         paper = f" (paper {PAPER_COV[label]})" if label in PAPER_COV else ""
-        states = ", ".join(f"{k} {v:.4f}" for k, v in zip(rows["state"][1:], rows["cov"][1:], strict=True)
-                           if np.isfinite(v))
+        # what no SCADA says, and what is the same as all blocks, is left out
+        states = "".join(f"; {k} {v:.4f}" for k, v in zip(rows["state"][1:], rows["cov"][1:], strict=True)
+                         if np.isfinite(v) and k != "unknown" and (k != "passed" or v != value))
         own = rows["own_cov"].iloc[0]
         stated = f"; identification itself states {own:.4f} (median)" if np.isfinite(own) else ""
-        lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}; {states}{stated}")
+        lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}{states}{stated}")
     if std_from == CAMPAIGN:
         lines.append("frequency_std_hz of every kept set is the CoV over all blocks times its frequency; --weights "
                      "measured takes that")
