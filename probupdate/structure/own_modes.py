@@ -24,7 +24,7 @@ from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.plausible_size import implausible_size
-from probupdate.structure.subdyn_model import is_subdyn, read_description, with_tower
+from probupdate.structure.subdyn_model import is_subdyn, read_description, turns_nacelle, with_tower
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,13 +84,13 @@ def modes_of_model(
     """
     if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
-    sensors, notes, of_matrices = None, (), False
+    sensors, notes, turbine = None, (), True
     opened: Model
     if isinstance(model, str | Path):
         path = Path(model)
         sensors, notes = model_sensors(path), unused_of(path)
-        # a turbine's geometry has sensors with places, or none
-        of_matrices = sensors is None
+        # what has members has sensors with places, or none
+        turbine = sensors is not None and turns_nacelle(path)
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
     else:
         stated = read_parameters(parameters) if isinstance(parameters, str | Path) else parameters
@@ -109,7 +109,7 @@ def modes_of_model(
             raise
         solution, phi, free = _solve_with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
-    labels = mode_labels(opened, solution, sensors or (), families=NEUTRAL if of_matrices else TURBINE, phi=phi)
+    labels = mode_labels(opened, solution, sensors or (), families=TURBINE if turbine else NEUTRAL, phi=phi)
     notes = (*notes, *implausible(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
     shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)

@@ -217,7 +217,9 @@ def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
 
 
 def turns_nacelle(path: Path) -> bool:
-    """Whether masses of a SubDyn model turn with the nacelle."""
+    """Whether a model with members has a nacelle: a model.toml, or a TOML of SubDyn's that states it or a tower."""
+    if not is_subdyn(path):
+        return True
     if path.suffix != ".toml":
         return False
     description = read_description(read_toml(path), path)

@@ -39,7 +39,15 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import implausible
 from probupdate.structure.plausible_size import implausible_extent, other_unit_words
-from probupdate.verbs.models import GivenModel, channels_of_model, has_geometry, open_model, refuse_other_value
+from probupdate.structure.subdyn_model import turns_nacelle
+from probupdate.verbs.models import (
+    GivenModel,
+    channels_of_model,
+    has_geometry,
+    model_path,
+    open_model,
+    refuse_other_value,
+)
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import Sought, reference_modes
 
@@ -216,7 +224,10 @@ def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSett
 def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, ...]:
     """What bending is called: fore-aft and side-side of a turbine, by its model or by what was recorded of it."""
     recorded = any(c.scada is not None and of_turbine(c.scada.columns) for c in campaigns)
-    return TURBINE_LABELS if recorded or has_geometry(model) else NEUTRAL
+    if recorded:
+        return TURBINE_LABELS
+    path = model_path(model) if has_geometry(model) else None
+    return TURBINE_LABELS if path is not None and (not path.is_file() or turns_nacelle(path)) else NEUTRAL
 
 
 def sensors_of(campaigns: Sequence[Campaign]) -> tuple[Sensor, ...]:

@@ -92,7 +92,7 @@ class ModelAt:
         if not has_geometry(self.model):
             return False
         path = model_path(self.model)
-        return not path.is_file() or not is_subdyn(path) or turns_nacelle(path)
+        return not path.is_file() or turns_nacelle(path)
 
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)

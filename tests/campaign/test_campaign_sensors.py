@@ -134,7 +134,7 @@ def test_files_back_to_back_show_a_wrong_clock_and_gaps_do_not():
     def said(seconds, starts):
         files = tuple(SimpleNamespace(start=pd.Timestamp("2021-05-04") + pd.Timedelta(seconds=a),
                                       n_sample=round(n * RATE)) for a, n in zip(starts, seconds, strict=True))
-        found, _ = rate_findings(SimpleNamespace(sampling_rate_hz=RATE, files=files),
+        found, _ = rate_findings(SimpleNamespace(sampling_rate_hz=RATE, files=files, block_minutes=9.0),
                                  RateRatio(ratio=np.nan, std=np.nan, rows=0))
         return found
 
@@ -142,6 +142,8 @@ def test_files_back_to_back_show_a_wrong_clock_and_gaps_do_not():
     (one,) = said([660] * 6, [600, 1200, 1801, 2400, 2999, 3600])
     assert "1.1 times the samples" in one and "22 Hz" in one
     assert not said([600] * 6, np.arange(6) * 600.0)
+    # a block of nine minutes in each ten is a pause; of eight and a half it may be either
+    assert not said([540] * 6, np.arange(6) * 600.0) and said([510] * 6, np.arange(6) * 600.0)
     rng = np.random.default_rng(7501)
     alarms = 0
     for _ in range(300):
