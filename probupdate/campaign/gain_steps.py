@@ -42,8 +42,8 @@ MOST_STEPS, MOST_TRIED = 8, 4
 # candidates whose residuals (sum of squared standard scores) are this close explain the records as well
 AS_WELL = 9.0
 # of sensors that change at one time, each by a factor of its own
-OF_STRUCTURE = ("; others change by other factors then, as where the structure changes (`probupdate diagnose` weighs the "
-                "two)")
+OF_STRUCTURE = ("; others change by other factors then, as where the structure changes (`probupdate diagnose` weighs "
+                "the two)")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
