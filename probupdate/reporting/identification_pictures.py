@@ -16,6 +16,7 @@ from probupdate.identification.block_store import stored_block
 from probupdate.identification.classification import ClassifierSettings, rotor_bands
 from probupdate.identification.ssi import Poles
 from probupdate.io.files import write_text
+from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import ModalData, ModalSet, mac, modal_phase_collinearity
 from probupdate.reporting import figures_identification as draw
 from probupdate.reporting import figures_measurement as measurement
@@ -64,7 +65,8 @@ def drawings(
     if scada is not None and "wind_speed_mps" in scada:
         state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
         yield Drawing(
-            name="fig4_wind_and_state", caption="Wind speed and turbine state (the paper's Fig. 4).",
+            name="fig4_wind_and_state", caption="Wind speed" + (
+                "." if (state == "unknown").all() else " and turbine state (the paper's Fig. 4)."),
             figure=measurement.wind_and_state(
                 scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state)))
     if poles is not None:
@@ -77,7 +79,8 @@ def drawings(
 def pole_drawings(
     poles: pd.DataFrame, labels: list[str], lines_hz: dict[str, float], width_in: float = FULL_IN
 ) -> Iterator[Drawing]:
-    """Figs. 5-7, the paper's classifier step by step, and the one used here."""
+    """Figs. 5-7, the paper's classifier step by step, and the one used here; the last step is a rotor's."""
+    rotor = bool(lines_hz) or not {family(one) for one in labels}.isdisjoint(TURBINE[:2])
     time, frequency = poles["time"].to_numpy(), poles["frequency_hz"].to_numpy(float)
     upper = max(2.5, 1.1 * float(np.max(frequency[poles["criterion"] == "kept"], initial=0)))
     dashed = " Dashed: upper bounds of the P-frequencies at the highest rotor speed recorded." if lines_hz else ""
@@ -92,9 +95,10 @@ def pole_drawings(
                   f"All poles up to {upper:.3g} Hz, no post-processing (the paper's Fig. 5).{dashed}")
     passed = np.nan_to_num(poles["mac"].to_numpy(float)) >= 0.80
     yield drawing("fig6_mac", {"MAC ≥ 0.80": (time[passed], frequency[passed])}, {"MAC ≥ 0.80": plain},
-                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6). Lines of a "
-                  "rotor that move the structure as its first mode does are still among them.")
-    if "paper_criterion" in poles:
+                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6)."
+                  + (" Lines of a rotor that move the structure as its first mode does are still among them."
+                     if rotor else ""))
+    if rotor and "paper_criterion" in poles:
         kept = (poles["paper_criterion"] == "kept").to_numpy()
         name = "after the complexity criterion"
         yield drawing("fig7_complexity", {name: (time[kept], frequency[kept])}, {name: plain},
@@ -111,8 +115,9 @@ def pole_drawings(
         rows = taken & (mode == label)
         groups[label] = (time[rows], frequency[rows])
     yield drawing("poles_classified", groups, marks,
-                  "The classifier used here: close pairs judged by their plane, harmonics by the rotor speed of "
-                  "SCADA, each pole with the criterion that kept or removed it.")
+                  "The classifier used here: close pairs judged by their plane"
+                  + (", harmonics by the rotor speed of SCADA" if rotor else "")
+                  + ", each pole with the criterion that kept or removed it.")
 
 
 def stabilisation_drawing(block: BlockPoles, modes: ModalData) -> Drawing:

@@ -109,6 +109,8 @@ def _scada(campaign: CampaignValues, jacket: bool) -> list[Element]:
     share = state.value_counts(normalize=True)
     words = ", ".join(f"{name} {percent(float(share[name]), 0)} %" for name in share.index)
     rule = f" {campaign.state_rule}" if campaign.state_rule else ""
+    if (state == "unknown").all():
+        return [Picture(svg=figures.svg_text(figure, "wind"), caption="Wind speed.")]
     return [Picture(svg=figures.svg_text(figure, "wind"),
                     caption=f"Wind speed and turbine state{', as Fig. 4 of the paper' if jacket else ''} ({words} of "
                     f"the time).{rule}")]

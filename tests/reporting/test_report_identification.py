@@ -117,6 +117,9 @@ def test_pole_figures_hold_every_kept_pole(poles):
     legend = figures.svg_text(last.figure, "p")
     for text in ("FA1 (5)", "T1 (4)", "removed as harmonic (1)", "3P 0.45"):
         assert text in legend
+    # of what has no rotor nothing is said of one
+    said = [d.caption for d in pole_drawings(poles, ["V1", "H1"], {})]
+    assert len(said) == 3 and not any("rotor" in text or "P-freq" in text for text in said)
 
 
 def test_maps_show_their_numbers():
