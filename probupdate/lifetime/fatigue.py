@@ -61,6 +61,10 @@ class FatigueModel:
         all_of = [self.parameters.initial, *thetas]
         return replace(self, models=tuple(m.reduced(all_of) for m in self.models))
 
+    def reduced_for_derivatives(self, theta: np.ndarray) -> FatigueModel:
+        """On a basis for this parameter vector and derivatives at it (`StressModel.reduced_for_derivatives`)."""
+        return replace(self, models=tuple(m.reduced_for_derivatives(theta) for m in self.models))
+
     def picked(self, spots: Sequence[int] | np.ndarray) -> FatigueModel:
         """With these hot spots only, in this order."""
         chosen = sorted({self.spots[k].detail for k in spots})
@@ -223,12 +227,13 @@ def _read_conditions(conditions: Conditions | str | Path, spectra) -> tuple[Cond
 
 
 def basis_error(full: FatigueModel, reduced: FatigueModel, thetas: Sequence[np.ndarray]) -> float:
-    """Largest relative error of DEL_5 on the basis at unseen parameter vectors, over the hot spots with at least a
-    third of the largest; one heading, as all bases are made alike."""
-    one = [replace(m, models=m.models[:1], conditions=_first_direction(m.conditions)) for m in (full, reduced)]
+    """Largest relative error of DEL_5 on the basis at unseen parameter vectors, beside the modes and static shapes of
+    each, over the hot spots with at least a third of the largest; one heading, as all bases are made alike."""
+    whole, one = (replace(m, models=m.models[:1], conditions=_first_direction(m.conditions)) for m in (full, reduced))
     worst = 0.0
     for theta in thetas:
-        a, b = (m.solve(theta).equivalent_mpa(5.0) for m in one)
+        own = replace(whole, models=tuple(m.reduced([theta]) for m in whole.models))
+        a, b = (m.solve(theta).equivalent_mpa(5.0) for m in (own, one))
         top = a > a.max() / 3
         worst = max(worst, float(np.max(np.abs(b / a - 1)[top])))
     return worst

@@ -40,7 +40,7 @@ from probupdate.updating.problem import Problem
 # sides of details whose reliability is computed, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED = 40_000
-BASIS_OF, WIDE_OF = 10, 4
+BASIS_OF = 10
 # what to measure next: so many lines
 MEASURES = 6
 # differences with respect to tolerances, in their standard deviations
@@ -125,7 +125,9 @@ def assess(
         "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior],
     }
     damping = StateDamping.mean(dampings)
-    slope = few.solve(draws.mean(axis=0), damping, derivatives=True).equivalent_change(SLOPES[1]).T
+    mean = draws.mean(axis=0)
+    about_mean = full.picked(worst).reduced_for_derivatives(mean)
+    slope = about_mean.solve(mean, damping, derivatives=True).equivalent_change(SLOPES[1]).T
     parts, direct, gain = None, None, None
     if given.updated is None:
         left_out.append("parts of model factors: no modes lie in the run, or none of them is matched")
@@ -257,16 +259,10 @@ def tolerance_slopes(
     wide = fatigue_model(
         description, str(path), one, parameters=parameters, sensors=few.models[0].sensors, spectra=few.models[0].spectra
     )
-    wide = wide.picked(matching_spots(wide, few))
     neutral = np.array([*laplace.theta, *(row.effect.neutral for row in rows)])
+    wide = wide.picked(matching_spots(wide, few)).reduced_for_derivatives(neutral)
     std = np.array([row.source.std for row in rows])
-    rng = np.random.default_rng(0)
     n = len(base)
-    spread = np.tile(neutral, (WIDE_OF, 1))
-    spread[:, n:] += std * rng.standard_normal((WIDE_OF, len(rows)))
-    low = np.array([row.effect.lower for row in rows])
-    spread[:, n:] = np.clip(spread[:, n:], low, [row.effect.upper for row in rows])
-    wide = wide.reduced([*spread])
     found = np.zeros((len(few.spots), len(problem.error_sources)))
     names = [s.name for s in problem.error_sources]
     middle = np.log(wide.solve(neutral, damping).equivalent_mpa(SLOPES[1]))

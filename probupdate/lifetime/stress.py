@@ -68,7 +68,8 @@ MASSLESS = 1e-14
 LABELLED = 10
 # modes whose eigenvalues differ by less than this, relative, are equal but for rounding
 EQUAL = 1e-9
-MANY_TERMS = 60
+# of a model's terms on the basis
+KEPT_BYTES = 2e8
 
 
 def frequency_grid(model: AffineModel, ratio: float) -> np.ndarray:
@@ -187,15 +188,28 @@ class StressModel:
         slow = self._slow_loads()
         if both_ways:
             slow = np.hstack([slow, self.turned()._slow_loads()])
-        snapshots = []
-        for theta in thetas:
-            K, _ = self.model.matrices(theta)
-            _, phi = self.model.solve_full(theta, min(N_MODE, self.model.n_available))
-            factor = sparse_linalg.splu(
-                sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-            )
-            snapshots += [phi, factor.solve(slow)]
-        X = np.hstack(snapshots)
+        return self._on_shapes([X for theta in thetas for X in self._shapes_under(theta, slow)])
+
+    def reduced_for_derivatives(self, theta: np.ndarray) -> StressModel:
+        """For stresses and their derivatives at theta alone: on its modes, the static shapes under thrust and waves,
+        and those under what the details read. An error of a derivative is a product of the errors that these two kinds
+        of shapes leave (adjoint), so that the modes' own changes need not be in the basis."""
+        read = sum(c * R for c, R in zip(self.coefficients(theta)[0], self.stiffness_rows, strict=True)).toarray().T
+        size = np.linalg.norm(read, axis=0)
+        unit = read[:, size > 0] / size[size > 0]
+        return self._on_shapes(self._shapes_under(theta, np.hstack([self._slow_loads(), unit])))
+
+    def _shapes_under(self, theta: np.ndarray, slow: np.ndarray) -> list[np.ndarray]:
+        """The modes at theta, and the static shapes under the loads slow (n_free, n)."""
+        K, _ = self.model.matrices(theta)
+        _, phi = self.model.solve_full(theta, min(N_MODE, self.model.n_available))
+        factor = sparse_linalg.splu(
+            sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
+        return [phi, factor.solve(slow)]
+
+    def _on_shapes(self, shapes: Sequence[np.ndarray]) -> StressModel:
+        X = np.hstack(shapes)
         K0 = self.model.matrices(self.parameters.initial)[0]
         X = X / np.sqrt(np.einsum("ij,ij->j", X, K0 @ X))
         value, vector = np.linalg.eigh(X.T @ (K0 @ X))
@@ -205,13 +219,22 @@ class StressModel:
     def picked(self, details: Sequence[int]) -> StressModel:
         """With these details only."""
         rows = (3 * np.asarray(details)[:, None] + np.arange(3)).ravel()
-        return replace(
+        one = replace(
             self,
             details=tuple(self.details[k] for k in details),
             stiffness_rows=tuple(R[rows] for R in self.stiffness_rows),
             mass_rows=tuple(R[rows] for R in self.mass_rows),
             waves=replace(self.waves, of_details=self.waves.of_details[rows]),
         )
+        # what was made for all details already, as far as it is of none or of these
+        made = self.__dict__
+        one.__dict__.update({name: made[name] for name in ("_n_dynamic", "_speeds", "_wave_loads") if name in made})
+        if "cases" in made:
+            one.__dict__["cases"] = tuple(replace(case, own=case.own[rows]) for case in self.cases)
+        if "_terms" in made:
+            K, M, RK, RM = self._terms
+            one.__dict__["_terms"] = K, M, *(tuple(R[rows] for R in own) for own in (RK, RM))
+        return one
 
     def _project(self, vectors):
         return vectors if self.basis is None else self.basis.T @ vectors
@@ -220,15 +243,15 @@ class StressModel:
     def _terms(self) -> tuple[tuple[np.ndarray, ...], ...]:
         """K_t, M_t (n_basis, n_basis), R_K,t, R_M,t (3 n_detail, n_basis), full."""
         V = np.eye(self.model.n_dof) if self.basis is None else self.basis
-        square = tuple(tuple(V.T @ (X @ V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
+        square = tuple(tuple(_congruent(X, V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
         return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
 
     def _matrices_at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
         """K, M, R_K, R_M at theta, on the basis."""
         rK, rM = self.coefficients(theta)
-        if len(self.model.stiffness) + len(self.model.mass) > MANY_TERMS:
-            # a hundred parameters make hundreds of terms, too many to keep on the basis
-            V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+        V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+        if 8 * V.shape[1] ** 2 * (len(self.model.stiffness) + len(self.model.mass)) > KEPT_BYTES:
+            # a hundred parameters make hundreds of terms, on a large basis too many to keep
             square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
             rows = ((rK, self.stiffness_rows), (rM, self.mass_rows))
             return (*square, *(sum(c * R for c, R in zip(r, own, strict=True)) @ V for r, own in rows))
@@ -524,6 +547,13 @@ def _weighted_sum(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray
     for w, term in zip(weight[1:], terms[1:], strict=True):
         total += w * term
     return total
+
+
+def _congruent(X, V: np.ndarray) -> np.ndarray:
+    """V^T X V, by the rows of X that hold something: most terms are of few elements."""
+    rows = sparse.csr_array(X)
+    held = np.flatnonzero(np.diff(rows.indptr))
+    return V[held].T @ (rows[held] @ V)
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:

@@ -247,6 +247,18 @@ def test_the_basis_answers_what_it_has_not_seen(whole, validation):
         row.error(small.solve(theta).equivalent_mpa(5.0) / whole.solve(theta).equivalent_mpa(5.0) - 1, below=5e-3)
 
 
+def test_the_basis_about_one_point_has_the_change_of_stress_there(whole, validation):
+    """A direction in which all parameters change at once."""
+    row = validation(what="d ln DEL on a basis about one point", reference="differences on all degrees of freedom")
+    few = whole.picked([0, len(whole.spots) // 2, len(whole.spots) - 1])
+    theta = whole.parameters.initial * 1.03
+    way = 0.1 * theta * np.random.default_rng(5).standard_normal(len(theta))
+    up, down = (np.log(few.solve(theta + s * 1e-3 * way).equivalent_mpa(5.0)) for s in (1, -1))
+    found = way @ few.reduced_for_derivatives(theta).solve(theta, derivatives=True).equivalent_change(5.0)
+    change = (up - down) / 2e-3
+    row.error((found - change) / np.abs(change).max(), below=1e-4)
+
+
 def test_a_slow_modes_resonance_is_resolved(validation):
     """A first mode below 0.2 Hz with 1 and 0.3 % of damping, under thrust: the stress' variance on a line every 1e-3 of
     the frequency."""
