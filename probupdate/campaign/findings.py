@@ -196,6 +196,9 @@ def mounting_findings(compared: Sequence[ComparedBlock], mentioned: Sequence[str
         where = f"in {len(numbers)} of {len(compared)} blocks compared"
         if len(numbers) < 0.75 * len(compared):
             where += f", from {compared[numbers[0]].id} to {compared[numbers[-1]].id}"
+            # not before it, and in each from there on
+            if numbers == list(range(numbers[0], len(compared))):
+                where += "; the structure may have changed then instead, `probupdate diagnose` weighs the two"
         found.append(f"{sentence} ({where})")
     return found
 

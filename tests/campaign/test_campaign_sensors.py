@@ -14,9 +14,10 @@ from scipy import signal
 import probupdate
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.checking import check
-from probupdate.campaign.findings import channel_findings, rate_findings
+from probupdate.campaign.findings import channel_findings, mounting_findings, rate_findings
 from probupdate.campaign.gain_steps import gain_step_findings, gain_steps, parts_of_block
 from probupdate.campaign.heading import Sway, block_sway, heading_findings, heading_offset
+from probupdate.campaign.mounting import TURNED, Suspicion
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, natural_groups, rigid_candidates, wrong_gains
 from probupdate.campaign.rotor_lines import RateRatio, line_scores, rate_ratio
@@ -475,3 +476,11 @@ def test_a_soft_tower_on_a_stiff_jacket_is_no_wrong_unit(tmp_path, gain, said):
     (folder / "campaign.toml").write_text(head)
     found = check(read_campaign(folder)).findings
     assert any("levels around them suggest: wrong unit" in f for f in found) == said, found
+
+
+@pytest.mark.parametrize(("blocks", "structure"), [((6, 7), True), ((3, 5), False), (range(8), False)])
+def test_a_suspicion_that_begins_within_the_record_may_be_the_structure_s(blocks, structure):
+    one = Suspicion(kind=TURNED, channels=("z1",), size=-60.0)
+    compared = [SimpleNamespace(id=f"b{k}", suspicions=(one,) if k in blocks else ()) for k in range(8)]
+    (said,) = mounting_findings(compared, ())
+    assert said.startswith("suspect: z1 looks turned") and ("structure may have changed" in said) == structure
