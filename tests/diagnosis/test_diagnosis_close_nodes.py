@@ -106,7 +106,7 @@ def write_record(path: Path, seed: int, *, factors: dict, first: int = 0, gains:
 
 @pytest.mark.parametrize(("seed", "hidden", "cause", "location", "size"), [
     (50, {"factors": {}, "gains": {}}, None, None, 0.0),
-    (1, {"factors": {}, "gains": {"N17-y": 1.1}}, "sensor gain", "N17-y", 0.1),
+    pytest.param(1, {"factors": {}, "gains": {"N17-y": 1.1}}, "sensor gain", "N17-y", 0.1, marks=pytest.mark.long),
     (2, {"factors": {"brace_1": 0.5}, "first": 12, "gains": {}}, "parameter", "brace_1", -0.5),
 ])
 def test_a_frame_of_a_hand_s_height_has_a_verdict(bench, tmp_path, seed, hidden, cause, location, size, validation):

@@ -44,7 +44,8 @@ def scattered():
     return make
 
 
-def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file, scattered, validation):
+@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
+def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file, scattered, seed, validation):
     """A frame that alarms where a model of beams is taken to be 0.3 % off; what begins within a record is found beside
     a larger error, with its size."""
     row = validation(what="frames whose storeys differ by 6 % along two axes that share a parameter, `--discrepancy` "
@@ -52,14 +53,14 @@ def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file,
                      reference="what was hidden")
     usual = prepare(frame_file)
     stated = replace(usual, discrepancy=0.01)
-    assert diagnose(usual, scattered(4)).verdict == "unexplained"
-    for seed in (1, 2, 4):
-        silent = diagnose(stated, scattered(seed))
-        row.equal(silent.verdict, "none", "silent", case=seed)
-        assert [n for n in silent.notes if n.startswith("what the model leaves out is taken as stated: 1 % of a")]
-        found = diagnose(stated, scattered(seed, LOSS)).findings[0]
-        row.equal((found.location, found.time_profile), ("k3", "step"), "first", case=seed)
-        row.error((found.size + LOSS) / found.size_std, 3, "size", case=seed)
+    if seed == 4:
+        assert diagnose(usual, scattered(seed)).verdict == "unexplained"
+    silent = diagnose(stated, scattered(seed))
+    row.equal(silent.verdict, "none", "silent", case=seed)
+    assert [n for n in silent.notes if n.startswith("what the model leaves out is taken as stated: 1 % of a")]
+    found = diagnose(stated, scattered(seed, LOSS)).findings[0]
+    row.equal((found.location, found.time_profile), ("k3", "step"), "first", case=seed)
+    row.error((found.size + LOSS) / found.size_std, 3, "size", case=seed)
 
 
 def test_an_unexplained_record_says_what_a_larger_error_would_leave(frame_file, scattered):

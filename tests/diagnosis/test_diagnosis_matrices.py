@@ -63,7 +63,9 @@ def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared
     assert one.time_profile_start.startswith("2020-01-06")
 
 
-@pytest.mark.parametrize(("sets", "at"), [((14, 22), 4), ((13, 21), 5), ((0, 21), 18), ((0, 20), 18), ((16, 40), 2)])
+@pytest.mark.parametrize(("sets", "at"), [
+    ((14, 22), 4), ((0, 20), 18),
+    *(pytest.param(*one, marks=pytest.mark.long) for one in (((13, 21), 5), ((0, 21), 18), ((16, 40), 2)))])
 def test_a_step_of_a_short_record_or_near_its_end_is_named_with_its_time(prepared, record, sets, at, validation):
     """Of eight sets, the fewest whose scatter is estimated, no step had been looked for (*none*, p = 1), and one
     within the last three was dated four sets before the end."""

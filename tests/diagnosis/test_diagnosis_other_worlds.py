@@ -32,7 +32,8 @@ def diagnosed(family, number, folder):
     return record, probupdate.diagnose(prepared, record.data, extend=False, seed=number)
 
 
-@pytest.mark.parametrize(("family", "number"), [("polarity", 6), ("swap", 6), ("null", 6), ("clock", 11)])
+@pytest.mark.parametrize(("family", "number"), [
+    ("polarity", 6), ("swap", 6), ("clock", 11), pytest.param("null", 6, marks=pytest.mark.long)])
 def test_accelerations_of_drawn_structures_to_their_verdict(family, number, tmp_path, validation):
     """Recordings every three hours, none on the clock's half hours. A channel reversed amid them had been *none* at p =
     1, as its modes had new numbers; two exchanged all the time *unexplained*, as wrong shapes named its modes; beside a
@@ -153,7 +154,7 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
     assert made == [(0,), (0,), (1,)] and known[other] is before[other]
 
 
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
 def test_three_parts_that_lose_a_fifth_at_once_are_named(number, tmp_path, validation):
     """Any two of them were named by themselves; of three the third was hidden by what is not known of the other two,
     and the verdict was *unexplained*."""

@@ -186,7 +186,7 @@ def long(case):
 
 
 @pytest.mark.parametrize(("seed", "hidden", "verdicts"), [
-    NOTHING, NACELLE, LOST, long(MOVED), long(SCOUR), long(SOIL), long(DAY),
+    NOTHING, NACELLE, long(LOST), long(MOVED), long(SCOUR), long(SOIL), long(DAY),
     long(GAIN), long(SIGN), long(CLOCK), long(CABLE)])
 def test_what_is_hidden_in_the_jacket_comes_first(truth, model, tmp_path, seed, hidden, verdicts, validation):
     """Two nodes of one face in one bay had the same words, and ended records with something in them."""

@@ -71,7 +71,8 @@ FAULTS = (
 )
 
 
-def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed, validation):
+@pytest.mark.parametrize("seed", [2, pytest.param(4, marks=pytest.mark.long)])
+def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed, seed, validation):
     """What the model leaves out of the pair's tensor is seen turned as well: it had been a frame that is turned, a
     storey's stiffness or *unexplained*. Exchanged channels leave sets that scatter more, which the noise of all is not:
     of twelve drawn ones two have a gain of 0.7 % beside."""
@@ -79,17 +80,16 @@ def test_a_fault_that_turns_a_pair_s_plane_is_named_alone(pictured_frame, skewed
                           "or exchanged from a set on: named first; nothing beside; its size in its standard "
                           "deviations; silent without", reference="what was hidden")
     alone = []
-    for seed in (2, 4):
-        row.equal(diagnose(pictured_frame, skewed(seed)).verdict, "none", "silent", case=seed)
-        for fault, cause, place, size in FAULTS:
-            found = diagnose(pictured_frame, skewed(seed, fault))
-            first = found.findings[0]
-            row.equal((found.verdict, first.cause, first.location, first.time_profile),
-                      ("named", cause, place, "step"), "first", case=seed)
-            alone.append(len(found.findings) == 1)
-            if first.size_std:
-                row.error((first.size - size) / first.size_std, 3, "size", case=(seed, cause))
-    row.count(sum(alone), 10, 9, "alone")
+    row.equal(diagnose(pictured_frame, skewed(seed)).verdict, "none", "silent", case=seed)
+    for fault, cause, place, size in FAULTS:
+        found = diagnose(pictured_frame, skewed(seed, fault))
+        first = found.findings[0]
+        row.equal((found.verdict, first.cause, first.location, first.time_profile),
+                  ("named", cause, place, "step"), "first", case=seed)
+        alone.append(len(found.findings) == 1)
+        if first.size_std:
+            row.error((first.size - size) / first.size_std, 3, "size", case=(seed, cause))
+    row.count(sum(alone), 5, 4, "alone")
 
 
 def test_an_offset_of_the_tensor_turns_as_what_is_seen_of_it(validation):
