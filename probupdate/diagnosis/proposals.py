@@ -126,6 +126,7 @@ def try_candidates(
         return TriedCandidate(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
                               gain=float(linear[k]), whole=False)
 
+    shown = _step_shown(problem, candidates, lower)
     for rows in _group_by_effect_and_kind(problem, candidates):
         t = at_first(int(rows[np.argmax(lower[rows])]))
         if t.time_profile.kind not in ("constant", "step"):
@@ -133,12 +134,21 @@ def try_candidates(
         elif problem.effects[problem.which[t.candidate, 0]].observe is None:
             structural.append(t)
         else:
-            result.append(own.at_best_size(t))
+            also = [at_first(k) for k in rows if problem.which[k, 1] == shown and k != t.candidate]
+            result.append(max(map(own.at_best_size, [t, *also]), key=lambda one: one.gain))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
     n_solved = MOST_SOLVED if problem.blocks.channels else MOST_SOLVED_ALONE
     return sorted([*map(own.at_best_size, structural[:n_solved]), *structural[n_solved:], *result],
                   key=lambda t: -t.gain)
+
+
+def _step_shown(problem: DiagnosisProblem, candidates: np.ndarray, lower: np.ndarray) -> int:
+    """The number of the step that any of the candidates explains most by, to first order, -1 without one: of a reversed
+    sign and of exchanged channels first order finds another time than of what is like them."""
+    steps = np.array([profile.kind == "step" for profile in problem.time_profiles])
+    rows = np.flatnonzero(candidates & steps[problem.which[:, 1]])
+    return int(problem.which[rows[np.argmax(lower[rows])], 1]) if len(rows) else -1
 
 
 def _pairs_exchanged(

@@ -31,7 +31,7 @@ def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert len(lines) == 2 * len(TRIED)
-    assert sum(one["what"].get("kills", 0) for one in lines) == 9
+    assert sum(one["what"].get("kills", 0) for one in lines) == 10
     bad = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_lines", "other_exit")
     assert not [one for one in lines if any(one["what"].get(key) for key in bad)]
 
