@@ -24,18 +24,20 @@ from probupdate.updating.hierarchical import SPREAD
 from probupdate.updating.joint_draws import JointDraws, draw_linear
 from probupdate.updating.joint_nonlinear import FarmModels, LinearSet, TurbineModel, draw_nonlinear
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
-from probupdate.updating.joint_prior import PriorMap
+from probupdate.updating.joint_prior import NormalScores
 from probupdate.updating.joint_scales import LN_RANGE, ScaleChain, Scales, sample_scales
-from probupdate.updating.joint_system import FarmSystem, Layout, Roles, prior_in_u
+from probupdate.updating.joint_system import FarmSystem, Layout, Roles
 from probupdate.updating.problem import Problem
 from probupdate.updating.scales import hyper_scales, log_half_cauchy
-from probupdate.updating.set_likelihoods import Coordinates, coordinates_of
 from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error, total
 
-# linearisations at most, the move in prior standard deviations at which the estimate stays where it is, the largest
-# in one round, and from which on the scales are learnt: far from the estimate the misfit of straight lines looks like
-# an error of the model, and once that is taken for large, no data move the estimate any more
+# linearisations at most, the move of scores at which the estimate stays where it is, the largest in one round, and from
+# which on the scales are learnt: far from the estimate the misfit of straight lines looks like an error of the model,
+# and once that is taken for large, no data move the estimate any more
 ROUNDS, STAYS, FARTHEST, NEAR = 16, 5e-3, 1.0, 0.3
+# scores between which responses are first made linear, as tangents at a bound lead nowhere; an estimate this near to a
+# bound, in prior standard deviations, is at it
+BEGIN, AT_BOUND = 2.5, 0.05
 # sets from which what is new in each is learnt: more do not say more of two numbers
 LEARNT_FROM = 18
 # steps at most of the search for these
@@ -72,13 +74,12 @@ DEFAULT = JointSettings()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointEstimate:
-    """The stacked estimate and what the posterior is sampled from. z (n_z,), u (n_turbine, n_param) in u, tau
-    (n_varying,); turn (n_e, n_kept) from the system's common unknowns back to all; `new`: what is new in each set."""
+    """The stacked estimate and what the posterior is sampled from. z (n_z,), u (n_turbine, n_param) as normal scores,
+    tau (n_varying,) of them; turn (n_e, n_kept) from the system's common unknowns back to all; `new`: what is new in
+    each set."""
 
     roles: Roles
-    parameters: Parameters
-    coordinates: Coordinates
-    prior: tuple[np.ndarray, np.ndarray]
+    scores: NormalScores
     error: SharedError
     set_turbine: np.ndarray
     new: tuple[float, float]
@@ -93,7 +94,23 @@ class JointEstimate:
     odd: OddTurbines
     rounds: int
     settled: bool
-    at_bound: np.ndarray
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.scores.parameters
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(n_turbine, n_param)."""
+        return self.scores.back(self.u)
+
+    @property
+    def at_bound(self) -> np.ndarray:
+        """Where the stacked estimate is at a bound of the prior (n_turbine, n_param)."""
+        theta, p = self.theta, self.parameters
+        # a lognormal parameter's zero is no bound
+        lower = np.where(self.scores.lognormal & (p.lower <= 0), -np.inf, p.lower)
+        return np.minimum(theta - lower, p.upper - theta) < AT_BOUND * p.std
 
     @property
     def tau(self) -> np.ndarray:
@@ -104,12 +121,12 @@ class JointEstimate:
         return self.system.common_std(self.scales.shared(self.x, self.system))
 
     def of_months(self, months: Sequence[TurbineSets], number: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """u and its standard deviation (n_month, n_param) by each month's sets alone, linear about its own estimate,
-        where all that turbines share is known; number: of each month's turbine."""
+        """Scores u and their standard deviations (n_month, n_param) by each month's sets alone, linear about its own
+        estimate, where all that turbines share is known; number: of each month's turbine."""
         problems = [*self.error.problems, *(p for month in months for p in month.problems)]
-        own = np.concatenate([self.coordinates.back(self.error.centre),
-                              *(np.tile(m.theta, (len(m.problems), 1)) for m in months)])
-        error = shared_error(problems, own, self.coordinates)
+        own = np.concatenate([self.scores.back(self.error.centre),
+                              *(np.tile(_move_off_bounds(self.scores, m.theta), (len(m.problems), 1)) for m in months)])
+        error = shared_error(problems, own, self.scores)
         # modes and channels that the joint inference does not know follow its own, and pairs that mix follow its pairs
         n_pair, first_pair = np.sum(self.error.kind == MIXING), np.sum(error.kind != MIXING)
         known = np.r_[: len(self.error.kind) - n_pair, first_pair : first_pair + n_pair]
@@ -117,7 +134,7 @@ class JointEstimate:
                         form=self.error.form)
         group = np.concatenate([np.full(len(self.error.problems), len(months)),
                                 np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
-        layout = Layout.of(self.roles, self.prior, error.middle)
+        layout = Layout.of(self.roles, self.scores.covariance, error.middle)
         whole = FarmSystem.of(_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
         system = whole.turned(self.turn, self.system.kind, self.system.form).with_wide(self.system.wide[list(number)])
         shared = self.roles.numbers(self.roles.shared)
@@ -128,8 +145,6 @@ class JointEstimate:
 
     def models(self) -> FarmModels:
         """The turbines' true models beside the linear system."""
-        prior = PriorMap(parameters=self.parameters, coordinates=self.coordinates, roles=self.roles, mean=self.prior[0],
-                         covariance=self.prior[1], columns=self.system.columns)
         error, sets = self.error, [[] for _ in self.inners]
         for i, problem, centre, r, J, B in zip(self.set_turbine, error.problems, error.centre, error.residual,
                                                error.slope, error.effect, strict=True):
@@ -139,7 +154,7 @@ class JointEstimate:
         full = linalg.block_diag(np.eye(n), self.turn)
         return FarmModels(system=self.system, middle=error.middle,
                           inner=np.array([full.T @ one.products @ full for one in self.inners]),
-                          turbines=tuple(TurbineModel(sets=tuple(own), prior=prior) for own in sets))
+                          turbines=tuple(TurbineModel(sets=tuple(own), scores=self.scores) for own in sets))
 
 
 def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> list[Inner]:
@@ -149,7 +164,7 @@ def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> 
 
 
 def _new_scales(
-    error: SharedError, set_turbine: np.ndarray, roles: Roles, prior: tuple[np.ndarray, np.ndarray], tau: np.ndarray
+    error: SharedError, set_turbine: np.ndarray, roles: Roles, covariance: np.ndarray, tau: np.ndarray
 ) -> tuple[float, float]:
     """What is new in each set, the most probable beside what is shared, from as many turbines as have enough sets."""
     weights = error.problems[0].weights
@@ -158,7 +173,7 @@ def _new_scales(
     some = np.flatnonzero(set_turbine <= set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1])
     part = replace(error, centre=error.centre[some], **{name: tuple(getattr(error, name)[s] for s in some) for name in
                                                         ("problems", "residual", "slope", "effect")})
-    layout, shared = Layout.of(roles, prior, part.middle), _hyper(error.problems[0])
+    layout, shared = Layout.of(roles, covariance, part.middle), _hyper(error.problems[0])
     hyper = np.concatenate([shared[:2], shared])
 
     def descent(x: np.ndarray) -> float:
@@ -187,42 +202,40 @@ def estimate_farm(
                 raise InputError(f"turbine {one.name}", "has other parameters or priors than the first turbine's model",
                                  "give turbines of one joint inference the same parameters")
     roles = Roles(names=first.names, common=tuple(common), varying=tuple(varying))
-    coordinates = coordinates_of(first)
-    prior = prior_in_u(first, coordinates)
+    scores = NormalScores(parameters=first)
     set_turbine = np.repeat(np.arange(len(turbines)), [len(t.problems) for t in turbines])
     problems = [p for t in turbines for p in t.problems]
-    theta = np.array([t.theta for t in turbines])
-    std = np.sqrt(np.diag(prior[1]))
+    theta = _move_off_bounds(scores, np.array([t.theta for t in turbines]))
+    u = scores.to(theta)
     shared = roles.numbers(roles.shared)
-    scales = Scales(spread=settings.spread * std[roles.numbers(roles.varying)],
+    scales = Scales(spread=np.full(len(roles.varying), settings.spread),
                     hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
     weights = problems[0].weights
     new = tuple(map(float, scales.hyper[:2])) if weights.scales else weights.part(1 - weights.shared)
     x, learnt, wide, settled, number, odd, moved = None, False, None, False, 0, None, np.inf
-    step, relaxed = np.zeros_like(theta), 1.0
+    step, relaxed = np.zeros_like(u), 1.0
+    odd_wide = np.full(len(shared), settings.odd_wide)
     while True:
         number += 1
         progress("joint estimate", number - 1, ROUNDS)
-        error = shared_error(problems, theta[set_turbine], coordinates)
-        layout = Layout.of(roles, prior, error.middle)
+        error = shared_error(problems, theta[set_turbine], scores)
+        layout = Layout.of(roles, scores.covariance, error.middle)
         if moved < NEAR and not learnt:
-            new, learnt = _new_scales(error, set_turbine, roles, prior, scales.tau(np.zeros(len(scales.spread)))), True
+            new, learnt = _new_scales(error, set_turbine, roles, scores.covariance,
+                                      scales.tau(np.zeros(len(scales.spread)))), True
         inners = _inners(error, new, set_turbine)
         whole = FarmSystem.of(inners, layout, error.kind, error.form)
         system, turn = whole.informed(scales.hyper, scales.learnt)
         if wide is not None:
             system = system.with_wide(wide)
         x = scales.maximum(system, x) if learnt else np.zeros(scales.n_x(system))
-        u, z, e = _solve_system(system, scales, x)
-        u = u + error.middle
-        step, relaxed = _bound_step(u - coordinates.to(theta), step, relaxed, std)
-        fresh = _move_off_zero(np.clip(coordinates.back(coordinates.to(theta) + step), first.lower, first.upper), first)
-        moved = float(np.max(np.abs(coordinates.to(fresh) - coordinates.to(theta)) / std))
-        theta = fresh
+        reached, z, e = _solve_system(system, scales, x)
+        step, relaxed = _bound_step(reached + error.middle - u, step, relaxed)
+        moved, theta = float(np.max(np.abs(step))), np.clip(scores.back(u + step), first.lower, first.upper)
+        u = scores.to(theta)
         if (moved < STAYS or number == ROUNDS) and (odd is None or number < ROUNDS):
-            odd = odd_turbines(system, scales, settings.odd_wide * std[shared], share=settings.odd_share,
-                               seed=settings.seed)
-            before, wide = wide, odd.wide(settings.odd_wide * std[shared])
+            odd = odd_turbines(system, scales, odd_wide, share=settings.odd_share, seed=settings.seed)
+            before, wide = wide, odd.wide(odd_wide)
             # who is odd is set apart, and all is solved again
             if np.array_equal(wide, np.zeros_like(wide) if before is None else before):
                 settled = moved < STAYS
@@ -230,21 +243,21 @@ def estimate_farm(
         if number == ROUNDS and odd is not None:
             break
     progress("joint estimate", ROUNDS, ROUNDS)
-    reached = coordinates.back(u)
     return JointEstimate(
-        roles=roles, parameters=first, coordinates=coordinates, prior=prior, error=error, set_turbine=set_turbine,
-        new=new, inners=tuple(inners), system=system, turn=turn, scales=scales, x=x, z=z + error.middle[shared], e=e,
-        u=frozen_array(u), odd=odd, rounds=number, settled=settled,
-        at_bound=np.any((reached < first.lower) | (reached > first.upper), axis=0))
+        roles=roles, scores=scores, error=error, set_turbine=set_turbine, new=new, inners=tuple(inners), system=system,
+        turn=turn, scales=scales, x=x, z=z + error.middle[shared], e=e,
+        u=frozen_array(reached + error.middle), odd=odd, rounds=number, settled=settled)
 
 
-def _bound_step(
-    step: np.ndarray, before: np.ndarray, relaxed: float, std: np.ndarray
-) -> tuple[np.ndarray, float]:
+def _bound_step(step: np.ndarray, before: np.ndarray, relaxed: float) -> tuple[np.ndarray, float]:
     """A step (n_turbine, n_param) no farther than FARTHEST for any turbine, and shorter the more often it has turned
     round: steps to and fro are about the estimate."""
-    relaxed = relaxed / 2 if np.sum(before * step / std**2) < 0 else min(1.0, 2 * relaxed)
-    return step * relaxed / np.maximum(np.max(np.abs(step) / std, axis=1, keepdims=True) / FARTHEST, 1.0), relaxed
+    relaxed = relaxed / 2 if np.sum(before * step) < 0 else min(1.0, 2 * relaxed)
+    return step * relaxed / np.maximum(np.max(np.abs(step), axis=1, keepdims=True) / FARTHEST, 1.0), relaxed
+
+
+def _move_off_bounds(scores: NormalScores, theta: np.ndarray) -> np.ndarray:
+    return scores.back(np.clip(scores.to(theta), -BEGIN, BEGIN))
 
 
 def _hyper(problem: Problem) -> np.ndarray:
@@ -253,10 +266,6 @@ def _hyper(problem: Problem) -> np.ndarray:
     if weights.scales:
         return np.array(hyper_scales(problem))
     return np.array([*(np.sqrt(weights.shared) * x for x in weights.discrepancies), weights.mixing])
-
-
-def _move_off_zero(theta: np.ndarray, parameters: Parameters) -> np.ndarray:
-    return np.where(parameters.lower >= 0, np.maximum(theta, 1e-3 * parameters.std), theta)
 
 
 def _solve_system(system: FarmSystem, scales: Scales, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -293,7 +302,8 @@ def sample_farm(
     """emcee over the scales, exact draws of all else in the linear system, moved to the true priors and models."""
     chain = sample_scales(estimate.scales, estimate.system, estimate.x, seed=seed, progress=progress)
     draws = draw_nonlinear(estimate.models(), draw_linear(estimate.system, estimate.scales, chain, seed=seed),
-                           estimate.turn, seed=seed, jobs=jobs, progress=progress)
+                           estimate.turn, shared=estimate.roles.numbers(estimate.roles.shared), seed=seed, jobs=jobs,
+                           progress=progress)
     weight, k = draws.weighed()
     return JointPosterior(chain=chain, draws=draws, weight=frozen_array(weight), pareto_k=k,
                           effective=float(1 / np.sum(weight**2)))

@@ -13,7 +13,7 @@ import numpy as np
 from probupdate.updating.joint_inference import JointEstimate
 from probupdate.updating.joint_system import OWN, FarmSystem
 
-# a direct survey of a parameter states it to this share of its prior standard deviation
+# a direct survey of a parameter states its normal score to this
 SURVEY = 0.1
 CAMPAIGN, FIRST = "as many sets again", "a first campaign"
 
@@ -37,12 +37,11 @@ def next_measurements(estimate: JointEstimate, turbines: tuple[str, ...]) -> lis
     n_z = system.n_z
     z_cov = joint.solve(np.eye(len(joint.mean))[:, :n_z])[:n_z]
     _, covariance, across, _ = system.of_turbines(tau, joint)
-    prior = np.sqrt(np.diag(estimate.prior[1]))
     found, first = [], None
     for i, name in enumerate(turbines):
         given_z = covariance[i] - across[i] @ np.linalg.solve(z_cov, across[i].T)
         for k, parameter in enumerate(estimate.roles.names):
-            noise = (SURVEY * prior[k]) ** 2
+            noise = SURVEY**2
             # what is common is surveyed once, wherever that is
             if estimate.roles.role(parameter) == OWN or estimate.roles.role(parameter) == "varying" or i == 0:
                 found.append(NextMeasurement(

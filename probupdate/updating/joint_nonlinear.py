@@ -24,7 +24,7 @@ from probupdate.runtime.progress import Progress
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
 from probupdate.updating.joint_draws import CHUNK, JointDraws, LinearDraws
-from probupdate.updating.joint_prior import PriorMap
+from probupdate.updating.joint_prior import NormalScores
 from probupdate.updating.joint_system import FarmSystem
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
@@ -35,7 +35,7 @@ N_BASIS, WIDER = 200, 2.0
 # steps of Newton at most; squared standard deviations of the linear posterior by which a solution is missed; how often
 # a step is divided by three
 STEPS, SOLVED, SHORTER = 40, 1e-6, 6
-# step of differences, in prior standard deviations
+# step of differences of scores
 DIFFERENCE = 3e-4
 
 
@@ -57,8 +57,8 @@ class _Once:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearSet:
-    """One set of a turbine: its problem with what is new in it alone, residual (n,) at u = middle (n_param,), slope (n,
-    n_param) in u and effect of the common unknowns (n, n_e)."""
+    """One set of a turbine: its problem with what is new in it alone, residual (n,) at scores u = middle (n_param,),
+    slope (n, n_param) in u and effect of the common unknowns (n, n_e)."""
 
     problem: Problem
     middle: np.ndarray
@@ -74,52 +74,47 @@ class LinearSet:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TurbineModel:
-    """The sets of one turbine, and how its parameters follow from Gaussian coordinates c = (g of the turbine, z of what
-    scatters)."""
+    """The sets of one turbine, and the scores u of its parameters."""
 
     sets: tuple[LinearSet, ...]
-    prior: PriorMap
+    scores: NormalScores
 
-    def theta(self, c: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u and theta (n, n_param) of c (n, n_param + n_scattering)."""
-        n = len(self.sets[0].middle)
-        u = self.prior.turbine(c[:, :n], c[:, n:], spread)
-        p = self.prior.parameters
-        # quantiles of a bound are it up to rounding; what correlates is cut where it is weighed
-        return u, np.clip(self.prior.coordinates.back(u), p.lower, p.upper)
+    def theta(self, u: np.ndarray) -> np.ndarray:
+        """What the models are asked for (n, n_param): what correlates is cut where it is weighed."""
+        return np.clip(self.scores.back(u), self.scores.parameters.lower, self.scores.parameters.upper)
 
-    def bend(self, fast: Mapping[str, Any], c: np.ndarray, spread: np.ndarray) -> np.ndarray:
-        """Whitened n(c), what the true responses have beside the straight line, projected on (slope, effect, residual)
+    def bend(self, fast: Mapping[str, Any], u: np.ndarray) -> np.ndarray:
+        """Whitened n(u), what the true responses have beside the straight line, projected on (slope, effect, residual)
         and itself: (n, n_param + n_e + 2)."""
-        _, theta = self.theta(c, spread)
+        theta = self.theta(u)
         models: dict[str, Any] = {key: _Once(model) for key, model in fast.items()}
-        n, total = len(self.sets[0].middle), 0.0
+        total = 0.0
         for one in self.sets:
             problem = one.problem.with_model(models[one.problem.model.fingerprint()])
-            line = one.problem.measured - one.residual + (c[:, :n] - one.middle) @ one.slope.T
+            line = one.problem.measured - one.residual + (u - one.middle) @ one.slope.T
             beside = one.problem.weighted(problem.predict_many(theta).response - line)
             total = total + np.column_stack([beside @ one.white, np.sum(beside**2, axis=1)])
         return total
 
 
 def turbine_bends(
-    number: int, turbine: TurbineModel, fast: Mapping[str, Any], c: np.ndarray, spread: np.ndarray, step: np.ndarray,
-    wanted: np.ndarray,
+    number: int, turbine: TurbineModel, fast: Mapping[str, Any], u: np.ndarray, wanted: np.ndarray,
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """`bend` at c (n, n_c), and where wanted (n,) its derivatives (n_wanted, n_param + n_e, n_c) by differences."""
-    n, n_c = c.shape
-    points = np.concatenate([c, (c[wanted, None] + np.diag(step)).reshape(-1, n_c)])
-    found = turbine.bend(fast, points, np.concatenate([spread, np.repeat(spread[wanted], n_c, axis=0)]))
-    more = found[n:].reshape(-1, n_c, found.shape[1])
-    slope = (more[:, :, :-2] - found[:n][wanted][:, None, :-2]) / step[:, None]
+    """`bend` at u (n, n_param), and where wanted (n,) its derivatives (n_wanted, n_param + n_e, n_param) by
+    differences."""
+    n, n_param = u.shape
+    points = np.concatenate([u, (u[wanted, None] + DIFFERENCE * np.eye(n_param)).reshape(-1, n_param)])
+    found = turbine.bend(fast, points)
+    more = found[n:].reshape(-1, n_param, found.shape[1])
+    slope = (more[:, :, :-2] - found[:n][wanted][:, None, :-2]) / DIFFERENCE
     return number, found[:n], np.swapaxes(slope, 1, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Arrow:
     """The linear system of one draw, in w = (z, scatter over its standard deviation and own parameters of each
-    turbine), the common error e eliminated: local (n_turbine, n_c, n_local) from a turbine's part of w, at `place`
-    (n_turbine, n_local), to c; precision (n_w, n_w) and its factor; follow (n_e, n_w): -e per unit of w."""
+    turbine), the common error e eliminated: local (n_turbine, n_param, n_local) from a turbine's part of w, at
+    `place` (n_turbine, n_local), to u; precision (n_w, n_w) and its factor; follow (n_e, n_w): -e per unit of w."""
 
     local: np.ndarray
     place: np.ndarray
@@ -134,24 +129,27 @@ class _Arrow:
         layout, c, n_z = system.layout, system.columns, system.n_z
         n_t, n, n_own = len(inner), len(layout.offset), layout.own.shape[1]
         n_local = n_z + len(c) + n_own
-        local = np.zeros((n_t, n + len(c), n_local))
-        local[:, :n, :n_z] = layout.shared
-        local[:, :n, n_z : n_z + len(c)] = layout.shared[:, c] * spread[:, None, :]
-        local[:, :n, n_z + len(c) :] = layout.own
-        local[:, range(n, n + len(c)), c] = 1.0
+        local = np.zeros((n_t, n, n_local))
+        local[:, :, :n_z] = layout.shared
+        local[:, :, n_z : n_z + len(c)] = layout.shared[:, c] * spread[:, None, :]
+        local[:, :, n_z + len(c) :] = layout.own
         own = n_z + np.arange(n_t * (n_local - n_z)).reshape(n_t, -1)
         place = np.column_stack([np.tile(np.arange(n_z), (n_t, 1)), own])
         n_w, n_e = n_z + own.size, inner.shape[1] - n
         precision, across = np.eye(n_w), np.zeros((n_e, n_w))
         precision[:n_z, :n_z] = layout.prior[1]
         for G, W, at in zip(inner, local, place, strict=True):
-            precision[np.ix_(at, at)] += W[:n].T @ G[:n, :n] @ W[:n]
-            across[:, at] += G[n:, :n] @ W[:n]
+            precision[np.ix_(at, at)] += W.T @ G[:n, :n] @ W
+            across[:, at] += G[n:, :n] @ W
         error = linalg.cho_factor(np.diag(1 / std**2) + inner[:, n:, n:].sum(axis=0), lower=True)
         follow = linalg.cho_solve(error, across)
         precision -= across.T @ follow
         return cls(local=local, place=place, precision=precision, factor=linalg.cho_factor(precision), error=error,
                    follow=follow)
+
+    def moved(self, w: np.ndarray) -> np.ndarray:
+        """By how much u (n_turbine, n_param) moves with w (n_w,)."""
+        return np.einsum("icl,il->ic", self.local, w[self.place])
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """Sums at their place in w (n_w, ...) of each turbine's part (n_turbine, n_local, ...)."""
@@ -163,14 +161,14 @@ class _Arrow:
     def pull(self, bend: np.ndarray) -> np.ndarray:
         """A^T n (n_w,) of bends (n_turbine, n_param + n_e), the common error eliminated."""
         n = bend.shape[1] - len(self.follow)
-        own = np.einsum("icl,ic->il", self.local[:, :n], bend[:, :n])
+        own = np.einsum("icl,ic->il", self.local, bend[:, :n])
         return self.gather(own) - self.follow.T @ bend[:, n:].sum(axis=0)
 
     def curved(self, slope: np.ndarray) -> np.ndarray:
-        """H + A^T n' (n_w, n_w) of derivatives (n_turbine, n_param + n_e, n_c)."""
+        """H + A^T n' (n_w, n_w) of derivatives (n_turbine, n_param + n_e, n_param)."""
         n = slope.shape[1] - len(self.follow)
         moved = slope @ self.local
-        own = np.swapaxes(self.local[:, :n], 1, 2) @ moved[:, :n]
+        own = np.swapaxes(self.local, 1, 2) @ moved[:, :n]
         total, error = np.array(self.precision), np.zeros_like(self.follow)
         for at, a, b in zip(self.place, own, moved[:, n:], strict=True):
             total[np.ix_(at, at)] += a
@@ -184,11 +182,10 @@ class _Arrow:
 @dataclass(eq=False)
 class _Moving:
     """One draw on its way: its shift s (n_w,) so far, that of e, the next step, how far it is missed, ln of the
-    determinants' ratio; derivatives of its bends in units of `scale` (n_c,), by differences where it stays (`exact`,
-    and `fresh` after that), as steps show after one (Broyden 1965); `end`: '' while it moves, 'solved' or 'lost'."""
+    determinants' ratio; derivatives of its bends, by differences where it stays (`exact`, and `fresh` after that), as
+    steps show after one (Broyden 1965); `end`: '' while it moves, 'solved' or 'lost'."""
 
     arrow: _Arrow
-    scale: np.ndarray
     shift: np.ndarray
     step: np.ndarray
     error: np.ndarray
@@ -204,10 +201,6 @@ class _Moving:
     @property
     def trial(self) -> np.ndarray:
         return self.shift + self.length * self.step
-
-    def moved(self, w: np.ndarray) -> np.ndarray:
-        """By how much c (n_turbine, n_c) moves with w (n_w,)."""
-        return np.einsum("icl,il->ic", self.arrow.local, w[self.arrow.place])
 
     def shorten(self) -> None:
         """After a step that does not lead nearer, or out of the region that the models know."""
@@ -228,8 +221,8 @@ class _Moving:
                 self.step, self.exact = np.zeros_like(self.step), True
             return
         if slope is None:
-            slope = self._shown(bend, self.moved(trial - self.shift) / self.scale)
-        whole = arrow.curved(slope / self.scale)
+            slope = self._shown(bend, arrow.moved(trial - self.shift))
+        whole = arrow.curved(slope)
         n = bend.shape[1] - 2 - len(arrow.follow)
         self.shift, self.missed, self.bend, self.slope = trial, missed, bend, slope
         self.error = -linalg.cho_solve(arrow.error, bend[:, n:-2].sum(axis=0)) - arrow.follow @ trial
@@ -245,7 +238,7 @@ class _Moving:
         self.length, self.fresh, self.exact = min(1.0, 3 * self.length), self.exact, solved
 
     def _shown(self, bend: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Derivatives changed by what a step (n_turbine, n_c), in units of `scale`, has shown."""
+        """Derivatives changed by what a step (n_turbine, n_param) has shown."""
         found = np.array(self.slope)
         for M, after, before, step in zip(found, bend, self.bend, moved, strict=True):
             if np.any(step):
@@ -263,77 +256,62 @@ class FarmModels:
     inner: np.ndarray
     middle: np.ndarray
 
-    @property
-    def _differences(self) -> np.ndarray:
-        """Step of differences of c."""
-        prior = self.turbines[0].prior
-        own = np.sqrt(np.diag(prior.covariance))
-        shared = own[prior.roles.numbers(prior.roles.shared)]
-        return DIFFERENCE * np.concatenate([own, shared[self.system.columns]])
-
-    def linear_coordinates(self, draws: LinearDraws) -> np.ndarray:
-        """c (n, n_turbine, n_c)."""
-        z = self._z_middle + draws.z[:, self.system.columns]
-        return np.concatenate([self.middle + draws.d, np.repeat(z[:, None], draws.d.shape[1], axis=1)], axis=2)
-
-    @property
-    def _z_middle(self) -> np.ndarray:
-        roles = self.turbines[0].prior.roles
-        return self.middle[roles.numbers(roles.shared)][self.system.columns]
+    def linear_scores(self, draws: LinearDraws) -> np.ndarray:
+        """u (n, n_turbine, n_param)."""
+        return self.middle + draws.d
 
     def moved(
         self, draws: LinearDraws, fast: FastModels, jobs: int | Executor
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of linear draws: c (n, n_turbine, n_c) and e (n, n_e) where they are moved to, and ln of what these weigh."""
-        begin, step, spread = self.linear_coordinates(draws), self._differences, self.system.spread(draws.tau)
-        n_w = self.system.n_z + begin.shape[1] * (len(self.system.columns) + self.system.layout.own.shape[1])
-        moving = [_Moving(_Arrow.of(self.system, self.inner[:, 1:, 1:], own, std), step / DIFFERENCE, np.zeros(n_w),
-                          np.zeros(n_w), np.zeros(draws.e.shape[1]))
-                  for own, std in zip(spread, draws.std, strict=True)]
-        c = np.array(begin)
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of linear draws: z (n, n_z), u (n, n_turbine, n_param) and e (n, n_e) where they are moved to, and ln of what
+        these weigh."""
+        begin, spread, n_z = self.linear_scores(draws), self.system.spread(draws.tau), self.system.n_z
+        n_w = n_z + begin.shape[1] * (len(self.system.columns) + self.system.layout.own.shape[1])
+        moving = [_Moving(_Arrow.of(self.system, self.inner[:, 1:, 1:], own, std), np.zeros(n_w), np.zeros(n_w),
+                          np.zeros(draws.e.shape[1])) for own, std in zip(spread, draws.std, strict=True)]
+        u = np.array(begin)
         for _ in range(STEPS):
             some = [k for k, one in enumerate(moving) if not one.end]
             for k in some:
-                c[k] = begin[k] + moving[k].moved(moving[k].trial)
-                while not (moving[k].end or self._inside(fast, c[k], spread[k])):
+                u[k] = begin[k] + moving[k].arrow.moved(moving[k].trial)
+                while not (moving[k].end or self._inside(fast, u[k])):
                     moving[k].shorten()
-                    c[k] = begin[k] + moving[k].moved(moving[k].trial)
+                    u[k] = begin[k] + moving[k].arrow.moved(moving[k].trial)
             some = [k for k in some if not moving[k].end]
             if not some:
                 break
-            self._judge([moving[k] for k in some], fast, c[some], spread[some], step, jobs)
+            self._judge([moving[k] for k in some], fast, u[some], jobs)
         for k, one in enumerate(moving):
-            c[k] = begin[k] + one.moved(one.shift)
+            u[k] = begin[k] + one.arrow.moved(one.shift)
+        z = draws.z + np.array([one.shift[:n_z] for one in moving])
         e = draws.e + np.array([one.error for one in moving])
         weight = np.array([self._log_weight(one, *both) if one.end == "solved" else -np.inf for one, both in zip(
-            moving, zip(draws.z, draws.std, begin, c, draws.e, e, strict=True), strict=True)])
-        return c, e, weight
+            moving, zip(draws.z, draws.std, begin, u, draws.e, e, strict=True), strict=True)])
+        return z, u, e, weight
 
-    def _inside(self, fast: FastModels, c: np.ndarray, spread: np.ndarray) -> bool:
-        """Whether the fast models of all turbines know c (n_turbine, n_c)."""
-        theta = np.array([one.theta(own[None], std[None])[1][0] for one, own, std in zip(
-            self.turbines, c, spread, strict=True)])
+    def _inside(self, fast: FastModels, u: np.ndarray) -> bool:
+        """Whether the fast models of all turbines know u (n_turbine, n_param)."""
+        theta = self.turbines[0].theta(u)
         return bool(np.all((theta >= fast.lower) & (theta <= fast.upper)))
 
-    def _judge(self, moving, fast: FastModels, c: np.ndarray, spread: np.ndarray, step: np.ndarray, jobs) -> None:
+    def _judge(self, moving, fast: FastModels, u: np.ndarray, jobs) -> None:
         wanted = np.array([one.exact for one in moving])
-        tasks = [(i, turbine, fast.models[i], c[:, i], spread[:, i], step, wanted)
-                 for i, turbine in enumerate(self.turbines)]
+        tasks = [(i, turbine, fast.models[i], u[:, i], wanted) for i, turbine in enumerate(self.turbines)]
         found = {number: rest for number, *rest in iterate_completed(turbine_bends, tasks, jobs=jobs, least=1)}
         bend, slope = (np.array([found[i][k] for i in range(len(tasks))]) for k in range(2))
         row = np.cumsum(wanted) - 1
         for k, one in enumerate(moving):
-            one.judge(bend[:, k], slope[:, row[k]] * one.scale if wanted[k] else None)
+            one.judge(bend[:, k], slope[:, row[k]] if wanted[k] else None)
 
-    def _log_weight(self, one: _Moving, z, std, begin, c, e_begin, e) -> float:
-        """ln of the true density at c, e over the linear one at `begin`, e_begin, times the ratio of determinants."""
-        n, (mean, precision) = len(self.middle), self.system.layout.prior
+    def _log_weight(self, one: _Moving, z, std, begin, u, e_begin, e) -> float:
+        """ln of the true density at u, e over the linear one at `begin`, e_begin, times the ratio of determinants."""
+        mean, precision = self.system.layout.prior
         s, bend, n_z = one.shift, one.bend, self.system.n_z
         value = -one.ln_ratio - 0.5 * np.sum((e**2 - e_begin**2) / std**2)
         value -= 0.5 * s[:n_z] @ precision @ (2 * (z - mean) + s[:n_z])
         # of what scatters and own parameters, standard normal each
         value -= 0.5 * np.sum(s[n_z:] * (2 * self._standard(one.arrow, z, begin) + s[n_z:]))
-        ends = c[:, :n] - self.middle, begin[:, :n] - self.middle
+        ends = u - self.middle, begin - self.middle
         for G, at, before, own in zip(self.inner, *ends, bend, strict=True):
             x, y = np.concatenate([[1.0], -at, -e]), np.concatenate([[1.0], -before, -e_begin])
             across = own[-2] - own[:-2] @ np.concatenate([at, e])
@@ -342,12 +320,11 @@ class FarmModels:
 
     def _standard(self, arrow: _Arrow, z: np.ndarray, begin: np.ndarray) -> np.ndarray:
         """Scatter over its standard deviation and own parameters of a linear draw (n_w - n_z,)."""
-        n, n_z = len(self.middle), self.system.n_z
-        found = []
-        for local, c in zip(arrow.local, begin, strict=True):
-            rest = c[:n] - self.middle - self.system.layout.offset - local[:n, :n_z] @ z
+        n_z, found = self.system.n_z, []
+        for local, u in zip(arrow.local, begin, strict=True):
+            rest = u - self.middle - self.system.layout.offset - local[:, :n_z] @ z
             # where nothing scatters, least squares give zero
-            found.append(np.linalg.lstsq(local[:n, n_z:], rest, rcond=1e-12)[0])
+            found.append(np.linalg.lstsq(local[:, n_z:], rest, rcond=1e-12)[0])
         return np.concatenate(found)
 
 
@@ -389,24 +366,18 @@ def fast_models(
 
 
 def draw_nonlinear(
-    models: FarmModels, draws: LinearDraws, turn: np.ndarray, *, seed: int = 1, jobs: int | Executor = 1,
-    progress: Progress
+    models: FarmModels, draws: LinearDraws, turn: np.ndarray, *, shared: Sequence[int], seed: int = 1,
+    jobs: int | Executor = 1, progress: Progress
 ) -> JointDraws:
     """The draws of a farm's linear system moved to the true models, with their weights; turn (n_e, n_kept): back to the
-    common unknowns."""
-    prior, c = models.turbines[0].prior, models.linear_coordinates(draws)
-    spread = models.system.spread(draws.tau)
-    theta = np.stack([one.theta(c[:, i], spread[:, i])[1] for i, one in enumerate(models.turbines)], axis=1)
-    fast, parts = fast_models(models.turbines, theta, seed, progress), []
-    for start in range(0, len(c), CHUNK):
-        progress("true model at the draws", start, len(c))
+    common unknowns; shared: numbers of z's parameters."""
+    scores, u = models.turbines[0].scores, models.linear_scores(draws)
+    fast, parts = fast_models(models.turbines, models.turbines[0].theta(u), seed, progress), []
+    for start in range(0, len(u), CHUNK):
+        progress("true model at the draws", start, len(u))
         parts.append(models.moved(draws.some(slice(start, start + CHUNK)), fast, jobs))
-    progress("true model at the draws", len(c), len(c))
-    c, e, weight = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    u = np.stack([one.theta(c[:, i], spread[:, i])[0] for i, one in enumerate(models.turbines)], axis=1)
-    # what all share is where the turbine that does not scatter is
-    n, shared = len(models.middle), prior.roles.numbers(prior.roles.shared)
-    z = c[:, 0, shared]
-    z[:, models.system.columns] = c[:, 0, n:]
-    z = prior.shared(z)
-    return JointDraws(z=z, e=e @ turn.T, tau=draws.tau, u=u, log_weight=weight + prior.log_ratio(z, u))
+    progress("true model at the draws", len(u), len(u))
+    z, u, e, weight = (np.concatenate([part[k] for part in parts]) for k in range(4))
+    z = z + models.middle[list(shared)]
+    weight = weight + scores.some(shared).log_cut(z) + scores.log_cut(u).sum(axis=1)
+    return JointDraws(z=z, e=e @ turn.T, tau=draws.tau, u=u, log_weight=weight)

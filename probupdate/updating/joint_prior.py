@@ -1,104 +1,119 @@
-"""From the coordinates in which a farm's linear system is Gaussian to parameters under their true priors.
+"""Normal scores of parameters: coordinates in which each prior, bounded, lognormal or uniform, is standard normal.
 
-A parameter with a prior of its own is the quantile of that prior at its Gaussian coordinate's probability; what
-scatters between turbines is normal about the population's mean and cut at the bounds. Nothing is left to be weighed
-then but priors that correlate, which stay Gaussian here and are weighed by `log_ratio`.
+A linear-Gaussian system in them has the true priors, and no value of it lies outside their bounds; a tangent is that
+in theta times the mapping's derivative, which dies towards a bound (Liu & Der Kiureghian 1986, marginal by marginal).
+Priors that correlate keep their own Gaussian before the bounds cut it; what lies outside is weighed away.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from probupdate.model.parameters import Parameters
-from probupdate.updating.joint_system import Roles
-from probupdate.updating.set_likelihoods import Coordinates
 
-# Gaussian coordinates are told from one another within so many standard deviations; bounds farther away cut nothing
+# scores farther from the median than this are one value: bounds themselves have none
 FARTHEST = 7.5
 
 
+def _between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Probability of a standard normal between low and high, in the tail where it is exact."""
+    return np.where(low > 0, special.ndtr(-low) - special.ndtr(-high), special.ndtr(high) - special.ndtr(low))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PriorMap:
-    """mean (n_param,) and covariance: the Gaussian that stands for the prior in u; columns (n_scattering,): places in z
-    of what differs between turbines."""
+class NormalScores:
+    """Of `parameters`: every method takes (..., n_param)."""
 
     parameters: Parameters
-    coordinates: Coordinates
-    roles: Roles
-    mean: np.ndarray
-    covariance: np.ndarray
-    columns: np.ndarray
 
-    def _marginal(self, number: int, g: np.ndarray) -> np.ndarray:
-        """u of one parameter by its own prior at Gaussian coordinates g."""
-        p = self.parameters.items[number]
-        unbounded = p.prior == "normal" and not np.isfinite([p.lower, p.upper]).any()
-        if self.parameters.correlation is not None or (unbounded and not self.coordinates.logarithmic[number]):
-            return g
-        x = (g - self.mean[number]) / np.sqrt(self.covariance[number, number])
-        theta = p.distribution.ppf(special.ndtr(np.clip(x, -FARTHEST, FARTHEST)))
-        return np.log(theta) if self.coordinates.logarithmic[number] else theta
+    @cached_property
+    def lognormal(self) -> np.ndarray:
+        return np.array([p.prior == "lognormal" for p in self.parameters])
 
-    def shared(self, z: np.ndarray) -> np.ndarray:
-        """u of what turbines share (..., n_z) at Gaussian coordinates z."""
-        numbers = self.roles.numbers(self.roles.shared)
-        return np.stack([self._marginal(number, z[..., k]) for k, number in enumerate(numbers)], axis=-1)
+    @cached_property
+    def _uniform(self) -> np.ndarray:
+        return np.array([p.prior == "uniform" for p in self.parameters])
 
-    def turbine(self, g: np.ndarray, z: np.ndarray, spread: np.ndarray) -> np.ndarray:
-        """u (n, n_param) of one turbine at Gaussian coordinates g (n, n_param) of its own and z (n, n_scattering) of
-        the means from which it scatters by `spread` (n, n_scattering)."""
-        numbers = [self.roles.numbers(self.roles.shared)[k] for k in self.columns]
-        u = np.stack([self._marginal(k, g[:, k]) if k not in numbers else g[:, k] for k in range(g.shape[1])], axis=1)
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_param,) of the Gaussian that the prior is cut from; infinite where nothing is cut."""
         if self.parameters.correlation is not None:
-            return u
-        lower, upper = (self.coordinates.to(x) for x in (self.parameters.lower, self.parameters.upper))
-        for j, k in enumerate(numbers):
-            x = np.divide(g[:, k] - z[:, j], spread[:, j], out=np.zeros(len(g)), where=spread[:, j] > 0)
-            u[:, k] = cut_normal(self._marginal(k, z[:, j]), spread[:, j], x, lower[k], upper[k])
-        return u
+            none = np.full(len(self.parameters), np.inf)
+            return -none, none
+        low, high = (self._standard(x) for x in (self.parameters.lower, self.parameters.upper))
+        return np.where(self._uniform, -np.inf, low), np.where(self._uniform, np.inf, high)
 
-    def log_ratio(self, z: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """ln of the true prior over the one that the coordinates stand for (n,), of z (n, n_z) and u (n, n_turbine,
-        n_param)."""
-        if self.parameters.correlation is None:
-            return np.zeros(len(z))
-        shared = self.roles.numbers(self.roles.shared)
-        with np.errstate(invalid="ignore"):
-            own = self._log_prior(u, list(range(u.shape[-1]))) - self._log_prior(u[..., shared], shared)
-            total = self._log_prior(z, shared) + own.sum(axis=1)
-        return np.where(np.isfinite(total), total, -np.inf)
+    @cached_property
+    def _size(self) -> tuple[np.ndarray, np.ndarray]:
+        """Place and scale (n_param,) of that Gaussian, in ln theta of a lognormal; of a uniform prior its lower bound
+        and the distance to the upper one."""
+        p = self.parameters
+        place = np.array([np.log(q.initial) if q.prior == "lognormal" else q.initial for q in p])
+        scale = np.array([q.log_std if q.prior == "lognormal" else q.std for q in p])
+        lower, upper = (np.where(self._uniform, x, 0.0) for x in (p.lower, p.upper))
+        return np.where(self._uniform, lower, place), np.where(self._uniform, upper - lower, scale)
 
-    def _log_prior(self, u: np.ndarray, numbers: list[int]) -> np.ndarray:
-        """ln of the true prior of some of the parameters over the Gaussian (...,), -inf outside their bounds; u (...,
-        n)."""
+    def _standard(self, theta: np.ndarray) -> np.ndarray:
+        place, scale = self._size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = np.where(self.lognormal, np.log(np.maximum(np.where(self.lognormal, theta, 1.0), 0.0)), theta)
+        return (value - place) / scale
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the scores a priori (n_param, n_param); their means are zero."""
         known = self.parameters.correlation
-        some = Parameters(tuple(self.parameters.items[k] for k in numbers),
-                          None if known is None else known[np.ix_(numbers, numbers)])
-        part = Coordinates(logarithmic=self.coordinates.logarithmic[numbers], scale=self.coordinates.scale[numbers])
-        theta = part.back(u)
-        root = np.linalg.cholesky(self.covariance[np.ix_(numbers, numbers)])
-        off = np.linalg.solve(root, np.moveaxis(u - self.mean[numbers], -1, 0).reshape(len(numbers), -1))
-        gaussian = -0.5 * np.sum(off**2, axis=0).reshape(u.shape[:-1]) - np.log(np.diag(root)).sum()
-        gaussian -= 0.5 * len(numbers) * np.log(2 * np.pi)
-        value = some.log_density(theta)
-        inside = np.isfinite(value)
-        jacobian = np.log(np.where(inside[..., None], part.rate(theta), 1.0)).sum(axis=-1)
-        return np.where(inside, value + jacobian - gaussian, -np.inf)
+        return np.eye(len(self.parameters)) if known is None else np.array(known)
 
+    def to(self, theta: np.ndarray) -> np.ndarray:
+        x, (low, high) = self._standard(np.asarray(theta, float)), self._ends
+        mass = _between(low, high)
+        below = np.where(self._uniform, x, _between(low, x) / mass)
+        above = np.where(self._uniform, 1 - x, _between(x, high) / mass)
+        with np.errstate(divide="ignore"):
+            score = np.where(below < above, special.ndtri(np.clip(below, 0, 1)), -special.ndtri(np.clip(above, 0, 1)))
+        whole = np.isinf(low) & np.isinf(high) & ~self._uniform
+        return np.clip(np.where(whole, x, score), -FARTHEST, FARTHEST)
 
-def cut_normal(mean: np.ndarray, std: np.ndarray, x: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """The quantile at the probability of x, standard normal, of a normal (n,) cut at bounds; its mean where std is 0.
-    """
-    value = np.array(mean + std * x)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (lower - mean) / std, (upper - mean) / std
-    cut = (std > 0) & ((a > -FARTHEST) | (b < FARTHEST))
-    x = np.clip(x, -FARTHEST, FARTHEST)
-    for side, quantile, chance in ((x < 0, stats.truncnorm.ppf, special.ndtr(x)),
-                                   (x >= 0, stats.truncnorm.isf, special.ndtr(-x))):
-        some = cut & side
-        value[some] = quantile(chance[some], a[some], b[some], loc=mean[some], scale=std[some])
-    return np.clip(value, lower, upper)
+    def back(self, u: np.ndarray) -> np.ndarray:
+        """theta, within its bounds but for priors that correlate."""
+        x, (place, scale) = self._cut(np.asarray(u, float)), self._size
+        value = place + scale * x
+        value = np.where(self.lognormal, np.exp(np.where(self.lognormal, value, 0.0)), value)
+        return value if self.parameters.correlation is not None else np.clip(
+            value, self.parameters.lower, self.parameters.upper)
+
+    def _cut(self, u: np.ndarray) -> np.ndarray:
+        """Of the Gaussian before it was cut, from the end that is nearer."""
+        low, high = self._ends
+        ln_mass = np.log(_between(low, high))
+        # ln of the probability beyond the bound, and of what lies between it and the value
+        ends = np.where(u < 0, special.log_ndtr(low), special.log_ndtr(-high))
+        x = special.ndtri_exp(np.logaddexp(ends, special.log_ndtr(-np.abs(u)) + ln_mass))
+        whole = np.isinf(low) & np.isinf(high)
+        return np.where(self._uniform, special.ndtr(u), np.where(whole, u, np.where(u < 0, x, -x)))
+
+    def rate(self, theta: np.ndarray) -> np.ndarray:
+        """d theta / d u (..., n_param)."""
+        theta = np.asarray(theta, float)
+        (low, high), scale = self._ends, self._size[1]
+        u = self.to(theta)
+        x = np.where(np.isinf(low) & np.isinf(high), u, self._standard(theta))
+        density = np.exp(-0.5 * (u**2 - np.where(self._uniform, 0.0, x**2)))
+        density = density * np.where(self._uniform, 1 / np.sqrt(2 * np.pi), _between(low, high))
+        return scale * density * np.where(self.lognormal, theta, 1.0)
+
+    def some(self, numbers: Sequence[int]) -> NormalScores:
+        """Of some of the parameters."""
+        k, known = list(numbers), self.parameters.correlation
+        return NormalScores(parameters=Parameters(
+            tuple(self.parameters.items[i] for i in k), None if known is None else known[np.ix_(k, k)]))
+
+    def log_cut(self, u: np.ndarray) -> np.ndarray:
+        """0 (...,) where u lies within the bounds, -inf where not, which only priors that correlate let happen."""
+        return np.where(self.parameters.inside(self.back(u)), 0.0, -np.inf)

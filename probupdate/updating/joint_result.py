@@ -87,18 +87,20 @@ def _verdict(estimate: JointEstimate, posterior: JointPosterior, corrected: bool
 
 def _notes(estimate: JointEstimate, names: Sequence[str], corrected: bool) -> list[str]:
     shared = estimate.roles.shared
-    logarithmic = estimate.coordinates.logarithmic[estimate.roles.numbers(shared)]
 
     def words(i: int, k: int) -> str:
-        shift = estimate.odd.shift[i, k]
-        if logarithmic[k]:
-            return f"{100 * np.expm1(shift):+.2g} %"
-        return f"{shift:+.3g} {estimate.parameters.items[estimate.parameters.index(shared[k])].unit}"
+        number = estimate.parameters.index(shared[k])
+        one, others = estimate.scores.some([number]), estimate.z[k : k + 1]
+        before, after = float(one.back(others)[0]), float(one.back(others + estimate.odd.shift[i, k])[0])
+        if _is_relative(estimate, number):
+            return f"{100 * (after / before - 1):+.2g} %"
+        return f"{after - before:+.3g} {estimate.parameters.items[number].unit}"
 
     notes = odd_sentences(estimate.odd, names, shared, words)
-    bound = [name for name, there in zip(estimate.roles.names, estimate.at_bound, strict=True) if there]
-    if bound:
-        notes.append(f"the stacked estimate lies beyond a bound in some turbine, and is cut there: {', '.join(bound)}")
+    for k in np.flatnonzero(np.any(estimate.at_bound, axis=0)):
+        p, where = estimate.parameters.items[k], ", ".join(names[i] for i in np.flatnonzero(estimate.at_bound[:, k]))
+        notes.append(f"{p.name} is estimated at a bound of its prior ({p.lower:g} to {p.upper:g} {p.unit}) at {where}: "
+                     "the bound says what it is there, not the data")
     if not corrected:
         notes.append("widen the bounds or the model, hold parameters that the data hardly identify, or update turbines "
                      "one by one: this farm's responses bend too much over their posterior's width, or have several "
@@ -107,7 +109,7 @@ def _notes(estimate: JointEstimate, names: Sequence[str], corrected: bool) -> li
 
 
 def _population(estimate: JointEstimate, posterior: JointPosterior, weight, settings: JointSettings):
-    roles, coordinates, parameters = estimate.roles, estimate.coordinates, estimate.parameters
+    roles, parameters = estimate.roles, estimate.parameters
     draws, rng = posterior.draws, np.random.default_rng([settings.seed, 41])
     inherited = parameters.draw(rng, len(weight))
     place = {name: k for k, name in enumerate(roles.shared)}
@@ -116,37 +118,36 @@ def _population(estimate: JointEstimate, posterior: JointPosterior, weight, sett
     means, stds = parameters.moments
     for number, p in enumerate(parameters):
         name, role, nan = p.name, roles.role(p.name), float("nan")
-        one = _single(coordinates, number)
+        one, relative = estimate.scores.some([number]), _is_relative(estimate, number)
         row = dict.fromkeys(("tikhonov", "tikhonov_std", "mean", "std", "low", "high", "tau", "tau_low", "tau_high",
                              "tau_prior"), nan)
         if role != OWN:
-            z = draws.z[:, place[name]]
-            at = one(estimate.z[place[name]])
-            row |= dict(tikhonov=float(at), tikhonov_std=float(z_std[place[name]] * _rate(coordinates, number, at)),
-                        **_moments(one(z), weight))
+            z = draws.z[:, [place[name]]]
+            value, at = one.back(z), one.back(estimate.z[[place[name]]])
+            row |= dict(tikhonov=float(at[0]), tikhonov_std=float(z_std[place[name]] * one.rate(at)[0]),
+                        **_moments(value[:, 0], weight))
             new = z
             if role == VARYING:
-                tau = draws.tau[:, roles.varying.index(name)]
-                low, middle, high = weighted_quantile(tau, weight, INTERVAL)
+                tau = draws.tau[:, [roles.varying.index(name)]]
+                # scatter of scores as that of the parameter about the mean
+                per_score = one.rate(value) / (value if relative else 1.0)
+                low, middle, high = weighted_quantile((tau * per_score)[:, 0], weight, INTERVAL)
                 spread = estimate.scales.spread[roles.varying.index(name)]
                 row |= dict(tau=float(middle), tau_low=float(low), tau_high=float(high),
-                            tau_prior=float(stats.norm.ppf(0.75) * spread))
-                new = z + tau * rng.standard_normal(len(tau))
-            inherited[:, number] = np.clip(one(new), p.lower, p.upper)
+                            tau_prior=float(stats.norm.ppf(0.75) * spread * (weight @ per_score[:, 0])))
+                new = z + tau * rng.standard_normal(tau.shape)
+            inherited[:, number] = one.back(new)[:, 0]
         of_new = _moments(inherited[:, number], weight)
         yield PopulationRow(
             parameter=name, unit=p.unit, role=role, prior_mean=float(means[number]), prior_std=float(stds[number]),
-            tau_relative=bool(coordinates.logarithmic[number]),
+            tau_relative=relative,
             **row, **{f"inherited_{key}": value for key, value in of_new.items()})
 
 
-def _single(coordinates, number: int):
-    """u of one parameter -> theta."""
-    return np.exp if coordinates.logarithmic[number] else np.asarray
-
-
-def _rate(coordinates, number: int, theta: float | np.ndarray) -> float:
-    return float(theta) if coordinates.logarithmic[number] else 1.0
+def _is_relative(estimate: JointEstimate, number: int) -> bool:
+    """Whether differences of a parameter are given as shares of it: what bounds or prior keep positive."""
+    p = estimate.parameters.items[number]
+    return bool(p.initial > 0 and (p.lower >= 0 or p.prior == "lognormal"))
 
 
 def _moments(values: np.ndarray, weight: np.ndarray) -> dict[str, float]:
@@ -156,29 +157,28 @@ def _moments(values: np.ndarray, weight: np.ndarray) -> dict[str, float]:
 
 
 def _turbine_rows(estimate: JointEstimate, posterior: JointPosterior, weight, names: Sequence[str]):
-    roles, coordinates, parameters, tau = estimate.roles, estimate.coordinates, estimate.parameters, estimate.tau
+    roles, scores, parameters, tau = estimate.roles, estimate.scores, estimate.parameters, estimate.tau
     system, odd = estimate.system, estimate.odd
     _, covariance, *_ = system.of_turbines(tau, system.conditional(tau, estimate.common_std))
-    u, shared = estimate.u, list(roles.shared)
-    theta = coordinates.back(posterior.draws.u)
+    shared, value, at_bound = list(roles.shared), estimate.theta, estimate.at_bound
+    theta, rate = scores.back(posterior.draws.u), scores.rate(value)
     for i, turbine in enumerate(names):
         alone = system.chosen([i])
         own = alone.of_turbines(tau, alone.conditional(tau, estimate.common_std))[1][0]
         for k, p in enumerate(parameters):
-            role, one = roles.role(p.name), _single(coordinates, k)
-            value, rate = float(one(u[i, k])), _rate(coordinates, k, float(one(u[i, k])))
+            role = roles.role(p.name)
             probability, limit = float("nan"), float("nan")
             if role != OWN:
                 at = shared.index(p.name)
                 probability = float(odd.share[i, at])
-                limit = float(one(u[i, k] + odd.limit[i, at]) - one(u[i, k])) if np.isfinite(odd.limit[i, at]) else \
-                    float("nan")
+                if np.isfinite(odd.limit[i, at]):
+                    shifted = scores.some([k]).back(estimate.u[i, [k]] + odd.limit[i, at])
+                    limit = float(shifted[0] - value[i, k])
             yield TurbineRow(
-                turbine=turbine, parameter=p.name, unit=p.unit, role=role, tikhonov=float(np.clip(value, p.lower,
-                                                                                                  p.upper)),
-                tikhonov_std=float(np.sqrt(covariance[i, k, k]) * rate), **_moments(theta[:, i, k], weight),
-                alone_std=float(np.sqrt(own[k, k]) * rate), odd=probability, limit=limit,
-                at_bound=bool(not p.lower <= value <= p.upper))
+                turbine=turbine, parameter=p.name, unit=p.unit, role=role, tikhonov=float(value[i, k]),
+                tikhonov_std=float(np.sqrt(covariance[i, k, k]) * rate[i, k]), **_moments(theta[:, i, k], weight),
+                alone_std=float(np.sqrt(own[k, k]) * rate[i, k]), odd=probability, limit=limit,
+                at_bound=bool(at_bound[i, k]))
 
 
 def _months(estimate: JointEstimate, turbines: Sequence[TurbineSets], earlier: Sequence[TurbineSets]):
@@ -189,13 +189,14 @@ def _months(estimate: JointEstimate, turbines: Sequence[TurbineSets], earlier: S
     if not months:
         return
     u, std = estimate.of_months(months, [names.index(m.name) for m in months])
+    theta = estimate.scores.back(u)
+    rate = estimate.scores.rate(theta)
     for j, month in enumerate(months):
         follows = j > 0 and months[j - 1].name == month.name
         for k, p in enumerate(estimate.parameters):
             if estimate.roles.role(p.name) not in (OWN, VARYING):
                 continue
-            value = float(_single(estimate.coordinates, k)(u[j, k]))
             yield MonthValue(
-                turbine=month.name, month=month.month, parameter=p.name, unit=p.unit, value=value,
-                std=float(std[j, k] * _rate(estimate.coordinates, k, value)),
+                turbine=month.name, month=month.month, parameter=p.name, unit=p.unit, value=float(theta[j, k]),
+                std=float(std[j, k] * rate[j, k]),
                 changed=bool(follows and abs(u[j, k] - u[j - 1, k]) > UNLIKE * np.hypot(std[j, k], std[j - 1, k])))

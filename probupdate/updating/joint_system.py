@@ -1,11 +1,11 @@
 """Turbines of one design as one linear-Gaussian system: what they share, what varies between them, what is one's own.
 
-Of turbine i, linear about one middle: y_i = J_i d_i + B_i e + noise, d_i = u_i - middle. e is the error of the model
-that all turbines of the design share (`shared_error`); common parameters are one number for all, a varying one is drawn
-from N(mu, tau^2), an own one from its prior. With z = (common, mu), d_i = offset + Z (z + a_i) + X xi_i: a_i scatters
-by tau, xi_i is standard normal (what an own parameter's prior leaves beside the shared ones). a_i and xi_i are
-integrated out in closed form (Schur complements of inner products), e and z too: what is left is a density of tau and
-of the discrepancy's scales alone (hierarchical linear model, Lindley & Smith 1972).
+Of turbine i, linear about one middle: y_i = J_i d_i + B_i e + noise, d_i = u_i - middle of normal scores u. e is the
+error of the model that all turbines of the design share (`shared_error`); common parameters are one number for all, a
+varying one is drawn from N(mu, tau^2), an own one from its prior. With z = (common, mu), d_i = offset + Z (z + a_i) + X
+xi_i: a_i scatters by tau, xi_i is standard normal (what an own parameter's prior leaves beside the shared ones). a_i
+and xi_i are integrated out in closed form (Schur complements of inner products), e and z too: what is left is a density
+of tau and of the discrepancy's scales alone (hierarchical linear model, Lindley & Smith 1972).
 """
 
 from __future__ import annotations
@@ -18,13 +18,9 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
-from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.set_likelihoods import Coordinates
 from probupdate.updating.shared_error import GaussianPrior, Inner
 
-# points of a marginal prior from which its moments are taken
-N_POINT = 4000
 # directions of the common error that move all data together by less than this, squared standard deviations, are left
 # out
 SILENT = 1e-7
@@ -76,34 +72,21 @@ class Roles:
         return tuple(n for n in self.names if self.role(n) == OWN)
 
 
-def prior_in_u(parameters: Parameters, coordinates: Coordinates) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n_param,) and covariance in u of the prior within its bounds."""
-    if parameters.correlation is not None:
-        drawn = coordinates.to(parameters.draw(np.random.default_rng(0), 5 * N_POINT))
-        return drawn.mean(axis=0), np.atleast_2d(np.cov(drawn.T))
-    share = (np.arange(N_POINT) + 0.5) / N_POINT
-    points = coordinates.to(np.column_stack([p.distribution.ppf(share) for p in parameters]))
-    exact = [p.prior == "normal" and not np.isfinite([p.lower, p.upper]).any() for p in parameters]
-    std = np.where(exact, parameters.std, points.std(axis=0))
-    return points.mean(axis=0), np.diag(std**2)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
     """d_i = offset + shared (z + a_i) + own xi_i: offset (n_param,), shared (n_param, n_z), own (n_param, n_own); prior
-    mean and precision of z; `varying`: places in z of those that scatter; `scale` (n_z,): the prior's standard
-    deviations in u."""
+    mean and precision of z; `varying`: places in z of those that scatter."""
 
     offset: np.ndarray
     shared: np.ndarray
     own: np.ndarray
     prior: GaussianPrior
     varying: np.ndarray
-    scale: np.ndarray
 
     @classmethod
-    def of(cls, roles: Roles, prior: tuple[np.ndarray, np.ndarray], middle: np.ndarray) -> Layout:
-        mean, covariance = prior[0] - middle, prior[1]
+    def of(cls, roles: Roles, covariance: np.ndarray, middle: np.ndarray) -> Layout:
+        """covariance (n_param, n_param): the prior's of u, whose mean is zero; middle (n_param,)."""
+        mean = -middle
         s, o = roles.numbers(roles.shared), roles.numbers(roles.own)
         across = np.linalg.solve(covariance[np.ix_(s, s)], covariance[np.ix_(s, o)]).T
         left = covariance[np.ix_(o, o)] - across @ covariance[np.ix_(s, o)]
@@ -116,7 +99,7 @@ class Layout:
             own[o] = np.linalg.cholesky(left)
         return cls(offset=frozen_array(offset), shared=frozen_array(shared), own=frozen_array(own),
                    prior=(mean[s], np.linalg.inv(covariance[np.ix_(s, s)])),
-                   varying=np.arange(len(roles.common), len(s)), scale=np.sqrt(np.diag(covariance))[s])
+                   varying=np.arange(len(roles.common), len(s)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

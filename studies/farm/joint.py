@@ -35,7 +35,7 @@ SHARED, OWN = [1, 2, 0, 3], [4, 5]
 N_MASS, N_MODE, N_SET, NOISE, ERROR, SPREAD, WIDE = 9, 6, 3, 0.003, 0.003, 0.25, 1.0
 # turbines differ in their springs by this share, known of each
 KNOWN = 0.1
-LAYOUT = Layout.of(ROLES, (np.zeros(6), np.diag(STD**2)), np.zeros(6))
+LAYOUT = Layout.of(ROLES, np.diag(STD**2), np.zeros(6))
 SCALES = Scales(spread=SPREAD * STD[[0, 3]], hyper=np.zeros(3), learnt=False)
 WIDTH = WIDE * STD[SHARED]
 

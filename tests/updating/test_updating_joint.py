@@ -15,11 +15,14 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.updating.joint_file import read_joint
 from probupdate.updating.joint_inference import JointSettings, estimate_farm, sample_farm
 from probupdate.updating.joint_next import SURVEY, next_measurements
+from probupdate.updating.joint_prior import NormalScores
 from probupdate.updating.joint_result import infer_farm
 from probupdate.updating.joint_scales import sample_scale_chain, student_about
 from probupdate.updating.problem import Weights
 
 SPREAD = 0.25 * 1.5
+# normal scores of unbounded normal priors are theta over these
+UNIT = PARAMETERS.std
 # a common error of a share of each frequency, half of it the same for all
 STATED = Weights(shapes="none", discrepancy=0.01)
 
@@ -40,12 +43,13 @@ def test_the_stacked_estimate_is_the_mean_of_one_dense_gaussian(farm, validation
     row = validation(what="stacked Tikhonov estimate of five turbines with one model error: values, covariances",
                      reference="one dense joint Gaussian, plain numpy", unit="posterior standard deviations")
     y, found = farm
-    mean, covariance, _ = dense(y, found.tau[0], *parts(y))
-    std = np.sqrt(np.diag(covariance))
-    row.error((np.concatenate([found.z, found.u[:, 1], found.u[:, 2]]) - mean) / std, below=1e-6, of="values")
+    mean, covariance, _ = dense(y, 1.5 * found.tau[0], *parts(y))
+    std, theta = np.sqrt(np.diag(covariance)), found.theta
+    row.error((np.concatenate([found.z * UNIT[:2], theta[:, 1], theta[:, 2]]) - mean) / std, below=1e-6, of="values")
     joint = found.system.conditional(found.tau, found.common_std)
     _, own, across, _ = found.system.of_turbines(found.tau, joint)
-    assert found.settled and np.allclose(found.u[:, 0], found.z[0], atol=1e-9)
+    assert found.settled and np.allclose(theta[:, 0], found.z[0], atol=1e-9)
+    own, across = own * np.outer(UNIT, UNIT), across * np.outer(UNIT, UNIT[:2])
     soil, scour = np.arange(2, 7), np.arange(7, 12)
     errors = [own[:, 1, 2] - covariance[soil, scour], own[:, 1, 1] - std[soil] ** 2,
               across[:, 2, 0] - covariance[scour, 0], across[:, 1, 1] - covariance[soil, 1]]
@@ -55,7 +59,7 @@ def test_the_stacked_estimate_is_the_mean_of_one_dense_gaussian(farm, validation
 def test_the_density_of_the_scatter_is_that_of_all_data(farm):
     y, found = farm
     taus = np.array([1e-3, 0.05, 0.2, 0.5, 1.5])
-    each = found.system.log_density(taus[:, None], np.tile(found.common_std, (5, 1)))
+    each = found.system.log_density(taus[:, None] / 1.5, np.tile(found.common_std, (5, 1)))
     stacked = [dense(y, tau, *parts(y))[2] for tau in taus]
     assert np.ptp(each - stacked) < 1e-7
 
@@ -74,7 +78,7 @@ def test_the_chain_over_the_scatter_is_quadrature_s(farm, validation):
     std = np.sqrt(weight @ (np.log(tau) - mean) ** 2)
     for name, chain in chains.items():
         assert chain.converged and name.split()[0] in chain.verdict.replace("steps", "emcee")
-        off = np.log(found.scales.tau(chain.x)[:, 0]).mean() - mean
+        off = np.log(1.5 * found.scales.tau(chain.x)[:, 0]).mean() - mean
         row.error(off / (std / np.sqrt(chain.ess)), below=4, of=name)
 
 
@@ -124,11 +128,13 @@ def log_joint(x: np.ndarray, y: np.ndarray, bend: float, noise: float, parameter
     value = -0.5 * np.sum(((y[None] - exact[:, :, None]) / (noise * STD)) ** 2, axis=(1, 2, 3))
     of_steel, of_soil, of_scour = (p.distribution for p in parameters)
     value += of_steel.logpdf(steel) + of_soil.logpdf(mean) + np.sum(of_scour.logpdf(scour), axis=1)
-    spread = 0.25 * np.std(of_soil.ppf((np.arange(4000) + 0.5) / 4000))
-    value += -0.5 * (tau / spread) ** 2 + np.log(tau)
-    inside = stats.norm.logsf((parameters.items[1].lower - mean) / tau)
-    value += np.sum(stats.norm.logpdf(soil, mean[:, None], tau[:, None]) - inside[:, None], axis=1)
-    return np.where(np.all(soil >= parameters.items[1].lower, axis=1) & np.isfinite(value), value, -np.inf)
+    value += -0.5 * (tau / 0.25) ** 2 + np.log(tau)
+    # normal scores scatter about that of the mean
+    score, of_mean = (stats.norm.ppf(of_soil.cdf(t)) for t in (soil, mean[:, None]))
+    with np.errstate(invalid="ignore"):
+        jacobian = of_soil.logpdf(soil) - stats.norm.logpdf(score)
+        value += np.sum(stats.norm.logpdf(score, of_mean, tau[:, None]) + jacobian, axis=1)
+    return np.where(np.isfinite(value), value, -np.inf)
 
 
 @pytest.mark.parametrize(("name", "bend", "noise", "seed"), [
@@ -175,13 +181,13 @@ def test_the_estimate_is_found_from_afar():
                                 zip(farm_problems(y, model=linear_model(bend=0.01)), truth, strict=True)], **ROLES)
                  for off in (np.zeros(3), -3 * PARAMETERS.std))
     assert near.settled and far.settled
-    np.testing.assert_allclose(far.u / PARAMETERS.std, near.u / PARAMETERS.std, atol=0.02)
+    np.testing.assert_allclose(far.u, near.u, atol=0.02)
 
 
 def test_what_a_survey_says_is_the_ratio_of_dense_variances():
     y, _ = drawn_farm(4, 2, seed=2)
     found = estimate_farm(farm_problems(y), **ROLES)
-    _, covariance, _ = dense(y, found.tau[0], 0 * HZ, STD)
+    _, covariance, _ = dense(y, 1.5 * found.tau[0], 0 * HZ, STD)
     rows = {(r.turbine, r.measurement): r for r in next_measurements(found, tuple("ABCD"))}
     of_soil = rows["B", "a survey of soil"]
     noise, at, z = (SURVEY * 1.5) ** 2, 3, [0, 1]
@@ -189,7 +195,8 @@ def test_what_a_survey_says_is_the_ratio_of_dense_variances():
     expected = 0.5 * np.log2(np.linalg.det(covariance[np.ix_(z, z)]) / np.linalg.det(after[np.ix_(z, z)]))
     assert of_soil.farm_bits == pytest.approx(expected, rel=1e-6)
     twice = np.concatenate([y, y], axis=1)[:, :4]
-    again = dense(twice, found.tau[0], 0 * HZ, np.where(np.arange(4)[:, None, None] == 1, 1.0, np.sqrt(2.0)) * STD)[1]
+    std = np.where(np.arange(4)[:, None, None] == 1, 1.0, np.sqrt(2.0)) * STD
+    again = dense(twice, 1.5 * found.tau[0], 0 * HZ, std)[1]
     expected = 0.5 * np.log2(np.linalg.det(covariance[np.ix_(z, z)]) / np.linalg.det(again[np.ix_(z, z)]))
     assert rows["B", "as many sets again"].farm_bits == pytest.approx(expected, rel=1e-6)
 
@@ -231,3 +238,16 @@ def test_roles_that_cannot_be_are_refused(common, varying, said):
     with pytest.raises(InputError, match=said):
         estimate_farm(farm_problems(y), common=common, varying=varying)
     assert PARAMETERS.names == ("steel", "soil", "scour")
+
+
+def test_scores_are_standard_normal_under_each_prior_and_have_their_derivative():
+    items = (*BOUNDED.items, Parameter(name="ratio", unit="-", initial=2.0, std=1.5, lower=1.9, prior="lognormal"),
+             Parameter(name="py", unit="-", initial=1.0, std=0.5, lower=0.05, upper=5.0))
+    scores, u = NormalScores(parameters=Parameters(items)), np.linspace(-5, 5, 11)[:, None] * np.ones(5)
+    theta = scores.back(u)
+    quantile = np.column_stack([p.distribution.ppf(special.ndtr(u[:, 0])) for p in items])
+    np.testing.assert_allclose(theta, quantile, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(scores.to(theta), u, atol=1e-7)
+    differences = (scores.back(u + 1e-5) - scores.back(u - 1e-5)) / 2e-5
+    np.testing.assert_allclose(scores.rate(theta), differences, rtol=1e-4)
+    assert np.all(scores.to(Parameters(items).lower) == -7.5)
