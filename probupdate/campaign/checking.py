@@ -266,7 +266,10 @@ def _findings(
     campaign, table, head, overlaps, compared, ratio, sways: list[Sway]
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[SensorFinding, ...]]:
     """What is wrong, what the comparisons can show, and the findings that have a size."""
-    single = [*channel_findings(table, campaign.sensors), *_quantities(campaign)]
+    ends = head["id"][head["excluded"].str.startswith(PART)]
+    # what is cut off at the end of a recording says nothing of a channel
+    whole = table[~table["id"].isin(ends)]
+    single = [*channel_findings(whole if len(whole) else table, campaign.sensors), *_quantities(campaign)]
     states = dict(zip(head["id"], head["state"], strict=True))
     clocks, clock_use = clock_findings(compared, campaign.channels)
     rates, rate_use = rate_findings(campaign, ratio)

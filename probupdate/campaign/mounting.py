@@ -37,6 +37,8 @@ TURNED_DEG, ACROSS_DEG, FLIPPED_DEG = 20.0, 55.0, 145.0
 # a channel's direction is judged where noise leaves it to so many degrees (one standard deviation) and it follows at
 # all
 DIRECTION_STD_DEG, FOLLOWING = 5.0, 0.05
+# phase in the lowest motion from which a gain is a filter's
+FILTERED_DEG = 10.0
 # highest coherence (over frequencies) with any other channel below which a channel has nothing in common with them
 DEAD_COHERENCE = 0.25
 # coherence at every frequency from which two channels are one signal: of two sensors each has noise of its own, which
@@ -46,11 +48,13 @@ COPIED_COHERENCE = 0.9999
 
 @dataclass(frozen=True, kw_only=True)
 class Suspicion:
-    """kind; the channels it concerns; size: gain as recorded against as it should be, or the angle in deg."""
+    """kind; the channels it concerns; size: gain as recorded against as it should be, or the angle in deg; lead_deg: of
+    a gain, how far its phase is ahead of the others' in the lowest motion, which a scale does not make."""
 
     kind: str
     channels: tuple[str, ...]
     size: float = float("nan")
+    lead_deg: float = 0.0
     ambiguous_with: tuple[str, ...] = field(default=())
 
 
@@ -75,7 +79,27 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     named = {c for s in bending for c in s.channels}
     # what the rigid body leaves open, the bending may have named
     level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
-    return set_aside + level + bending
+    return set_aside + [_with_lead(spectra, sensors, s, lowest) for s in level + bending]
+
+
+def _with_lead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], one: Suspicion, lowest: float) -> Suspicion:
+    """A gain with its phase against all others along its direction, whatever the signs, -90 to 90, and its size by it:
+    real parts alone are too small by the cosine."""
+    if one.kind != SCALED:
+        return one
+    kept = _near(spectra, lowest)
+    own = [i for i, s in enumerate(sensors) if s.channel in one.channels]
+    cross = [np.sum(spectra.density[kept, j, i] ** 2) for i in own for j, s in enumerate(sensors)
+             if j not in own and abs(float(s.direction @ sensors[i].direction)) > ALONG]
+    lead = float(np.angle(np.sum([c / abs(c) for c in cross if c != 0]))) / 2
+    if abs(np.degrees(lead)) < FILTERED_DEG:
+        return one
+    return replace(one, size=one.size / max(np.cos(lead), 0.1), lead_deg=float(np.degrees(lead)))
+
+
+def _near(spectra: CrossSpectra, lowest: float) -> np.ndarray:
+    """(n_line,) bool: lines of the lowest motion."""
+    return (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
 
 
 def _rigid_levels(sensors: tuple[Sensor, ...], alive: list[int]) -> list[list[int]]:
@@ -223,7 +247,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
     """Nothing where no level sees two directions, or the sensors do not stand above one another."""
     if not is_upright(sensors):
         return []
-    kept = (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
+    kept = _near(spectra, lowest)
     covariance = np.real(spectra.density[kept]).mean(axis=0)
     # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
     n_free = max(int(kept.sum()) * spectra.n_segment, 1)

@@ -147,6 +147,13 @@ def test_progress_is_told(campaign_folder, head):
     assert reports[-1] == ("checking blocks", 2, 2)
 
 
+@pytest.mark.parametrize("more", [1, 5, 900])
+def test_what_is_cut_off_at_the_end_is_no_fault_of_channels(campaign_folder, head, more):
+    found = check(read_campaign(campaign_folder([(0, noise(n=12000 + more))], head=four_channels(head)))).findings
+    assert any("1 block at the ends of recordings" in f for f in found)
+    assert not [f for f in found if "lack" in f or "flat" in f or "suspect" in f]
+
+
 def test_records_shorter_than_a_block_are_the_blocks_fault_not_the_sensors(campaign_folder, head):
     data = noise(n=4500)  # 7.5 minutes of blocks of 10
     campaign = read_campaign(campaign_folder([(0, data)], head=four_channels(head)))

@@ -6,6 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from scipy import signal
 
 from probupdate.campaign.checking import check
 from probupdate.campaign.reading import read_campaign
@@ -95,6 +96,26 @@ def test_a_channel_in_another_unit_or_scale_is_named(with_defect, name, factor, 
     assert len(mine) == len(found) == 1 and "wrong unit or scale" in mine[0]
     size = float(re.search(r"(?:moves|reads) ([\d.e+-]+) times", mine[0])[1])
     row.error(size / factor - 1, below=0.25)
+
+
+@pytest.mark.parametrize(("name", "kind", "corner_hz", "words"), [
+    ("T66-x", "high", 0.4, "high"), ("T66-y", "low", 0.25, "low")])
+def test_a_filtered_channel_is_no_scale(with_defect, name, kind, corner_hz, words, validation):
+    row = validation(what="a channel behind a first-order filter: said, with gain and phase at the lowest motion",
+                     reference="its transfer function", why="crosstalk of two modes")
+
+    def change(data, at, _):
+        filtered = signal.butter(1, corner_hz, kind, fs=25.0)
+        data[:, at[name]] = signal.lfilter(*filtered, data[:, at[name]])
+        return data
+
+    found, _ = with_defect(change)
+    (one,) = found
+    gain, lead, side = re.search(r"reads ([0-9.]+) times .* (\d+) deg (ahead|behind)", one).groups()
+    assert f"({words}-pass)" in one and "wrong unit" not in one
+    _, exact = signal.freqz(*signal.butter(1, corner_hz, kind, fs=25.0), worN=[0.32], fs=25.0)
+    response = float(gain) * np.exp(1j * np.radians(float(lead) * (1 if side == "ahead" else -1)))
+    row.error(abs(response / exact[0] - 1), below=0.1, case=one)
 
 
 def test_a_sensor_fixed_askew_is_named(with_defect):
