@@ -16,8 +16,8 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor, mac
 
-# modes of two setups are one by frequency alone where they are this close (ln f)
-SAME_MODE = 0.03
+# modes of two setups are one where they are this close (ln f), beside a shift of all up to the other
+SAME_MODE, LARGEST_SHIFT = 0.03, 0.06
 # mean and largest 1 - MAC at the references from which setups disagree, and the share of the mean that a change that
 # explains it leaves at most
 UNLIKE, MOST_UNLIKE, REMAINING = 0.02, 0.08, 0.2
@@ -58,26 +58,55 @@ def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) 
     for setup in setups:
         _refuse_out_of_phase(setup)
     for first, second in combinations(setups, 2):
-        here = [{s.channel for s in one.sensors} for one in (first, second)]
-        shared = [c for c in references if c in here[0] & here[1]]
-        pairs = _pairs(first.frequency_hz, second.frequency_hz)
-        if len(pairs) < 2 or len(shared) < 2:
+        shared = _shared(first, second, references)
+        if len(shared) < 2 or len(pairs := _pairs(first, second, shared)) < 2:
             continue
         one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
-        unlike = _unlike(one, two)
-        if unlike.mean() > UNLIKE and unlike.max() > MOST_UNLIKE:
+        if _disagree(one, two):
             notes.append(_refuse_explained(first, second, shared, one, two))
             continue
         if all(_sense(first, c) * _sense(second, c) < 0 for c in shared):
             notes.append(f"{', '.join(shared)} move with the other sensors of their directions in one of the setups "
                          f"{first.name} and {second.name}, and against them in the other: if no mode does so, all are "
                          "reversed there, and so is its part of the shapes; turn their directions in its campaign.toml")
-        away = np.log(second.frequency_hz[pairs[:, 1]] / first.frequency_hz[pairs[:, 0]])
-        if np.abs(away).min() > SHIFT and np.ptp(np.sign(away)) == 0:
-            notes.append(f"the frequencies of {second.name} are {100 * abs(np.mean(away)):.2g} % "
-                         f"{'above' if away[0] > 0 else 'below'} those of {first.name}, with equal shapes: the "
+        if away := _ln_shift(first, second, pairs):
+            notes.append(f"the frequencies of {second.name} are {100 * abs(away):.2g} % "
+                         f"{'above' if away > 0 else 'below'} those of {first.name}, with equal shapes: the "
                          "structure changed in between (temperature, mass), or a logger's rate is off")
     return notes
+
+
+def frequency_shifts(setups: Sequence[SetupModes], references: Sequence[str]) -> dict[str, float]:
+    """ln f by which all modes of a setup differ from the mean of all, by name, where shapes at the references are
+    equal; along a chain of setups that share modes."""
+    shift = dict.fromkeys((s.name for s in setups[:1]), 0.0)
+    for second in setups[1:]:
+        for first in (s for s in setups if s.name in shift):
+            shared = _shared(first, second, references)
+            if len(shared) > 1 and len(pairs := _pairs(first, second, shared)) > 1 and not _disagree(
+                    first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]):
+                shift[second.name] = shift[first.name] + _ln_shift(first, second, pairs)
+                break
+        shift.setdefault(second.name, 0.0)
+    middle = float(np.mean(list(shift.values()))) if shift else 0.0
+    return {name: away - middle for name, away in shift.items()}
+
+
+def _shared(first: SetupModes, second: SetupModes, references: Sequence[str]) -> list[str]:
+    here = [{s.channel for s in one.sensors} for one in (first, second)]
+    return [c for c in references if c in here[0] & here[1]]
+
+
+def _disagree(one: np.ndarray, two: np.ndarray) -> bool:
+    """Whether shapes at the references, columns, are of two kinds."""
+    unlike = _unlike(one, two)
+    return bool(unlike.mean() > UNLIKE and unlike.max() > MOST_UNLIKE)
+
+
+def _ln_shift(first: SetupModes, second: SetupModes, pairs: np.ndarray) -> float:
+    """Mean of ln f of the second over the first's, 0 where modes do not differ alike."""
+    away = np.log(second.frequency_hz[pairs[:, 1]] / first.frequency_hz[pairs[:, 0]])
+    return float(np.mean(away)) if np.abs(away).min() > SHIFT and np.ptp(np.sign(away)) == 0 else 0.0
 
 
 def _refuse_out_of_phase(setup: SetupModes) -> None:
@@ -94,11 +123,20 @@ def _refuse_out_of_phase(setup: SetupModes) -> None:
                          "state quantity and unit of each [[sensor]] in its campaign.toml as they were measured")
 
 
-def _pairs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(n, 2) modes that are nearest to one another, both ways."""
-    away = np.abs(np.log(first[:, None] / second))
-    return np.array([(i, j) for i, j in enumerate(np.argmin(away, axis=1))
-                     if np.argmin(away[:, j]) == i and away[i, j] <= SAME_MODE], int).reshape(-1, 2)
+def _pairs(first: SetupModes, second: SetupModes, shared: Sequence[str]) -> np.ndarray:
+    """(n, 2) modes that are one, beside a shift of ln f that all have: the one at which most are near one of alike
+    shape at the `shared` references, as a shift may be as large as a pair's modes are apart."""
+    away = np.log(second.frequency_hz / first.frequency_hz[:, None])
+    alike = 0.5 + 0.5 * np.nan_to_num(mac(first.at(shared), second.at(shared)))
+
+    def likeness(shift: float) -> np.ndarray:
+        return alike * np.exp(-0.5 * ((away - shift) / SHIFT) ** 2)
+
+    shifts = sorted([0.0, *away[np.abs(away) <= LARGEST_SHIFT]], key=abs)
+    best = max(shifts, key=lambda s: round(float(likeness(s).max(axis=1).sum()), 2))
+    own = likeness(best)
+    return np.array([(i, j) for i, j in enumerate(np.argmax(own, axis=1))
+                     if np.argmax(own[:, j]) == i and abs(away[i, j] - best) <= SAME_MODE], int).reshape(-1, 2)
 
 
 def _unlike(one: np.ndarray, two: np.ndarray) -> np.ndarray:

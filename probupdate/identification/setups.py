@@ -29,7 +29,7 @@ from probupdate.identification.physical import (
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
-from probupdate.identification.references_between import SetupModes, compare_references
+from probupdate.identification.references_between import SetupModes, compare_references, frequency_shifts
 from probupdate.identification.roving import MergedModes, Setup, merge_setups, shared_channels
 from probupdate.modal.modes import Sensor, rotate_to_real
 from probupdate.runtime.executors import Executor, executor
@@ -75,18 +75,20 @@ def identify_setups(
         alone = [one for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True))
                  if (one := _identify_setup(
                      campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k], persistence))]
-        compared = compare_references(alone, shared)
+        compared, away = compare_references(alone, shared), frequency_shifts(alone, shared)
+        # of a structure that changed in between the modes are one all the same
+        shift = np.array([away.get(name, 0.0) for name in names])
         if not common:
             return _merge_along_chain(campaigns, names, poles, compared, settings, runs, progress)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
-        at_common = [_shapes_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]
+        at_common = [_shapes_at(part, rows[k], shift[k]) for part, k in zip(parts, owner, strict=True)]
         found = physical_modes(gather_candidates(at_common),
                                n_block=len(owner), settings=persistence,
                                block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
                                highest_hz=min(passed_hz(c, settings) for c in campaigns))
         setups, notes = [], [*compared, *found.notes]
         for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
-            own, place, absent = _setup_part(found, parts, [j for j, one in enumerate(owner) if one == k])
+            own, place, absent = _setup_part(found, parts, [j for j, one in enumerate(owner) if one == k], shift[k])
             if own is None:
                 notes.append(f"{name}: shows none of the {len(found.modes.labels)} modes: left out")
                 continue
@@ -170,18 +172,19 @@ def _candidates(
     return parts, owner
 
 
-def _shapes_at(part: Candidates, rows: list[int]) -> Candidates:
-    """The same with the shapes at some channels; where these hardly move the shape says nothing, and is kept so."""
+def _shapes_at(part: Candidates, rows: list[int], shift: float) -> Candidates:
+    """The same with the shapes at some channels, where these hardly move the shape says nothing, and is kept so; and
+    ln f without the setup's `shift`."""
     shape = part.shape[rows]
     size = np.linalg.norm(shape, axis=0)
-    return replace(part, shape=shape / np.where(size > 0, size, 1.0))
+    return replace(part, shape=shape / np.where(size > 0, size, 1.0), ln_frequency=part.ln_frequency - shift)
 
 
 def _setup_part(
-    found: PhysicalModes, parts: list[Candidates], blocks: list[int]
+    found: PhysicalModes, parts: list[Candidates], blocks: list[int], shift: float
 ) -> tuple[PhysicalModes | None, dict[int, int], list[int]]:
-    """The modes with their shapes at one setup's channels, from the candidates of its blocks; mode -> place among them;
-    modes that none of its blocks has."""
+    """The modes with their shapes at one setup's channels, from the candidates of its blocks, and their frequencies
+    with its `shift` of ln f; mode -> place among them; modes that none of its blocks has."""
     starts = np.cumsum([0, *(len(p.block) for p in parts)])
     chosen, shapes, absent = [], [], []
     for j, rows in enumerate(found.rows):
@@ -197,7 +200,9 @@ def _setup_part(
     if not chosen:
         return None, {}, absent
     part = found.only(chosen)
-    modes = replace(part.modes, shape=np.column_stack(shapes))
+    span = part.modes.range_hz
+    modes = replace(part.modes, shape=np.column_stack(shapes), frequency_hz=part.modes.frequency_hz * np.exp(shift),
+                    range_hz=None if span is None else span * np.exp(shift))
     return replace(part, modes=modes, notes=()), {j: k for k, j in enumerate(chosen)}, absent
 
 

@@ -13,6 +13,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.roving import Setup, merge_setups
+from probupdate.identification.setups import identify_setups
 from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, mac, plane_mac, read_modes, unit_largest
 
 # references at one leg and the highest tower level; three setups share out the other fourteen channels
@@ -254,7 +255,6 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
     """Two setups of the made jacket, a model of its shapes as a function: names, records, and one mode of the model
     that nothing shows."""
     from probupdate.identification.reference import ReferenceModes
-    from probupdate.identification.setups import identify_setups
 
     campaigns = []
     for number, own in enumerate(ROVING[:2]):
@@ -274,3 +274,26 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
     assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < 4 * s.frequency_std_hz / s.frequency_hz)
     assert [x.label for x in merged.data.model_only] == ["L1"] and "L1 at 1.6 Hz is in no block" in merged.summary
     assert merged.data.records[0].frequency_ratio == pytest.approx(1 / 0.9, rel=0.01)
+
+
+@pytest.mark.parametrize("change", [1.02, 0.97])
+def test_setups_of_a_structure_that_changed_have_all_its_modes(jacket, sensor_list, tmp_path, change, validation):
+    """Pairs 2 and 5 % apart: the second setup's FA1 is where the first one's SS1 is."""
+    row = validation(what="two setups whose frequencies are 2 or 3 % apart: MAC and planes of all five modes; "
+                          "frequencies beside the mean of both",
+                     reference="the modes put in")
+    campaigns = []
+    for number, own in enumerate(ROVING[:2]):
+        rows = [*REFERENCES, *own]
+        then = replace(jacket, frequency_hz=jacket.frequency_hz * (change if number else 1.0))
+        campaigns.append(setup_campaign(tmp_path / f"setup{number}", [sensor_list[k] for k in rows],
+                                        then.record(18000, seed=80 + number)[:, rows], block_minutes=15))
+    merged = identify_setups(campaigns, ("a", "b"), settings=SSISettings(order=14, block_rows=20, spread=6,
+                                                                        sub_records=20))
+    s = merged.data.sets[0]
+    truth = jacket.shape[[[x.channel for x in sensor_list].index(c) for c in merged.data.channels]]
+    assert f"% {'above' if change > 1 else 'below'} those of a, with equal shapes" in merged.summary
+    row.error(s.frequency_hz / jacket.frequency_hz / np.sqrt(change) - 1, below=0.004, of="frequencies")
+    for pair in ([0, 1], [3, 4]):
+        row.least(plane_mac(s.shape[:, pair], truth[:, pair]), above=0.97, of="shapes")
+    row.least(mac(s.shape[:, [2]], truth[:, [2]])[0, 0], above=0.97, of="shapes")
