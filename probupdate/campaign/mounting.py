@@ -79,15 +79,15 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     named = {c for s in bending for c in s.channels}
     # what the rigid body leaves open, the bending may have named
     level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
-    return set_aside + [_with_lead(spectra, sensors, s, lowest) for s in level + bending]
+    return set_aside + [_add_lead(spectra, sensors, s, lowest) for s in level + bending]
 
 
-def _with_lead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], one: Suspicion, lowest: float) -> Suspicion:
+def _add_lead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], one: Suspicion, lowest: float) -> Suspicion:
     """A gain with its phase against all others along its direction, whatever the signs, -90 to 90, and its size by it:
     real parts alone are too small by the cosine."""
     if one.kind != SCALED:
         return one
-    kept = _near(spectra, lowest)
+    kept = _lowest_lines(spectra, lowest)
     own = [i for i, s in enumerate(sensors) if s.channel in one.channels]
     cross = [np.sum(spectra.density[kept, j, i] ** 2) for i in own for j, s in enumerate(sensors)
              if j not in own and abs(float(s.direction @ sensors[i].direction)) > ALONG]
@@ -97,7 +97,7 @@ def _with_lead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], one: Suspicio
     return replace(one, size=one.size / max(np.cos(lead), 0.1), lead_deg=float(np.degrees(lead)))
 
 
-def _near(spectra: CrossSpectra, lowest: float) -> np.ndarray:
+def _lowest_lines(spectra: CrossSpectra, lowest: float) -> np.ndarray:
     """(n_line,) bool: lines of the lowest motion."""
     return (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
 
@@ -247,7 +247,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
     """Nothing where no level sees two directions, or the sensors do not stand above one another."""
     if not is_upright(sensors):
         return []
-    kept = _near(spectra, lowest)
+    kept = _lowest_lines(spectra, lowest)
     covariance = np.real(spectra.density[kept]).mean(axis=0)
     # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
     n_free = max(int(kept.sum()) * spectra.n_segment, 1)

@@ -48,14 +48,14 @@ class Directions:
     def of(self, rest: Sequence[np.ndarray]) -> np.ndarray:
         """(n_block, n_number) of residuals per group (n_block, n_response)."""
         responses = np.hstack(rest)
-        responses[:, self.joint] = filled(responses[:, self.joint], self.used[self.group_of[self.joint]].T,
+        responses[:, self.joint] = fill_missing(responses[:, self.joint], self.used[self.group_of[self.joint]].T,
                                           self.covariance)[0]
         return np.where(self.weight > 0, responses @ self.turn.T, 0.0)
 
     def where(self, used: Sequence[np.ndarray]) -> Directions:
         """Of only the blocks in which all groups of a number are `used` (n_block,), of joint ones enough of them."""
         there = np.array(used)[self.group_of].T
-        there[:, self.joint] |= _enough(there[:, self.joint])[:, None]
+        there[:, self.joint] |= _has_enough(there[:, self.joint])[:, None]
         missing = (~there).astype(float) @ (np.abs(self.turn.T) > 0)
         return replace(self, used=frozen_array(used, bool),
                        weight=frozen_array(np.where(missing > 0, 0.0, self.weight)))
@@ -87,7 +87,7 @@ def independent_directions(rest: Sequence[np.ndarray], noise: Noise, sizes: Sequ
     of_group = np.array([noise.weight[q] for q in group_of[joint]]).reshape(-1, len(rest[0])).T
     levels, joint_weight = np.hstack(rest)[:, joint], _joint_weights(of_group)
     between = _covariance_of_incomplete(levels, of_group > 0)
-    covariance = _scatter(filled(levels, of_group > 0, between)[0], joint_weight,
+    covariance = _scatter(fill_missing(levels, of_group > 0, between)[0], joint_weight,
                           linalg.block_diag(*(noise.covariance[q][: n_log[q], : n_log[q]] for q in common)))
     alone = [(start[q] + np.arange(n_log[q]), noise.covariance[q][: n_log[q], : n_log[q]],
               np.tile(noise.weight[q], (n_log[q], 1))) for q in range(len(sizes)) if q not in common]
@@ -135,7 +135,7 @@ def _weights(vectors: np.ndarray, covariance: np.ndarray, weight: np.ndarray) ->
 # Modes that a block lacks --------------------------------------------------------------------------------------------
 
 
-def _enough(there: np.ndarray) -> np.ndarray:
+def _has_enough(there: np.ndarray) -> np.ndarray:
     """(n_block,) whether a block has more than half of the joint numbers, there (n_block, n)."""
     return 2 * np.sum(there, axis=1) > there.shape[1]
 
@@ -145,10 +145,10 @@ def _joint_weights(weight: np.ndarray) -> np.ndarray:
     too few."""
     there = weight > 0
     mean = np.sum(weight, axis=1) / np.maximum(np.sum(there, axis=1), 1)
-    return np.where(_enough(there)[:, None], np.where(there, weight, mean[:, None]), 0.0)
+    return np.where(_has_enough(there)[:, None], np.where(there, weight, mean[:, None]), 0.0)
 
 
-def filled(values: np.ndarray, there: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fill_missing(values: np.ndarray, there: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values (n_block, n) of mean zero with those not `there` as expected beside those that are, by their covariance,
     and the sum over blocks of the covariance (n, n) of what was filled. What all share is in the others; what is a
     mode's own stays zero, which makes its changes smaller, and its scatter by as much."""
@@ -172,7 +172,7 @@ def _covariance_of_incomplete(values: np.ndarray, there: np.ndarray) -> np.ndarr
     least = SMALLEST_LOG**2 * np.eye(len(n))
     covariance = np.diag(np.sum(np.where(there, values, 0.0) ** 2, axis=0) / n) + least
     for _ in range(0 if there.all() else MOST_FACTORINGS):
-        complete, open_ = filled(values, there, covariance)
+        complete, open_ = fill_missing(values, there, covariance)
         before, covariance = covariance, (complete.T @ complete + open_) / max(len(values), 1) + least
         std = np.sqrt(np.diag(before))
         if np.allclose(covariance / std / std[:, None], before / std / std[:, None], rtol=0, atol=1e-3):

@@ -129,12 +129,12 @@ def _pairs(first: SetupModes, second: SetupModes, shared: Sequence[str]) -> np.n
     away = np.log(second.frequency_hz / first.frequency_hz[:, None])
     alike = 0.5 + 0.5 * np.nan_to_num(mac(first.at(shared), second.at(shared)))
 
-    def likeness(shift: float) -> np.ndarray:
+    def similarity(shift: float) -> np.ndarray:
         return alike * np.exp(-0.5 * ((away - shift) / SHIFT) ** 2)
 
     shifts = sorted([0.0, *away[np.abs(away) <= LARGEST_SHIFT]], key=abs)
-    best = max(shifts, key=lambda s: round(float(likeness(s).max(axis=1).sum()), 2))
-    own = likeness(best)
+    best = max(shifts, key=lambda s: round(float(similarity(s).max(axis=1).sum()), 2))
+    own = similarity(best)
     return np.array([(i, j) for i, j in enumerate(np.argmax(own, axis=1))
                      if np.argmax(own[:, j]) == i and abs(away[i, j] - best) <= SAME_MODE], int).reshape(-1, 2)
 
