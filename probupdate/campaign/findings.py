@@ -232,7 +232,7 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
         text = f"suspect: {name} reads {size:.3g} times what other channels suggest"
         text += f": wrong unit or scale?{unit_hint(size).replace(',', ' It is', 1)}" if not lead else (
             f" in the lowest motion, {abs(lead):.0f} deg {'ahead' if lead > 0 else 'behind'}, which no scale makes: a "
-            f"frequency response of its own ({'high' if lead > 0 else 'low'}-pass)? Look at its filter, or leave it out")
+            f"frequency response of its own ({'high' if lead > 0 else 'low'}-pass)? Look at its filter or leave it out")
     return text + (f"; it may be {', '.join(alternatives)} instead" if alternatives else "")
 
 
