@@ -72,12 +72,10 @@ def identify_setups(
         parts, owner = _candidates(poles, settings, persistence)
         if not parts:
             raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
-        alone = [one for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True))
-                 if (one := _identify_setup(
-                     campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k], persistence))]
+        alone = _identify_each(campaigns, names, parts, owner, persistence)
         compared, away = compare_references(alone, shared), frequency_shifts(alone, shared)
         # of a structure that changed in between the modes are one all the same
-        shift = np.array([away.get(name, 0.0) for name in names])
+        shift = [away.get(name, 0.0) for name in names]
         if not common:
             return _merge_along_chain(campaigns, names, poles, compared, settings, runs, progress)
         rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
@@ -138,6 +136,16 @@ def align_directions(campaigns: Sequence[Campaign]) -> list[Campaign]:
                         for s in campaign.sensors)
         found.append(replace(campaign, sensors=sensors, turned=tuple(sorted(against))))
     return found
+
+
+def _identify_each(
+    campaigns: Sequence[Campaign], names: Sequence[str], parts: list[Candidates], owner: list[int],
+    persistence: PersistenceSettings,
+) -> list[SetupModes]:
+    """Setups' modes by themselves, of those in which some come back."""
+    each = (_identify_setup(campaign, name, [p for p, own in zip(parts, owner, strict=True) if own == k], persistence)
+            for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)))
+    return [one for one in each if one]
 
 
 def _identify_setup(campaign: Campaign, name: str, parts: list[Candidates], persistence: PersistenceSettings
