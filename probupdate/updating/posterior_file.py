@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -118,6 +118,18 @@ class Posterior:
         return "\n".join(lines)
 
 
+def variables_of(names: Sequence[str]) -> tuple[str, ...]:
+    """What parameters are called in the file: by their names, but for a slash, which NetCDF keeps for groups, and the
+    names of dimensions; each otherwise."""
+    found: list[str] = []
+    for name in names:
+        own = name.replace("/", "_")
+        while own in ("chain", "draw", *found) or (own != name and own in names):
+            own += "_"
+        found.append(own)
+    return tuple(found)
+
+
 def write_posterior(posterior: Posterior, path: str | Path) -> Path:
     """Write the five groups; numbers on how it came about go into the attributes of `posterior`.
 
@@ -134,7 +146,9 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
         posterior.theta, posterior.log_posterior, posterior.log_likelihood))
 
     def by_name(theta: np.ndarray, dims) -> xarray.Dataset:
-        return xarray.Dataset({name: (dims, theta[..., k]) for k, name in enumerate(posterior.names)})
+        named = zip(variables_of(posterior.names), posterior.names, strict=True)
+        return xarray.Dataset({variable: (dims, theta[..., k], {"parameter": name})
+                               for k, (variable, name) in enumerate(named)})
 
     chain_dims = ("chain", "draw")
     coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw)}
@@ -247,7 +261,7 @@ def _from_groups(path: Path, data) -> Posterior:
     names = tuple(head["names"])
 
     def columns(group) -> np.ndarray:
-        return np.stack([group[name].values for name in names], axis=-1)
+        return np.stack([group[name].values for name in variables_of(names)], axis=-1)
 
     def walkers(values: np.ndarray) -> np.ndarray:
         """(n_walker, n_step, ...) of the file's chains, which before format 3 were the walkers."""

@@ -6,10 +6,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from updating_cases import LINEAR_HZ
-from updating_records import PARAMETERS, record
+from updating_records import PARAMETERS, posterior_of, record
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.posterior_file import read_posterior, write_posterior
 from probupdate.updating.update_file import (
     ComponentsRecord,
     fit_sentence,
@@ -237,3 +238,12 @@ def test_values_that_do_not_fit_together_are_one_line(update, tmp_path):
     broken(lambda c: c["parameters"].update(items=[]))
     broken(lambda c: c["sets"].pop("cov"))
     broken(lambda c: c["sets"].update(theta_map=[[1.0]]))
+
+
+@pytest.mark.parametrize("names", [("k/1", "k_1", "chain"), ("draw", "E, col", "e, COL"), ("/", "_", "a/b/c")])
+def test_draws_of_parameters_of_any_name_are_read_again(update, tmp_path, names):
+    """NetCDF keeps slashes for groups; chain and draw are dimensions."""
+    draws = np.random.default_rng(1).standard_normal((40, 3))
+    found = read_posterior(write_posterior(posterior_of(update, draws, names=names), tmp_path / "posterior.nc"))
+    assert found.names == names
+    np.testing.assert_array_equal(found.draws, draws)
