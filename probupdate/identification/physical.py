@@ -472,7 +472,7 @@ def _group_clusters(
             if away > DOUBLE or not known or not _is_in_plane(one if first.plane else first, first.basis if first.plane
                                                               else one.basis):
                 continue
-            if away <= SAME_MODE and (first.plane or one.plane or _are_apart_in_time(c, first, one)):
+            if away <= SAME_MODE and (first.plane or one.plane or _are_apart_in_time(c, one, first)):
                 home = group
                 break
             if one.weight < 0.5 * first.weight and not one.plane and not _instead(c, first, one):
@@ -503,8 +503,8 @@ def _strays(c: Candidates, one: _Cluster, heavy: _Cluster, block_seconds: float)
 
 
 def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_Cluster]:
-    """Three or more single directions of one plane close by, as of a pair at a few headings of the nacelle, as one
-    cluster with that plane; or, where a nacelle turns, two of one frequency and different times."""
+    """Three or more single directions of one plane close by, never three at once, as of a pair at a few headings of
+    the nacelle, as one cluster with that plane; or, where a nacelle turns, two of one frequency and different times."""
     left = sorted(clusters, key=lambda x: -x.weight)
     result = [one for one in left if one.plane]
     left = [one for one in left if not one.plane]
@@ -516,10 +516,11 @@ def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_
             if mac(first.basis, mate.basis)[0, 0] >= 0.5 or len(first.basis) < 4:
                 continue
             plane = np.column_stack([first.basis, mate.basis])
-            inside = [x for x in near if x is mate or _is_in_plane(x, plane)]
+            inside = [x for x in near if x is mate or (
+                _is_in_plane(x, plane) and _are_apart_in_time(c, x, first, mate))]
             # or of one mode that turned with the nacelle, at two headings
             turned = (turns and abs(mate.ln_frequency - first.ln_frequency) <= TWIN_FREQUENCY
-                      and _are_apart_in_time(c, first, mate))
+                      and _are_apart_in_time(c, mate, first))
             if len(inside) >= 2 or turned:
                 members += inside
                 break
@@ -533,9 +534,10 @@ def _with_planes(c: Candidates, clusters: list[_Cluster], turns: bool) -> list[_
     return result
 
 
-def _are_apart_in_time(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
-    first, second = set(c.block[heavy.rows].tolist()), set(c.block[light.rows].tolist())
-    return len(first & second) <= 0.2 * len(second)
+def _are_apart_in_time(c: Candidates, light: _Cluster, *heavy: _Cluster) -> bool:
+    """Whether few of a cluster's blocks have all of the heavier ones too."""
+    blocks = [set(c.block[one.rows].tolist()) for one in (light, *heavy)]
+    return len(set.intersection(*blocks)) <= 0.2 * len(blocks[0])
 
 
 def _instead(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:

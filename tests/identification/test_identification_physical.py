@@ -118,6 +118,32 @@ def test_a_pair_that_turns_from_order_to_order_of_one_block_is_two_modes(seed, v
     checked.least(plane_mac(found.modes.shape[:, :2], np.eye(12)[:, :2]), above=0.98, of="MAC of the plane")
 
 
+@pytest.mark.parametrize("blocks", [4, N_BLOCK])
+def test_a_third_mode_in_the_plane_of_two_others_is_a_mode(blocks, validation):
+    """As torsion and both second bendings of a monopile with its rotor off the axis, seen by tower sensors."""
+    row = validation(what="three modes 2.2 and 4.5 % apart with shapes in one plane: frequencies",
+                     reference="the modes put in", why="means of draws of 0.2 %")
+    rng, frequency = np.random.default_rng(8), np.array([0.782, 0.7995, 0.838, 1.47])
+    mixed = (np.eye(12)[0] * np.sin(0.3) + np.eye(12)[1] * np.cos(0.3))
+    shapes = (np.eye(12)[0], mixed, np.eye(12)[1], np.eye(12)[4])
+    assert mac(mixed, np.eye(12)[1])[0, 0] > 0.9
+    found = found_in([stack(rng, [(f * (1 + 5e-4 * rng.standard_normal()), 0.01, shape, ORDERS)
+                                  for f, shape in zip(frequency, shapes, strict=True)]) for _ in range(blocks)]).modes
+    row.error(found.frequency_hz / frequency - 1, below=2e-3)
+
+
+def test_a_pair_at_three_headings_of_the_nacelle_is_one_plane():
+    """Each heading has two directions of its own, never three at once."""
+    rng, stacks = np.random.default_rng(9), []
+    for k in range(N_BLOCK):
+        a = (0.0, 0.5, 1.0)[k * 3 // N_BLOCK]
+        first, second = np.cos(a) * np.eye(12)[0] + np.sin(a) * np.eye(12)[1], (
+            np.cos(a) * np.eye(12)[1] - np.sin(a) * np.eye(12)[0])
+        stacks.append(stack(rng, [(1.70, 0.01, first, ORDERS), (1.80, 0.01, second, ORDERS)], n_noise=2))
+    found = found_in(stacks).modes
+    assert found.pairs == ((0, 1),) and plane_mac(found.shape[:, [0, 1]], np.eye(12)[:, :2]) > 0.99
+
+
 def test_poles_of_one_direction_beside_a_mode_are_no_pair():
     rng = np.random.default_rng(3)
     rows = [(0.330, 0.01, np.eye(12)[0], ORDERS), (0.333, 0.02, np.eye(12)[0], ORDERS),
