@@ -33,7 +33,7 @@ def paired_modes(
             off = np.abs(np.log(frequency_hz) - np.mean(np.log(group.frequency_hz)))
         share = np.where(unseen, -1.0, np.nan_to_num(np.sum(inside**2, axis=1), nan=-1.0))
         criterion += [share] * group.size
-        score += [share - CLEAR * np.minimum(np.nan_to_num(off, nan=np.inf) / APART, 1.0)] * group.size
+        score += [share - CLEAR * np.minimum(np.nan_to_num(off, nan=np.inf, posinf=np.inf) / APART, 1.0)] * group.size
         best = np.sort(np.argsort(-score[-1], axis=1, kind="stable")[:, : group.size], axis=1)
         if group.size == 2:
             a, b = np.take_along_axis(inside, best[:, None], axis=2).transpose(2, 1, 0)

@@ -16,6 +16,7 @@ from probupdate.updating.comparison import compare
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.identifiability import cov_of, sampled_width
 from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
 SHORT = SamplerSettings(target_ess=50, max_steps=100, ensembles=2)
@@ -160,3 +161,19 @@ def test_the_comparison_gives_the_standard_deviation_and_says_why(tmp_path):
 def test_iterations_are_a_whole_number(wrong):
     with pytest.raises(InputError, match="iterations"):
         UpdateSettings(iterations=wrong)
+
+
+def test_a_frequency_of_zero_at_a_bound_is_no_warning():
+    """Its frequency is zero, infinitely far from any measured one: that was a warning of numpy on the screen."""
+    items = tuple(Parameter(name=n, unit="-", initial=1.0, std=0.8, lower=0.0) for n in "ab")
+    full = linear_model()
+
+    def function(theta):
+        return np.concatenate([LINEAR_HZ[:2] * np.sqrt(theta), 100.0 * 1.5 ** np.arange(15)]), full.function(
+            LINEAR_PARAMETERS.initial)[1]
+
+    problem = build_problem(replace(full, parameters=Parameters(items), function=function),
+                            linear_data([*LINEAR_HZ[:2], *[np.nan] * 3]), weights=Weights(shapes="none"))
+    value, _ = problem.log_posterior(np.array([[0.0, 1.0], [1.0, 1.0]]))
+    # of a hundred standard deviations
+    assert value[0] - value[1] == pytest.approx(-5000.0, rel=1e-3)
