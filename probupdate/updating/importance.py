@@ -3,9 +3,9 @@
 The proposal is a mixture: a truncated Gaussian approximation for every maximum that was found, Student t distributions
 fitted to weighted draws in rounds (population Monte Carlo: Cappe, Guillin, Marin & Robert 2004), and a share of the
 prior, which bounds the weights and shows a mode that was missed (defensive mixture: Hesterberg 1995). Where few draws
-count, the rounds go from a wide distribution to the posterior by powers of their ratio, as draws allow (sequential
-Monte Carlo: Del Moral, Doucet & Jasra 2006): a fit to what few draws found about the maximum would keep to that part.
-It is frozen before the draws that count: estimates from the draws it was fitted to would be biased.
+count, the first fit is to maxima of randomised posteriors (`randomised`), and weights are taken to a power at which
+enough draws count: a fit to what few draws found about the maximum would keep to that part. It is frozen before the
+draws that count: estimates from the draws it was fitted to would be biased.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import linalg, special
 
-from probupdate.errors import ProbupdateError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_shape
 from probupdate.updating.problem import Problem
+from probupdate.updating.randomised import randomised_maxima
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.surrogate import Density, Proposal
-from probupdate.updating.tikhonov import HALVINGS, bounded_step
 from probupdate.updating.transport import Transport, fit_transport
 
 GOOD_K = CONSTANTS.good_k
@@ -40,19 +39,13 @@ PRIOR_SHARE, LEAST_PART = 0.05, 0.02
 DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
 EM_STEPS = 15
 MOST_Z, LEAST_APART = CONSTANTS.most_z, CONSTANTS.least_apart
-# the power is the largest at which so many draws count for each coefficient of a map, and no fewer; from a wide
-# distribution it begins no higher than this and grows by no more than this factor, as few draws would show the ends of
-# a ridge that is much thinner
-PER_COEFFICIENT, LEAST_COUNT, FIRST_POWER, GROWTH, POWER_STEP = 6, 400, 3e-5, 4.0, 0.8
-# points that draws of the prior lead to: how many at least, how many a parameter, steps at most, and how far off bounds
-# in standard deviations of the prior
-N_PROBE, PER_PARAMETER, PROBE_STEPS, INSIDE = 40, 4, 8, 1e-3
-# posterior over proposal, over its mean, from which such a point is not reached: one draw there would outweigh all
-# others, and none shows it; how many of these are no chance
-UNREACHED, FEW = float(N_DRAW), 2
-# volume of the wide Student t over that of the probes: so many times the spread itself would leave no draws in ten
-# dimensions
-WIDER = 4.0
+# the power of the weights is the largest at which so many draws count for each coefficient of a map, and no fewer, by
+# steps of a factor down to the least
+PER_COEFFICIENT, LEAST_COUNT, POWER_STEP, LEAST_POWER = 6, 400, 0.8, 1e-3
+# of the randomised maxima, how many are kept to look whether the proposal reaches them; posterior over proposal, over
+# its mean, from which it does not: one draw there would outweigh all others, and none shows it; how many of these are
+# no chance
+N_PROBE, UNREACHED, FEW = 40, float(N_DRAW), 2
 # variance of the thinnest direction, over that of the draws
 THINNEST = 1e-10
 CHUNK = 500
@@ -243,21 +236,22 @@ def _round(problem: Problem, proposal: Density, number: int, rng: np.random.Gene
 
 
 def fitted_proposal(
-    problem: Problem, approximations: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent
+    problem: Problem, approximations: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent, *,
+    everywhere: Problem | None = None,
 ) -> tuple[Mixture, int]:
-    """A frozen mixture for this posterior, and how many points were solved for it.
+    """A frozen mixture for this posterior, and how many points were solved for it; `everywhere`: the same problem on a
+    model that answers as fast far from the posterior, if less exactly.
 
-    The Gaussian approximations as they are where their draws serve; else rounds of Student t distributions and maps
-    fitted to the weighted draws of the last rounds, each weighed by the mixture of all that proposed them, on the way
-    from a wide Student t about the probes and the prior to the posterior.
+    The Gaussian approximations as they are where their draws serve; else rounds of Student t distributions and maps,
+    fitted first to maxima of randomised posteriors and then to the weighted draws of the last rounds, each weighed by
+    the mixture of all that proposed them, at the power of these weights at which enough draws count.
     """
     parameters = problem.parameters
     n, prior, logarithmic = len(parameters), PriorDensity(parameters), parameters.lower >= 0
     wanted = max(LEAST_COUNT, PER_COEFFICIENT * (n + 1) * (n + 2) // 2)
     rounds = [_round(problem, _weigh_components(parameters, [*approximations], prior), N_ROUND, rng, progress)]
     best, best_share, since, served, solved = rounds[0].proposal, 0.0, 0, 0, N_ROUND
-    probes, broad, power = np.empty((0, n)), None, 1.0
-    wide: list[Transport] = []
+    points, power = np.empty((0, n)), 0.0
     pooled: Mixture | None = None
     for number in range(ROUNDS):
         kept = rounds[-KEPT:]
@@ -265,19 +259,16 @@ def fitted_proposal(
         known = np.array([np.concatenate([r.at(other) for other in kept]) for r in kept])
         drawn = np.array([r.number for r in kept])
         proposed = special.logsumexp(known.T + np.log(drawn / drawn.sum()), axis=1)
-        if number == 0 and 1 / np.sum(_weights(value - proposed) ** 2) < wanted:
-            probes = _probes(problem, rng, progress)
-            broad = _about(probes, prior, rng)
-            rounds.append(_round(problem, broad, N_ROUND, rng, progress))
-            solved, power = solved + N_ROUND, FIRST_POWER
-            continue
-        begin = proposed if broad is None else broad.log_density(theta)
         before = power
-        power, weight = _temper_weights(value - begin, begin - proposed, wanted, (power, min(GROWTH * power, 1.0)))
-        if power < 1.0:
+        power, weight = _temper_weights(value - proposed, wanted)
+        if number == 0 and 1 / np.sum(_weights(value - proposed) ** 2) < wanted:
+            points, more = randomised_maxima(everywhere or problem, rng, progress)
+            solved += more
+        if len(points) > n and number == 0:
+            theta, weight = points, np.full(len(points), 1 / len(points))
+        elif power < 1.0:
+            pooled = _join_proposals(parameters, [r.proposal for r in kept], np.ones(len(kept)))
             since = 0 if power > before else since + 1
-            if since >= PATIENCE:
-                break
         else:
             share = _shares(value, known, value - proposed)
             pooled = _join_proposals(parameters, [r.proposal for r in kept], share)
@@ -287,73 +278,17 @@ def fitted_proposal(
             if best_share < share[j]:
                 best, best_share, since = kept[j].proposal, share[j], 0
             served += int(best_share >= ENOUGH)
-            if served >= FEWEST or since >= PATIENCE:
-                break
+        if served >= FEWEST or since >= PATIENCE:
+            break
         parts = _fit(coordinates(theta, logarithmic), weight, PER_MAXIMUM * len(approximations), logarithmic, rng)
         bent = _transports(theta, weight, approximations)
-        current = _weigh_components(parameters, [*bent, *wide, *parts, *approximations], prior, (theta, weight))
-        # of a lower power: it reaches where those of the posterior end
-        wide = bent if power < 1 else wide
+        current = _weigh_components(parameters, [*bent, *parts, *approximations], prior, (theta, weight))
         # where the last ones served, fewer show whether an arm was missed
-        more = N_ROUND if broad is not None or best_share < ENOUGH else N_ROUND // 4
+        more = N_ROUND if len(points) or best_share < ENOUGH else N_ROUND // 4
         rounds.append(_round(problem, current, more, rng, progress))
         solved += more
     # a way that was long ends with fits that each miss something: what one misses another has
-    return replace(best if broad is None or pooled is None else pooled, probes=probes), solved
-
-
-def _about(probes: np.ndarray, prior: PriorDensity, rng: np.random.Generator) -> Density:
-    """A wide Student t about the probes (n, n_param) and the prior, which stands alone where probes are too few."""
-    if len(probes) <= len(prior.parameters):
-        return prior
-    logarithmic = prior.parameters.lower >= 0
-    (about,) = _fit(coordinates(probes, logarithmic), np.full(len(probes), 1 / len(probes)), 1, logarithmic, rng)
-    wide = replace(about, factor=WIDER ** (1 / len(about.centre)) * about.factor)
-    return Mixture(parameters=prior.parameters, components=(wide, prior), weight=np.array([0.5, 0.5]))
-
-
-def _probes(problem: Problem, rng: np.random.Generator, progress: Progress) -> np.ndarray:
-    """About where each of some draws of the prior would be the prior's mean, the maximum of the posterior (randomised
-    maximum likelihood: Oliver, He & Reynolds 1996): places all over the posterior, found by none of its proposals."""
-    starts = problem.parameters.draw(rng, max(N_PROBE, PER_PARAMETER * len(problem.parameters)))
-    found = []
-    for number, start in enumerate(starts):
-        progress("ends of the posterior", number, len(starts))
-        found.append(_led_by_data(problem, start))
-    progress("ends of the posterior", len(starts), len(starts))
-    # at a bound a coordinate may have no end
-    inside = INSIDE * np.minimum(problem.parameters.std, problem.parameters.upper - problem.parameters.lower)
-    low, high = problem.parameters.lower + inside, problem.parameters.upper - inside
-    return frozen_array([np.clip(theta, low, high) for theta in found if theta is not None])
-
-
-def _led_by_data(problem: Problem, start: np.ndarray) -> np.ndarray | None:
-    """From `start` by a few bounded Gauss-Newton steps; None where the model has no modes on the way."""
-    parameters = problem.parameters
-
-    def descent(theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        response, slope = problem.sensitivity(theta)
-        residual = np.concatenate([problem.weighted(problem.measured - response), (start - theta) / parameters.std])
-        matrix = np.vstack([problem.weighted(slope.T).T, np.diag(1 / parameters.std)])
-        return float(residual @ residual), residual, matrix
-
-    theta = start
-    try:
-        value, residual, matrix = descent(theta)
-        for _ in range(PROBE_STEPS):
-            step = bounded_step(matrix, residual, theta, parameters)
-            trial = descent(theta + step)
-            for _ in range(HALVINGS):
-                if trial[0] < value:
-                    break
-                step = 0.5 * step
-                trial = descent(theta + step)
-            if not trial[0] < value:
-                break
-            theta, (value, residual, matrix) = theta + step, trial
-    except (ProbupdateError, np.linalg.LinAlgError):
-        return None
-    return theta
+    return replace(best if not len(points) or pooled is None else pooled, probes=points[:N_PROBE]), solved
 
 
 def _transports(theta: np.ndarray, weight: np.ndarray, approximations: Sequence[Proposal]) -> list[Transport]:
@@ -449,22 +384,18 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
     return relative / relative.sum()
 
 
-def _temper_weights(
-    log_ratio: np.ndarray, log_weight: np.ndarray, wanted: float, powers: tuple[float, float]
-) -> tuple[float, np.ndarray]:
-    """The largest of the powers of a ratio at which `wanted` draws count, or the least of them, and the weights there,
-    no larger than the root of n times their mean (Ionides 2008); log_weight (n,) are those without it."""
+def _temper_weights(log_weight: np.ndarray, wanted: float) -> tuple[float, np.ndarray]:
+    """The largest power, 1 at most, of weights at which `wanted` of the draws count, and the weights there (n,), none
+    larger than the root of n times their mean (Ionides 2008)."""
 
     def weights(power: float) -> np.ndarray:
-        value = power * log_ratio + log_weight
+        value = power * log_weight
         return _weights(np.minimum(value, special.logsumexp(value) - 0.5 * np.log(len(value))))
 
-    low, high = powers
-    for _ in range(40):
-        if 1 / np.sum(weights(high) ** 2) >= wanted or high <= low:
-            break
-        high = max(low, POWER_STEP * high)
-    return high, weights(high)
+    power = 1.0
+    while 1 / np.sum(weights(power) ** 2) < wanted and power > LEAST_POWER:
+        power *= POWER_STEP
+    return power, weights(power)
 
 
 def _fit(u, weight, count: int, logarithmic, rng) -> list[StudentT]:

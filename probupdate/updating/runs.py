@@ -282,8 +282,8 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     # the first approximations of a sharp posterior reach far out of the box: the basis answers there too, worse, as
     # nothing but the Gaussian approximation depends on it; the full model took a minute for what the next round
     # corrects
-    everywhere = replace(coarse, lower=np.full_like(lower, -np.inf), upper=np.full_like(upper, np.inf))
-    surrogate, share = fit_surrogate(problem.with_model(everywhere), laplace, rng, progress)
+    unbounded = {"lower": np.full_like(lower, -np.inf), "upper": np.full_like(upper, np.inf)}
+    surrogate, share = fit_surrogate(problem.with_model(replace(coarse, **unbounded)), laplace, rng, progress)
     points = surrogate.draw(N_REGION, rng)
     box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
     reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
@@ -294,11 +294,12 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
         f"{BOX_STD:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
     )
     notes = {"reduced basis": text, "approximation": share}
-    return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)
+    return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress,
+                     problem.with_model(replace(reduced, **unbounded)))
 
 
 def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximation, rng, notes,
-              progress: Progress) -> Approach:
+              progress: Progress, everywhere: Problem | None = None) -> Approach:
     """Further maxima from draws of the prior, and a proposal for all of them."""
     starts = problem.parameters.draw(rng, N_START)
     maxima = distinct_maxima(problem, laplace, starts)
@@ -306,7 +307,8 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximati
     for other in maxima:
         if other is not laplace:
             approximations.append(fit_surrogate(problem, other, rng, progress)[0])
-    proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress)
+    proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress,
+                                       everywhere=everywhere)
     notes = notes | {"maxima": len(maxima)}
     return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, notes=notes)
 
