@@ -2,10 +2,10 @@
 
 A draw v_L of the linear system is moved to v, where the true model's residuals, projected on the linear system's
 columns A, are the linear ones': H (v - v_L) + A^T n(v) = 0, H the system's precision, n what the true response has
-beside the straight line. The density of v is known, its weight |v|^2 over |v_L|^2 and det H / det(H + A^T n')
-(Bardsley, Solonen, Haario & Laine 2014; hierarchical: Bardsley & Cui 2020). Draws follow bent ridges on which linear
-ones have no weight at all. Of the unknowns only the turbines' parameters enter n; the common error is eliminated
-exactly.
+beside the straight line. The density of v is known, its weight the true density at v over the linear one at v_L, times
+det H / det(H + A^T n') (Bardsley, Solonen, Haario & Laine 2014; hierarchical: Bardsley & Cui 2020). Draws follow bent
+ridges on which linear ones have no weight at all. Of the unknowns only the turbines' parameters enter n; the common
+error is eliminated exactly.
 """
 
 from __future__ import annotations

@@ -255,7 +255,9 @@ def to_coordinates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
 def from_coordinates(u: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
     """x (n, n_param) of u (n, n_param)."""
     how = {1: lambda x: x, 0: np.exp, -1: lambda x: -1 / x}
-    return np.stack([how[power](u[:, k]) for k, power in enumerate(powers)], axis=1)
+    # an open end is infinite
+    with np.errstate(divide="ignore"):
+        return np.stack([how[power](u[:, k]) for k, power in enumerate(powers)], axis=1)
 
 
 def _log_rates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
@@ -300,6 +302,11 @@ def fit_surrogate(
         wide = current.widened(spread)
         theta = wide.draw(n_point, rng)
         value, _ = problem.log_posterior(theta)
+        # those without modes, or at the open end of a coordinate, have no height to fit
+        known = np.isfinite(value)
+        if known.sum() <= n:
+            break
+        theta, value = theta[known], value[known]
         weight = value - wide.log_density(theta)
         weight -= weight.max()
         share = np.exp(weight).sum() ** 2 / np.exp(2 * weight).sum() / n_point
@@ -307,10 +314,7 @@ def fit_surrogate(
             best, best_share = wide, share
         if share > SERVES:
             break
-        # those without modes have no height to fit
-        known = np.isfinite(value)
-        x, value = theta[known] - current.origin, value[known]
-        tempered = np.maximum(power * weight[known], LEAST_WEIGHT)
+        x, tempered = theta - current.origin, np.maximum(power * weight, LEAST_WEIGHT)
         chosen = straightest_powers(x, value, tempered, current.powers, np.isfinite(parameters.lower))
         current = _refit(current.turned_to(chosen), x, value, tempered)
     progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))

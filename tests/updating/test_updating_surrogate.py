@@ -13,12 +13,15 @@ from updating_cases import (
     linear_data,
     linear_model,
     linear_problem,
+    modal_set,
 )
 
+from probupdate.modal.modes import ModalData
 from probupdate.model.box_probability import truncated_normal
 from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.functions import FunctionModel
 from probupdate.updating.laplace import maximum_a_posteriori
-from probupdate.updating.problem import build_problem
+from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.surrogate import (
     ROUNDS,
     GaussianApproximation,
@@ -270,3 +273,26 @@ def test_on_a_curved_posterior_the_share_it_promises_holds_on_new_draws():
     assert share_of(found) == pytest.approx(share, abs=0.1)
     plain = max(share_of(from_laplace(top, problem.parameters).widened(spread)) for spread, _ in ROUNDS)
     assert share_of(found) > plain - 0.05
+
+
+@pytest.mark.parametrize("seed", [5, 11])
+def test_a_fit_that_leads_to_an_open_end_gives_way_to_the_best(seed):
+    """A thin sheet of three parameters: in -1 / c the next Gaussian had all its draws at c infinite, a traceback."""
+    parameters = Parameters((
+        Parameter(name="a", unit="-", initial=1.0, std=0.4, lower=0.0, prior="lognormal"),
+        Parameter(name="b", unit="-", initial=1.0, std=0.4, lower=0.2, upper=2.5, prior="uniform"),
+        Parameter(name="c", unit="-", initial=1.0, std=0.3, lower=0.1)))
+    shape = np.linalg.qr(np.random.default_rng(5).standard_normal((8, 8)))[0]
+
+    def function(theta):
+        return np.concatenate([[np.sqrt(np.prod(theta)), 3 * np.sqrt((theta[0] + theta[2]) / 2)],
+                               1e4 * 1.5 ** np.arange(6)]), shape
+
+    model = FunctionModel(name="sheet", parameters=parameters, channels=tuple(f"c{k}" for k in range(8)),
+                          function=function, version="1")
+    data = ModalData(channels=model.channels, sets=(modal_set([1.0, 3.0], shape[:, :2], std=np.array([3e-4, 0.15])),))
+    problem = build_problem(model, data, weights=Weights(shapes="none"))
+    top = maximum_a_posteriori(problem, [parameters.initial])
+    found, share = fit_surrogate(problem, top, np.random.default_rng(seed))
+    drawn = found.draw(500, np.random.default_rng(1))
+    assert share > 0 and np.isfinite(problem.log_posterior(drawn)[0]).sum() > 100
