@@ -62,7 +62,7 @@ BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 # modes above it follow loads without their own dynamics but for powers of (f / DYNAMIC_HZ)^2, of waves up to the first,
 # of thrust up to the second: 6e-6 and 2e-4 of their share at the highest frequencies; what of the waves' loads may be
 # left out
-DYNAMIC_HZ, WAVE_TOLERANCE = 12.0, 1e-7
+DYNAMIC_HZ, WAVE_TOLERANCE = 12.0, 1e-5
 # (lowest frequency over that of a mode)^2 from which it is without mass
 MASSLESS = 1e-14
 LABELLED = 10
@@ -355,15 +355,12 @@ class StressModel:
                 return found
         except linalg.LinAlgError:
             pass
+        n = len(K)
         try:
-            root = linalg.cholesky(K, lower=True)
+            slow, U = linalg.eigh(M, K, subset_by_index=(max(n - (count or n), 0), n - 1))
         except linalg.LinAlgError:
             raise InputError(self.model.name, "its stiffness is not positive definite",
                              "check the parameters") from None
-        half = linalg.solve_triangular(root, linalg.solve_triangular(root, M, lower=True).T, lower=True)
-        n = len(K)
-        slow, V = linalg.eigh(0.5 * (half + half.T), subset_by_index=(max(n - (count or n), 0), n - 1), driver="evr")
-        U = linalg.solve_triangular(root, V, lower=True, trans=1)
         slow, U = np.maximum(slow[::-1], MASSLESS * slow[-1]), U[:, ::-1]
         return 1 / slow, U / np.sqrt(slow)
 
