@@ -38,6 +38,8 @@ _NAMES = """
     TwSSM1Sh TwSSM2Sh CalcTMode BldFlDmp BldEdDmp FlStTunr AdjFlSt AdjEdSt BldFl1Sh BldFl2Sh BldEdgSh CalcBMode
 """
 WITHOUT_EFFECT = frozenset(_NAMES.split())
+# the number of a blade, or of a mode's coefficient
+BLADE = re.compile(r"(\(\d+\)|(?<=^bldfile)\d)$")
 # a line of a value, its name and, behind a hyphen, what it means
 NAME = re.compile(r"[A-Za-z]\w*(\(\d+\))?$")
 
@@ -47,6 +49,8 @@ def unused_keys(lines: Sequence[str], where: str, used: Collection[str]) -> Iter
     they stand in the file), and for each name that is not known at all."""
     passive = {name.lower() for name in WITHOUT_EFFECT}
     active = {name.lower(): entry for name, entry in UNUSED.items()}
+    # lines of a third blade stand in files of two, too
+    used = {BLADE.sub("", name) for name in used}
     said = set()
     for at, line in enumerate(lines, 1):
         found = words(line)
@@ -55,8 +59,8 @@ def unused_keys(lines: Sequence[str], where: str, used: Collection[str]) -> Iter
         if len(found) < 2 or not NAME.match(found[1]) or not _is_value(found[0]) or (
                 found[2:] and not found[2].startswith("-")):
             continue
-        name = re.sub(r"\(\d+\)$", "", found[1]).lower()
-        if found[1].lower() in used or name in used or name in passive or name in said:
+        name = BLADE.sub("", found[1].lower())
+        if name in used or name in passive or name in said:
             continue
         said.add(name)
         if name not in active:

@@ -164,6 +164,14 @@ def test_keys_without_effect_and_neutral_values_are_not_said(tmp_path):
     assert read_elastodyn(write(tmp_path, main=MAIN + more)).notes == ()
 
 
+@pytest.mark.parametrize("old", ["(", ""], ids=["BldFile(3)", "BldFile3"])
+def test_a_third_blades_lines_in_a_file_of_two_are_not_said(tmp_path, old):
+    tips = "".join(f"1.0 TipMass({k}) - kg\n" for k in (1, 2, 3))
+    main = MAIN.replace("3 NumBl", "2 NumBl") if old else MAIN.replace("3 NumBl", "2 NumBl").replace(
+        "BldFile(1)", "BldFile1").replace("BldFile(2)", "BldFile2").replace("BldFile(3)", "BldFile3")
+    assert read_elastodyn(write(tmp_path, main=main + tips)).notes == ()
+
+
 def test_columns_of_older_tower_files_are_said(tmp_path):
     tower = TOWER.replace("TwSSStif\n", "TwSSStif TwGJStif\n").replace("6.1e11", "6.1e11 4e11").replace(
         "1.1e11", "1.1e11 8e10")
