@@ -38,6 +38,8 @@ MASSLESS = 1e-14
 SHIFT_SHARE = 1e-6
 # eigenvalues nearer to each other (relative) are equal but for rounding
 EQUAL = 1e-9
+SUPPORTS = ("check supports, bounds and zero stiffness factors; of what was tested hanging free, model the soft "
+            "springs too")
 
 
 def lowest_modes(
@@ -201,7 +203,7 @@ def _refuse_rounding(K, value, phi, where: str) -> None:
     if free:
         raise InputError(where, f"the stiffness matrix is singular but for rounding: {free} of the lowest motions "
                          f"{'is' if free == 1 else 'are'} held by nothing, a mechanism or a missing support",
-                         "check supports, bounds and zero stiffness factors")
+                         SUPPORTS)
 
 
 def available_modes(K, M) -> int:
@@ -235,7 +237,7 @@ def _definite_factor(K, where: str):
     except RuntimeError as error:
         raise InputError(
             where, f"the stiffness matrix is singular ({error}): a mechanism or a missing support",
-            "check supports, bounds and zero stiffness factors",
+            SUPPORTS,
         ) from None
     # with a symmetric permutation and no pivoting the signs of U's diagonal are the inertia of K
     if np.any(factor.U.diagonal() <= 0):
