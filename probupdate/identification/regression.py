@@ -135,7 +135,8 @@ def regress(
 def _refuse_few(response: str, value: np.ndarray, names: Sequence[str]) -> None:
     if len(value) < 1 + len(names) + SPARE_ROWS:
         raise InputError(f"regression of {response}", f"{len(value)} blocks with the mode and all of "
-                         f"{', '.join(names) or 'nothing'} for {1 + len(names)} coefficients",
+                         f"{', '.join(names) or 'nothing'} for {1 + len(names)} coefficients, which need "
+                         f"{1 + len(names) + SPARE_ROWS}",
                          "use fewer covariates or a longer campaign")
     if np.ptp(value) <= 1e-12 * np.max(np.abs(value)):
         raise InputError(f"regression of {response}", f"it is {value[0]:.4g} in all {len(value)} blocks",
