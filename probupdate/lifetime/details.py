@@ -196,7 +196,9 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
     gap, number, end = min(ends)
     b = frame.beams[number]
     if gap > REACH_M or b.springs is not None:
-        problem = f"its nearest element ends {gap:.2f} m from {z_m:g} m" if b.springs is None else "is a pile in soil"
+        level = float(frame.node_m[b.start if end == 0 else b.end][2])
+        problem = f"{z_m:g} m is no element's end, the nearest is at {level:.6g} m" if b.springs is None else \
+            "is a pile in soil"
         raise InputError(where, problem, "choose the level of an element's end, of a member above the soil")
     start, stop = frame.node_m[b.start], frame.node_m[b.end]
     along = (stop - start) / np.linalg.norm(stop - start)

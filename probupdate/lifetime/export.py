@@ -204,6 +204,8 @@ def export_lifetime(
     settings, out = settings or ExportSettings(), Path(out)
     refuse_unfit(run, out, settings, reliability=fatigue is not None)
     posterior, model, path, status = run.posterior, run.model, run.path, run.status
+    if fatigue is not None:
+        _refuse_details(path, fatigue.file)
     out.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(settings.seed)
     draws = equal_draws(posterior.draws, settings.n_draw, rng)
@@ -233,6 +235,14 @@ def export_lifetime(
     _verify(out)
     return Export(folder=out, files={k: v["sha256"] for k, v in files.entries.items()}, draws=draws, status=status,
                   left_out=tuple(left_out), truncation=truncation)
+
+
+def _refuse_details(path: Path, fatigue: Path) -> None:
+    """Raises InputError for details of a fatigue.toml that are nowhere on the model, before anything is written."""
+    from probupdate.lifetime.fatigue import fatigue_model_of
+
+    refuse_without_members(path)
+    fatigue_model_of(path, fatigue)
 
 
 def _sha(path: Path) -> str:
@@ -504,7 +514,6 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
-    refuse_without_members(path)
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None

@@ -303,12 +303,18 @@ def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int])
                  note="Blocks without data are not counted here.")
 
 
+# what a set was measured in, where any states it: key, name, unit, digits
+SET_CONDITIONS = (("wind_speed_mps", "wind", "m/s", 1), ("nacelle_heading_deg", "nacelle heading", "deg", 0))
+
+
 def _set_elements(run: Run, nine: ModalData) -> list[Element]:
     labels = mode_labels(nine)
     truth = truth_frequencies(run, labels)
     rows, marked = [], set()
     reference = nine.set()
     clusters = close_clusters(reference.frequency_hz)
+    recorded = [one for one in SET_CONDITIONS if any(s.environment.get(one[0]) is not None for s in nine.sets)]
+    blank = [""] * (1 + len(recorded))
     for k, s in enumerate(nine.sets):
         similar = _similar(s.shape, reference.shape, clusters)
         if s.id == reference.id:
@@ -316,23 +322,22 @@ def _set_elements(run: Run, nine: ModalData) -> list[Element]:
         row = [s.id + (" (reference)" if s.id == reference.id else "")]
         row += [decimal(f, 4) for f in s.frequency_hz]
         row.append(decimal(min(similar), 3) if similar else MISSING)
-        row.append(decimal(_numeric(s.environment.get("wind_speed_mps")), 1))
-        row.append(decimal(_numeric(s.environment.get("nacelle_heading_deg")), 0))
+        row += [decimal(_numeric(s.environment.get(key)), digits) for key, _, _, digits in recorded]
         rows.append(tuple(row))
     frequency = np.array([s.frequency_hz for s in nine.sets])
     with np.errstate(invalid="ignore"):
         mean = [float(np.mean(c[np.isfinite(c)])) if np.any(np.isfinite(c)) else np.nan for c in frequency.T]
         cov = [float(np.std(c[np.isfinite(c)], ddof=1) / np.mean(c[np.isfinite(c)])) if np.isfinite(c).sum() > 1
                else np.nan for c in frequency.T]
-    rows.append(("mean", *[decimal(m, 4) for m in mean], "", "", ""))
-    rows.append(("CoV [-]", *[decimal(c, 4) for c in cov], "", "", ""))
+    rows.append(("mean", *[decimal(m, 4) for m in mean], *blank))
+    rows.append(("CoV [-]", *[decimal(c, 4) for c in cov], *blank))
     if truth is not None:
-        rows.append(("truth of the virtual turbine", *[decimal(t, 4) for t in truth], "", "", ""))
+        rows.append(("truth of the virtual turbine", *[decimal(t, 4) for t in truth], *blank))
         error = [percent(m / t - 1, 2, sign=True) for m, t in zip(mean, truth, strict=True)]
-        rows.append(("mean minus truth [%]", *error, "", "", ""))
+        rows.append(("mean minus truth [%]", *error, *blank))
     columns = (Column(name="set", number=False), *[Column(name=label, unit="Hz") for label in labels],
-               Column(name="least MAC to the reference", unit="-"), Column(name="wind", unit="m/s"),
-               Column(name="nacelle heading", unit="deg"))
+               Column(name="least MAC to the reference", unit="-"),
+               *[Column(name=name, unit=unit) for _, name, unit, _ in recorded])
     note = (
         "Least MAC over the modes; of a close pair, that of the planes: within its plane any two directions may come "
         "out of a block."

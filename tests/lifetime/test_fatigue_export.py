@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -134,6 +135,19 @@ FILES = (
     "reliability.csv",
     "remaining_life.csv",
 )
+
+
+def test_a_weld_that_is_nowhere_is_refused_before_anything_is_written(run, tmp_path):
+    """It left a folder half filled, which the next export refused."""
+    folder, model, data, _, _ = run
+    text = (folder / "fatigue.toml").read_text()
+    curve = re.search(r"\[curve\.(\w+)\]", text)[1]
+    own = tmp_path / "fatigue.toml"
+    own.write_text(text + f'\n[[girth]]\npart = "tower"\nz_m = 1234.5\nfactor = 1.2\ncurve = "{curve}"\n')
+    results = RunResults(posterior=posterior(model), model=model, path=folder / "model.toml", modes=data)
+    with pytest.raises(InputError, match=r"1234.5 m is no element's end, the nearest is at [\d.]+ m"):
+        export_lifetime(results, tmp_path / "out", ExportSettings(n_draw=4), fatigue=FatigueInput(file=own))
+    assert not (tmp_path / "out").exists()
 
 
 def test_every_file_of_fatigue_is_in_the_manifest_with_units(done):

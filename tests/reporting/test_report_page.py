@@ -156,6 +156,13 @@ def test_paper_columns_stand_only_beside_the_jacket(full_run, page, unfigured):
     assert "class=\"number paper\"" not in plain and "0.0696" not in plain and "Table 5" not in plain
 
 
+def test_conditions_that_no_set_states_have_no_column(full_run, page, unfigured):
+    heading = {"nacelle_heading_deg": 30.0}
+    sets = tuple(replace(s, environment=dict(s.environment) | heading) for s in full_run.nine.sets)
+    stated = compose(replace(full_run, nine=replace(full_run.nine, sets=sets)))
+    assert "nacelle heading" in stated and "nacelle heading" not in page
+
+
 def test_soil_factors_are_explained_where_they_are_shown(page):
     assert "1/factor" in page and "k_xy" in page and "k_z" in page
 
