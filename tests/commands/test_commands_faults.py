@@ -125,10 +125,10 @@ def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path):
     for name in ("diagnosis.json", "diagnosis.mean.json", "diagnosis.modes.json"):
         (out / name).write_text("{}")
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    code = ("import os, signal, sys\nfrom probupdate.diagnosis import extension\nstage = extension.sampled\n"
+    code = ("import os, signal, sys\nfrom probupdate.diagnosis import extension\nstage = extension.sample_extended\n"
             "def stopped(*given):\n"
             "    os.kill(os.getpid(), signal.SIGTERM)\n    return stage(*given)\n"
-            "extension.sampled = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
+            "extension.sample_extended = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
     ended = subprocess.run(
         [sys.executable, "-c", code, "diagnose", "--model", paths["model"], "--parameters", paths["parameters"],
          "--modes", paths["modes"], "--out", str(out / "diagnosis.json")], capture_output=True, text=True)
