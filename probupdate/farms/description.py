@@ -20,6 +20,10 @@ STEPS = ("identify", "select", "update", "sample", "compare", "diagnose", "repor
 # a step -> what it takes of others
 NEEDS = {"select": ("identify",), "update": ("identify",), "sample": ("identify",), "compare": ("update", "sample"),
          "diagnose": ("identify",), "report": ("identify",)}
+# words for months of which three letters or more may stand in a folder's name, English and German
+MONTHS = tuple(zip(
+    "january february march april may june july august september october november december".split(),
+    "januar februar maerz april mai juni juli august september oktober november dezember".split(), strict=True))
 # names become folders
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}")
 CAMPAIGN = "campaign.toml"
@@ -225,7 +229,12 @@ def _months(path: Path, turbine: TurbineTable, model: str | None) -> Iterator[Mo
 
 
 def natural_order(name: str) -> list[str | int]:
-    """By which names are sorted as they are read: 2019-9 before 2019-10."""
+    """By which names are sorted as they are read: 2019-9 before 2019-10, and Oct 2019 as 2019-10."""
+    words, year = re.findall(r"[A-Za-z]{3,}", name), re.search(r"(?<!\d)\d{4}(?!\d)", name)
+    month = next((k for word in words for k, names in enumerate(MONTHS, 1) if any(
+        one.startswith(word.lower()) for one in names)), None)
+    if month and year:
+        name = f"{year[0]}-{month} {name}"
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"(\d+)", name))]
 
 

@@ -1,6 +1,6 @@
 """Drawn farms in one inference: do 90 % intervals hold, are odd turbines found, do widths shrink as theory says?
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/joint.py OUT [--farms 200] [--sizes 3 10 30]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/joint.py OUT [--farms 200] [--sizes 3 10 30] [--first 0]
 
 A turbine is a chain of springs and masses, solved with scipy; ln of six frequencies is measured three times. Two
 stiffnesses are common, two parameters vary between turbines with a scatter drawn from its hyper-prior, two are each
@@ -178,6 +178,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--farms", type=int, default=200)
     parser.add_argument("--sizes", type=int, nargs="+", default=[3, 10, 30])
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--curved", action="store_true")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
@@ -187,7 +188,7 @@ def main() -> None:
         if kept.exists():
             rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()]
         with kept.open("a", encoding="utf-8") as stream:
-            for seed in range(len(rows), a.farms):
+            for seed in range(a.first + len(rows), a.first + a.farms):
                 rows.append(one_farm(n, seed, a.curved))
                 print(json.dumps(rows[-1]), file=stream, flush=True)
         found = table(rows[: a.farms])

@@ -49,3 +49,6 @@ def test_blocks_of_a_replaced_record_are_forgotten_and_no_others(tmp_path):
 def test_months_are_sorted_as_they_are_read():
     names = ["2019-10", "2019-9", "2020-1", "a2", "2019-1", "a10"]
     assert sorted(names, key=natural_order) == ["2019-1", "2019-9", "2019-10", "2020-1", "a2", "a10"]
+    words = ["2019-11", "Apr 2020", "Oct 2019", "2019-9", "Dez_2019", "March 2020", "Marburg 2020"]
+    assert sorted(words, key=natural_order) == [
+        "2019-9", "Oct 2019", "2019-11", "Dez_2019", "March 2020", "Apr 2020", "Marburg 2020"]
