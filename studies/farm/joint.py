@@ -1,6 +1,7 @@
 """Drawn farms in one inference: do 90 % intervals hold, are odd turbines found, do widths shrink as theory says?
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/joint.py OUT [--farms 200] [--sizes 3 10 30] [--first 0]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/joint.py OUT [--farms 200] [--sizes 3 10 30]
+                                                                          [--first SEED]
 
 A turbine is a chain of springs and masses, solved with scipy; ln of six frequencies is measured three times. Two
 stiffnesses are common, two parameters vary between turbines with a scatter drawn from its hyper-prior, two are each
