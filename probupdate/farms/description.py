@@ -21,9 +21,9 @@ STEPS = ("identify", "select", "update", "sample", "compare", "diagnose", "repor
 NEEDS = {"select": ("identify",), "update": ("identify",), "sample": ("identify",), "compare": ("update", "sample"),
          "diagnose": ("identify",), "report": ("identify",)}
 # words for months of which three letters or more may stand in a folder's name, English and German
-MONTHS = tuple(zip(
-    "january february march april may june july august september october november december".split(),
-    "januar februar maerz april mai juni juli august september oktober november dezember".split(), strict=True))
+MONTHS = (
+    ("january", "januar"), ("february", "februar"), ("march", "maerz"), ("april",), ("may", "mai"), ("june", "juni"),
+    ("july", "juli"), ("august",), ("september",), ("october", "oktober"), ("november",), ("december", "dezember"))
 # names become folders
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}")
 CAMPAIGN = "campaign.toml"
