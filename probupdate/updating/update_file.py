@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
+# what an array of numbers, or of true and false, holds in the file
+KINDS: dict[type, set[type]] = {float: {int, float, type(None)}, bool: {bool}}
 BLIND_RESOLUTION = CONSTANTS.blind_resolution
 SHARP, BLUNT, COMMON_FACTOR = CONSTANTS.sharp, CONSTANTS.blunt, CONSTANTS.common_factor
 ACCUSED, FAR = CONSTANTS.accused, CONSTANTS.far
@@ -449,11 +451,13 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
     return write_json(path, content)
 
 
-def _array(value, dtype=float) -> np.ndarray:
-    if dtype is bool:
-        return frozen_array(value, bool)
+def _array(value, dtype: type = float):
+    """A list of numbers, null where there is none, or of true and false; anything else stays as it is, for the schema
+    to refuse by its key."""
     filled = np.array(value, dtype=object)
-    return frozen_array(np.where(filled == None, np.nan, filled).astype(float))  # noqa: E711
+    if not filled.ndim or not {type(x) for x in filled.flat} <= KINDS[dtype]:
+        return value
+    return frozen_array(np.where(filled == None, np.nan, filled), dtype)  # noqa: E711
 
 
 def read_update(path: str | Path) -> UpdateRecord:
@@ -507,8 +511,9 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         arrays = ("std", "source_std", "gain", "chi_square", "expected")
         n_param = len(content["parameters"]["items"])
         shaped = {k: _array(parts[k]) for k in arrays}
-        shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")}
-        words = {k: tuple(str(x) for x in parts[k]) for k in ("names", "source_names", "measures", "responses")}
+        shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")
+                   if isinstance(shaped[k], np.ndarray)}
+        words = {k: tuple(parts[k]) for k in ("names", "source_names", "measures", "responses")}
         parts = ComponentsRecord(**(parts | shaped | words))
     gradient, own = content.get("map_gradient"), content["identified_std_hz"]
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
@@ -539,6 +544,7 @@ def _sizes(record: UpdateRecord):
     yield "map_covariance", record.map_covariance.shape, (n_param, n_param)
     for s in record.schemes:
         n = len(s.theta)
+        yield f"{s.key}: objective", tuple(sorted(s.objective)), ("parameters", "responses", "total")
         found = {"theta": (s.theta, (n, n_param)), "at_bound": (s.at_bound, (n_param,)), "share": (s.share, (n - 1,)),
                  "distance_to_map": (s.distance_to_map, (n,)), "frequency_hz": (s.frequency_hz, (n_mode,)),
                  "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}

@@ -1,6 +1,7 @@
 """update.json: what is written is read again, and every broken file is one clear line."""
 
 import json
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -238,6 +239,25 @@ def test_values_that_do_not_fit_together_are_one_line(update, tmp_path):
     broken(lambda c: c["parameters"].update(items=[]))
     broken(lambda c: c["sets"].pop("cov"))
     broken(lambda c: c["sets"].update(theta_map=[[1.0]]))
+
+
+@pytest.mark.parametrize(("place", "value", "words"), [
+    (("schemes", 1, "theta"), None, "schemes.1.theta"),
+    (("schemes", 0, "at_bound", 0), 1, "schemes.0.at_bound"),
+    (("schemes", 0, "objective"), {}, "step: objective"),
+    (("map_covariance", 0, 1), True, "map_covariance"),
+    (("measured_hz", 2), {}, "measured_hz"),
+])
+def test_a_value_of_another_kind_in_an_update_is_named(update, tmp_path, place, value, words):
+    path = update.write(tmp_path / "update.json")
+    content = json.loads(path.read_text())
+    inner = content
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=re.escape(words)):
+        read_update(path)
 
 
 @pytest.mark.parametrize("names", [("k/1", "k_1", "chain"), ("draw", "E, col", "e, COL"), ("/", "_", "a/b/c")])
