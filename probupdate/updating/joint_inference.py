@@ -34,7 +34,7 @@ from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_
 # linearisations at most, the move of scores at which the estimate stays where it is, the largest in one round, and from
 # which on the scales are learnt: far from the estimate the misfit of straight lines looks like an error of the model,
 # and once that is taken for large, no data move the estimate any more
-ROUNDS, STAYS, FARTHEST, NEAR = 16, 5e-3, 1.0, 0.3
+ROUNDS, STAYS, FARTHEST, NEAR = 30, 5e-3, 1.0, 0.3
 # scores between which responses are first made linear, as tangents at a bound lead nowhere; an estimate this near to a
 # bound, in prior standard deviations, is at it
 BEGIN, AT_BOUND = 2.5, 0.05
@@ -252,7 +252,7 @@ def estimate_farm(
 def _bound_step(step: np.ndarray, before: np.ndarray, relaxed: float) -> tuple[np.ndarray, float]:
     """A step (n_turbine, n_param) no farther than FARTHEST for any turbine, and shorter the more often it has turned
     round: steps to and fro are about the estimate."""
-    relaxed = relaxed / 2 if np.sum(before * step) < 0 else min(1.0, 2 * relaxed)
+    relaxed = relaxed / 2 if np.sum(before * step) < 0 else min(1.0, 1.2 * relaxed)
     return step * relaxed / np.maximum(np.max(np.abs(step), axis=1, keepdims=True) / FARTHEST, 1.0), relaxed
 
 

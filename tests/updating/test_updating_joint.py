@@ -174,6 +174,16 @@ def test_a_narrow_posterior_keeps_all_draws_and_one_with_two_solutions_says_that
     assert not all(share[10.0, 0.05][1])
 
 
+def test_ten_turbines_within_wide_bounds_are_represented():
+    """Steps of the estimate go to and fro there, unless each is shorter than the last."""
+    y, _ = drawn_farm(10, 1, seed=3, bend=0.005, noise=10.0)
+    found = infer_farm(farm_problems(y, model=linear_model(BOUNDED, 0.005), noise=10.0), **ROLES)
+    assert found.settled and found.corrected and found.pareto_k < 0.7, found.verdict
+    for row in found.rows:
+        bounds = BOUNDED.items[BOUNDED.names.index(row.parameter)]
+        assert bounds.lower <= row.low < row.high <= bounds.upper
+
+
 def test_the_estimate_is_found_from_afar():
     """Bent responses, first made linear three prior standard deviations off: the same estimate as from the truth."""
     y, truth = drawn_farm(4, 3, seed=12, bend=0.01)
