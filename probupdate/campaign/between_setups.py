@@ -90,7 +90,7 @@ class SetupComparison:
 
     @property
     def summary(self) -> str:
-        return "\n".join([*(f"found: {f.message}" for f in self.findings), *(f"can do: {u}" for u in self.uses)])
+        return "\n".join([*(f"found: {f.message}" for f in self.findings), *(f"note: {u}" for u in self.uses)])
 
 
 def compare_setups(

@@ -158,7 +158,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
 
 
 def _summary(head: str, findings: Sequence[str], uses: Sequence[str]) -> str:
-    return "\n".join([head, *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses)])
+    return "\n".join([head, *(f"found: {t}" for t in findings), *(f"note: {t}" for t in uses)])
 
 
 def compare_block(
@@ -357,10 +357,10 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
     known = 1 - table["missing"] - table["repeated"] - table["filled"]
     spoilt = table[(known < LEAST_MEASURED) | table["flat"]]
     good = (head["excluded"] == "") & ~head["id"].isin(spoilt["id"][spoilt["flat"]])
-    uses = [f"identify {plural(int(good.sum()), 'block')}"]
+    uses = [f"{plural(int(good.sum()), 'block')} can be identified"]
     few = max(1, len(campaign.channels) // 3)
     alone = Counter(c for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) <= few < len(campaign.channels))
-    uses += [f"identify {n} more without {', '.join(channels)}: {leave_out(channels)}"
+    uses += [f"{n} more can be identified without {', '.join(channels)}: {leave_out(channels)}"
              for channels, n in alone.most_common(3)]
     uses += left_out_notes(campaign.left_out)
     states = Counter(head["state"][good])

@@ -161,8 +161,10 @@ def gain_steps(
                              and t[1][0] not in members)
         steps += [(known[c], at, factor, std, alternatives) for c in members]
     found = gain_step_findings(steps, ids, [s.channel for s in sensors])
-    return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
-            f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
+    return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed over the record: a change shows "
+                   f"from {least.min():.0f} % on"
+                   f"{f', of the worst from {least.max():.0f} %' if least.max() > 1.5 * least.min() else ''}; "
+                   "a gain wrong all along shows only against a model")
 
 
 def parts_of_campaign(

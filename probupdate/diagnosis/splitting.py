@@ -66,8 +66,8 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     first, second = (problem.effects[problem.which[k, 0]] for k in (best, competitor))
     error = error_scale(first)
     needed = distinguishing_z(score_correlation, error)
-    text = (f"{first.name} and {second.name} have a score correlation of {score_correlation:.2f} once all that is "
-            "normal has taken its part: ")
+    text = (f"{first.name} and {second.name} have a score correlation of {score_correlation:.2f} after "
+            "tolerances and normal variation are allowed for: ")
     if score_correlation > 0.999:
         return text + f"no record of these modes and channels distinguishes them; {_checks(first, second)}"
     places = " and ".join(places_of_difference(problem, design, best, competitor))

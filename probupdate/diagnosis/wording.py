@@ -12,7 +12,7 @@ from probupdate.effects.catalogue import OWN_PARAMETER
 SHARES = (
     "brace stiffness lost", "joints loosened", "leg stiffness lost", "soil stiffness", "lateral soil stiffness",
     "axial soil stiffness", "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
-    "soil softens with amplitude", "crosstalk", "stiffness with temperature",
+    "soil softens with amplitude", "crosstalk", "stiffness with temperature", "blade coupling",
 )
 # changes within the record
 CHANGES = ("step", "ramp")

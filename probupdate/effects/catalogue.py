@@ -9,6 +9,7 @@ calibration papers allow it, and it is a nuisance, not a finding. Beyond it the 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -468,6 +469,12 @@ def temperature_effect() -> Effect:
 # The model's own parameters ----------------------------------------------------------------------------------------
 
 
+def _of(description: str) -> str:
+    """A parameter's description behind its name, without what it adds after a colon or semicolon."""
+    words = re.split("[:;]", description)[0].strip()
+    return f" ({words})" if words else ""
+
+
 def parameter_effects(parameters) -> tuple[Effect, ...]:
     """Every updated parameter beyond what its prior expects, or moving along the record."""
     return tuple(
@@ -475,7 +482,8 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
             kind="structural", cause=OWN_PARAMETER, location=p.name, unit=p.unit, tolerance=p.std,
             prior_scale=3 * p.std, lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
             time_profiles=("constant", "step", "ramp"),
-            signature=p.description or f"that of {p.name}", check=f"inspect the part that {p.name} describes",
+            signature=p.description or f"that of {p.name}",
+            check=f"inspect what {p.name} stands for{_of(p.description)}",
         )
         for p in parameters
     )

@@ -91,9 +91,10 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
         return []
     seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True)
               if name and 2 * n < of]
-    said = f"{taken.sum()} of {found.sum()} modes of blocks are at the greatest likelihood of the spectra"
+    said = (f"frequency, damping and shape by maximum likelihood of the spectra for {taken.sum()} of {found.sum()} "
+            "identified modes, counted block by block")
     if taken.sum() < found.sum():
-        said += ", the others as SSI-cov has them"
+        said += ", by SSI-cov for the others"
     if seldom:
         said += (f", most of {', '.join(seldom)}: their spectra hold more than these modes under a smooth force "
                  "(lines, tails of other modes), or too little")
@@ -107,7 +108,8 @@ def _scada_notes(data: ModalData, campaign: Campaign, rule: StateRule, of_turbin
     if of_turbine or set(states) - {"unknown"}:
         lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
-        lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
+        lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW"
+                     if rule.rated_power_kw > 0 else "no power was recorded: the turbine produced none")
     if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada:
         axis = f"{campaign.x_axis_heading_deg:g} deg of the compass"
         lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")

@@ -181,7 +181,7 @@ def _row(
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
     identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=unproven(update))
     if contraction < STRONG and identified == PARTLY:
-        flags.append("narrow only as far as the stated standard deviations hold, which the data exceed")
+        flags.append("its narrow interval rests on the stated standard deviations, which this fit does not confirm")
     sets = update.sets
     row: dict[str, Any] = dict(
         name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,

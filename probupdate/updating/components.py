@@ -177,8 +177,8 @@ def candidates(
         checks.setdefault((source.group, source.check), []).append(k)
     for (group, check), columns in checks.items():
         names = [sources[k].description for k in columns]
-        what = names[0] if len(names) == 1 else f"{group}: {len(names)} tolerances such as {names[0]}"
-        yield Candidate(what=f"know exactly: {what} ({check})" if check else f"know exactly: {what}",
+        what = names[0] if len(names) == 1 else f"{len(names)} tolerances of {group}, such as {names[0]}"
+        yield Candidate(what=f"determine {what}{f' ({check})' if check else ''}",
                         covariance=now.covariance(np.array(columns)), known=tuple(columns))
     if not problem.weights.covariance:
         yield from _better(problem, now)

@@ -235,7 +235,10 @@ def summary(record: UpdateRecord) -> str:
     lines += [f"left out: {text}" for text in record.left_out]
     if record.other_maxima:
         nearest = record.other_maxima[0]
-        lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {nearest:.2f} below in ln p")
+        found = "1 other maximum" if len(record.other_maxima) == 1 else f"{len(record.other_maxima)} other maxima"
+        how = ("as probable as the best: other parameters explain the data as well" if nearest < 0.05 else
+               f"{nearest:.2f} lower in ln p than the best")
+        lines.append(f"the search also ended at {found} of the posterior, the nearest {how}")
     if record.sets is not None:
         std = np.std(record.sets.theta_map, axis=0, ddof=1)
         each = ", ".join(f"{p.name} {s:.2g} {p.unit}".rstrip() for p, s in zip(record.parameters, std, strict=True))

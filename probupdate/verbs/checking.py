@@ -81,7 +81,8 @@ def _shapes_against(
         found = identify(_first_blocks(campaign), sought.modes, others=sought.others,
                          settings=replace(chosen, sub_records=0), progress=progress)
     except InputError as error:
-        return AgainstModel(finding="", use=f"not held against the model, as no modes were identified: {error.problem}")
+        return AgainstModel(
+            finding="", use=f"not compared with the model, as no modes were identified: {error.problem}")
     data = _persistent(found.data)
     joint = joint_set(data)
     one = joint.data.set()
@@ -91,7 +92,7 @@ def _shapes_against(
     rows = [opened.channels.index(c) for c in data.channels]
     shape = opened.solve(opened.parameters.initial, min(data.n_mode + SEARCH, opened.n_available)).shape[rows]
     agreement, n_mode = shape_agreement(one, shape), int(np.sum(one.measured))
-    use = (f"shapes of {n_mode} modes in {len(joint.ids)} blocks held against the model: mean MAC {agreement:.2f}")
+    use = (f"shapes of {n_mode} modes in {len(joint.ids)} blocks compared with the model's: mean MAC {agreement:.2f}")
     blocks = [s for s in data.sets if s.id in joint.ids]
     likely = channel_mistake(one, data.channels, [shape])
     if likely is None:

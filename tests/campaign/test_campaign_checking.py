@@ -34,7 +34,7 @@ def conditions() -> pd.DataFrame:
 def test_clean_data_have_no_findings(campaign_folder, head):
     result = check(read_campaign(campaign_folder([(0, noise())], head=four_channels(head), scada=conditions())))
     assert result.findings == ()
-    assert "identify 2 blocks" in result.uses[0]
+    assert "2 blocks can be identified" in result.uses[0]
     assert list(result.blocks["state"]) == ["idling", "rated"]
 
 
@@ -78,13 +78,13 @@ def test_a_dead_channel_costs_no_blocks_once_it_is_left_out(campaign_folder, hea
     folder = campaign_folder([(0, data)], head=text, scada=conditions())
     before = check(read_campaign(folder))
     # what identification would refuse is not promised
-    assert before.uses[0] == "identify 0 blocks"
-    assert before.uses[1] == 'identify 2 more without a-y: write leave_out = ["a-y"] into campaign.toml'
+    assert before.uses[0] == "0 blocks can be identified"
+    assert before.uses[1] == '2 more can be identified without a-y: write leave_out = ["a-y"] into campaign.toml'
     (folder / "campaign.toml").write_text('leave_out = ["a-y"]\n' + text)
     campaign = read_campaign(folder)
     assert campaign.channels == ("a-x", "b-x", "c-x") and campaign.left_out == ("a-y",)
     after = check(campaign)
-    assert after.findings == () and after.uses[0] == "identify 2 blocks"
+    assert after.findings == () and after.uses[0] == "2 blocks can be identified"
     assert "a-y left out, as campaign.toml says" in after.uses
     block = next(blocks(campaign))
     assert block.data == pytest.approx(data[: len(block.data)][:, [0, 2, 3]].astype(np.float32))
@@ -174,4 +174,4 @@ def test_dead_channels_are_named_with_the_advice_of_check(campaign_folder, head,
     advice = f"write leave_out = {json.dumps(names)} into campaign.toml"
     assert remedy(campaign) == f"{advice}: 2 of 2 blocks can be used without it"
     if len(dead) == 1:
-        assert f"identify 2 more without {names[0]}: {advice}" in check(campaign).uses
+        assert f"2 more can be identified without {names[0]}: {advice}" in check(campaign).uses

@@ -168,7 +168,7 @@ def test_check_says_what_changed_half_way_and_levels_need_no_names(three_hours, 
     shutil.copytree(three_hours, folder)
     clean = check(read_campaign(folder))
     assert clean.measured == () and not [f for f in clean.findings if f.startswith("suspect")]
-    assert any("gains of 18 of 18 channels followed" in u for u in clean.uses)
+    assert any("gains of 18 of 18 channels followed" in u and u.endswith("only against a model") for u in clean.uses)
     assert any(u.startswith("rigid by position and record: TP-A-x") for u in clean.uses)
     text = (folder / "campaign.toml").read_text()
     (folder / "campaign.toml").write_text(

@@ -66,7 +66,7 @@ def against(folder: Path, model: Path, capsys) -> list[str]:
 
 def test_channels_as_the_model_has_them_are_not_suspected(building, capsys):
     (line,) = against(campaign(building, "right"), building / "model.npz", capsys)
-    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+    assert line.startswith("note: shapes of") and float(line.split()[-1]) > 0.95
 
 
 @pytest.mark.parametrize("number", (0, 3))
@@ -98,7 +98,7 @@ def test_the_remedy_for_a_reversed_channel_works(building, capsys):
     (building / "turned.toml").write_text((building / "parameters.toml").read_text())
     folder = campaign(building, "corrected", reversed_channel(3), directions=sign)
     (line,) = against(folder, building / "turned.npz", capsys)
-    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+    assert line.startswith("note: shapes of") and float(line.split()[-1]) > 0.95
 
 
 def placed(building, name, **changes) -> Path:
@@ -130,7 +130,7 @@ def test_a_sign_changed_in_one_place_of_two_is_refused(building, capsys, row):
         assert "row of channel_row times -1" in capsys.readouterr().err
     both = campaign(building, f"both {row}", reversed_channel(3), directions=sign)
     (line,) = against(both, half[0][0], capsys)
-    assert line.startswith("can do: shapes of") and float(line.split()[-1]) > 0.95
+    assert line.startswith("note: shapes of") and float(line.split()[-1]) > 0.95
 
 
 def test_a_sensor_far_from_the_node_that_is_read_is_said(building, capsys):

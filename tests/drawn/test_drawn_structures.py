@@ -84,7 +84,7 @@ def test_records_slower_than_usual_or_than_a_model_s_modes(kind: str, seed: int,
     ran = [commands.run(words) for words in commands.from_records(s, model, tmp_path)]
     ran.append(commands.run(["check", str(tmp_path / "campaign"), *model]))
     assert [(r["command"], r["last"]) for r in ran if r["code"]] == []
-    assert "blocks held against the model: mean MAC" in ran[-1]["last"]
+    assert "blocks compared with the model's: mean MAC" in ran[-1]["last"]
 
 
 @pytest.mark.long

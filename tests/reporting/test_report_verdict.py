@@ -150,7 +150,7 @@ def two_states(sound):
     """An update of all sets together, of which one of the model's own parameters changed at noon."""
     finding = {"kind": "structural", "cause": "parameter", "location": "k_t", "size": -0.3, "size_std": 0.03,
                "unit": "-", "posterior_probability": 1.0, "time_profile": "step", "since": "2019-06-03T12:00Z",
-               "z": -20.0, "alternatives": [], "gain": {}, "check": "inspect the part that k_t describes"}
+               "z": -20.0, "alternatives": [], "gain": {}, "check": "inspect what k_t stands for"}
     k_t, k_j = ({"name": name, "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": value, "std": 0.02,
                  "prior_shift": 1.0, "value_after": value, "std_after": 0.02, "prior_shift_after": 1.0}
                 for name, value in (("k_t", 1.2), ("k_j", 1.05)))

@@ -68,6 +68,14 @@ def test_modes_not_used_derived_numbers_and_no_sets_survive_too(update, tmp_path
     same(bare, read_update(bare.write(tmp_path / "u.json")))
 
 
+@pytest.mark.parametrize(("others", "words"), [
+    ((0.001,), "ended at 1 other maximum of the posterior, the nearest as probable as the best: other parameters"),
+    ((0.5, 2.25), "ended at 2 other maxima of the posterior, the nearest 0.50 lower in ln p than the best"),
+])
+def test_other_maxima_are_said_as_probable_or_less_so(update, others, words):
+    assert words in replace(update, other_maxima=others).summary
+
+
 def test_infinite_bounds_and_correlation_of_parameters_survive():
     parameters = Parameters(
         (Parameter(name="p", unit="m", initial=1.0, std=0.1, upper=2.0, prior="lognormal", description="a, b"),

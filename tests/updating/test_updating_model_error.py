@@ -110,7 +110,7 @@ def test_variance_components_add_up_and_a_source_known_exactly_is_one_left_out(l
     row.error(np.sum(parts.std**2, axis=0) / parts.total**2 - 1, below=1e-10, of="sum")
     assert parts.total == pytest.approx(np.sqrt(np.diag(top.covariance)), rel=1e-8)
     assert np.sum(parts.source_std**2, axis=0) == pytest.approx(parts.std[parts.names.index("structure")] ** 2)
-    measure = next(m for m in parts.measures if m.what.startswith("know exactly"))
+    measure = next(m for m in parts.measures if m.what.startswith("determine"))
     without = replace(problem, error=None)
     alone = maximum_a_posteriori(without, [problem.parameters.initial])
     fallen = 1 - np.sqrt(np.diag(alone.covariance) / np.diag(top.covariance))
