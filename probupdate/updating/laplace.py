@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, special
@@ -21,6 +21,8 @@ TOLERANCE = CONSTANTS.map_tolerance
 # modes nearer than this share may trade their places on the first step; starts about such a model, and how far off in
 # prior standard deviations
 NEARLY_EQUAL, N_BESIDE, BESIDE = 1e-3, 4, 0.3
+# draws of the prior from the most probable of which the maximum is looked for too, and how many of them
+N_DRAWN, N_CLIMBED = 32, 4
 # where a start at which a prior is zero begins instead, a share of the initial value
 NEAR_ZERO = 1e-3
 # a uniform prior counts as a Gaussian this many times as wide: what the data do not inform keeps a width
@@ -107,12 +109,20 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
             best[0],
         )
     theta, lowest, _ = min(settled, key=lambda end: end[1])
-    std = problem.parameters.std
+    highest = _laplace(problem, theta, ())
     others = sorted({
         round(float(0.5 * (end[1] - lowest)), 3) for end in settled
-        if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
+        if not _is_same_maximum(end[0], highest) and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })
-    return _laplace(problem, theta, tuple(others))
+    return replace(highest, others=tuple(others))
+
+
+def probable_draws(problem: Problem) -> list[np.ndarray]:
+    """Of draws of the prior, always the same, those with the highest posterior density (n_param,): what climbs from the
+    initial parameters alone may end in a lower maximum. Draws at which the model has no modes are left out."""
+    draws = problem.parameters.draw(np.random.default_rng(1), N_DRAWN)
+    value = np.array([_value(problem, theta) for theta in draws])
+    return [draws[k] for k in np.argsort(value)[:N_CLIMBED] if np.isfinite(value[k])]
 
 
 def _move_off_zero(problem: Problem, start: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
 from probupdate.updating.exchanges import exchange_words
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
-from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
+from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori, probable_draws
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
 from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
@@ -208,9 +208,10 @@ def _components(problem: Problem, laplace: Laplace, seen_hz: Sequence[float]) ->
 
 
 def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
-    """`maximum_a_posteriori`; where it does not settle because shapes are not this model's, that is the user's."""
+    """`maximum_a_posteriori` from these starts and `probable_draws`; where it does not settle because shapes are not
+    this model's, that is the user's."""
     try:
-        return maximum_a_posteriori(problem, starts)
+        return maximum_a_posteriori(problem, [*starts, *probable_draws(problem)])
     except ConvergenceError as error:
         mac = problem.predict_many(np.array([problem.parameters.initial, error.estimate])).mac
         if mac.max(axis=0).min() >= SETTLING_MAC:

@@ -166,7 +166,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, NamedCause
     from probupdate.structure.description_file import read_description
-    from probupdate.updating.laplace import maximum_a_posteriori
+    from probupdate.updating.runs import find_maximum
     from probupdate.updating.update_file import read_update
 
     # before minutes of work are spent on the rest
@@ -180,8 +180,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
         model, weights = case.model, case.weights
         problem = build_problem(model, case.joint.data, weights=weights)
         # the maximum was found for the weights already
-        laplace = maximum_a_posteriori(problem, [model.parameters.initial if weights.at is None else
-                                                 np.array(weights.at)])
+        laplace = find_maximum(problem, [model.parameters.initial if weights.at is None else np.array(weights.at)])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")

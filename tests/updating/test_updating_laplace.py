@@ -17,6 +17,8 @@ from updating_cases import (
     modal_set,
 )
 
+import probupdate
+from probupdate import LikelihoodSettings
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
@@ -228,6 +230,24 @@ def test_the_higher_of_two_maxima_wins_and_the_other_is_told_by_its_depth():
     assert top.theta == pytest.approx([right.x], abs=1e-6)
     assert top.others == pytest.approx((left.fun - right.fun,), abs=1e-3)
     assert maximum_a_posteriori(problem, [[2.0], [1.5]]).others == ()
+
+
+def test_an_update_is_not_left_in_a_lower_maximum_beside_its_start():
+    """The misfit has a minimum of 2.5 standard deviations beside the initial value and none of any at t = 2; on a
+    monopile whose sensor was 12 % too large `update` stayed at a soil factor of 0.86 where 1.48 is more probable."""
+    shape = np.linalg.qr(np.random.default_rng(9).standard_normal((6, 6)))[0]
+    parameters = Parameters((Parameter(name="t", unit="-", initial=0.0, std=1.0, lower=-5.0, upper=5.0),))
+
+    def modes(theta):
+        return np.array([2.0 + 0.06 * (theta[0] - 2) * ((theta[0] + 0.2) ** 2 + 1), *(20.0 * 1.5 ** np.arange(5))]), shape
+
+    model = FunctionModel(name="bent", parameters=parameters, channels=tuple("abcdef"), version="1", function=modes)
+    data = ModalData(channels=model.channels, sets=(modal_set([2.0], shape[:, :1], std=np.array([0.05])),))
+    record = probupdate.update(model, data, likelihood=LikelihoodSettings(shapes="none", discrepancy=0.0))
+    problem = build_problem(model, data, weights=Weights(shapes="none"))
+    far = optimize.minimize_scalar(lambda t: negative_log_posterior(problem)([t]), bounds=(1.5, 3), method="bounded")
+    assert record.map_theta == pytest.approx([far.x], abs=1e-4)
+    assert len(record.other_maxima) == 1
 
 
 def test_where_nothing_settles_the_best_parameters_are_handed_over(monkeypatch):
