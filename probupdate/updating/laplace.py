@@ -125,6 +125,15 @@ def probable_draws(problem: Problem) -> list[np.ndarray]:
     return [draws[k] for k in np.argsort(value)[:N_CLIMBED] if np.isfinite(value[k])]
 
 
+def start_of_sets(problem: Problem) -> np.ndarray | None:
+    """Where each of many sets like this one begins (n_param,): at this one's maximum; None where it has none, as others
+    may have."""
+    try:
+        return maximum_a_posteriori(problem, [problem.parameters.initial, *probable_draws(problem)]).theta
+    except ProbupdateError:
+        return None
+
+
 def _move_off_zero(problem: Problem, start: np.ndarray) -> np.ndarray:
     """A start at which the prior is zero, as a lognormal's is at zero, a little inside."""
     parameters = problem.parameters

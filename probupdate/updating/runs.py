@@ -85,7 +85,7 @@ def deterministic_update(
     runs, alpha = _both_tikhonov_updates(problem, path, settings, progress)
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
-    sets = _scatter(problem, every or data, schemes[0].closest_iteration, model_at, jobs, progress)
+    sets = _scatter(problem, every or data, schemes[0].closest_iteration, laplace, model_at, jobs, progress)
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     modal_set = data.set(set_id)
     computed = _order_as_data(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
@@ -163,8 +163,8 @@ def _identified_std_hz(problem: Problem) -> np.ndarray:
 
 
 def _scatter(
-    problem: Problem, data: ModalData, iterations: int, model_at: Callable[[ModalSet], Model] | None,
-    jobs: int | Executor, progress: Progress,
+    problem: Problem, data: ModalData, iterations: int, together: Laplace,
+    model_at: Callable[[ModalSet], Model] | None, jobs: int | Executor, progress: Progress,
 ) -> ScatterRecord | None:
     """Every set of the data updated by itself, the printed reading of Eq. 7 as often as came closest to the maximum;
     None where fewer than two can be."""
@@ -172,7 +172,8 @@ def _scatter(
         return None
     clusters = [group.measured for group in problem.matching.groups]
     scatter = update_sets(problem.model, data, weights=problem.weights, clusters=clusters,
-                          iterations=max(1, iterations), model_at=model_at, jobs=jobs, progress=progress)
+                          iterations=max(1, iterations), start=together.theta,
+                          model_at=model_at, jobs=jobs, progress=progress)
     if len(scatter.ids) < 2:
         return None
     return ScatterRecord(**{name: getattr(scatter, name) for name in ScatterRecord.__dataclass_fields__})

@@ -19,7 +19,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.hierarchical import SPREAD, Population, sample_population, scatter_interval
 from probupdate.updating.identifiability import cov_of
 from probupdate.updating.importance import GOOD_K, Mixture
-from probupdate.updating.laplace import Laplace, prior_residual
+from probupdate.updating.laplace import Laplace, prior_residual, start_of_sets
 from probupdate.updating.outlier_sets import without_outliers
 from probupdate.updating.predictive import (
     LeftOut,
@@ -181,7 +181,7 @@ def view_sets(
     clusters = [group.measured for group in reference.matching.groups]
     failed: list[str] = []
     found = list(iterate_sets(model, data, weights=reference.weights, clusters=clusters, model_at=model_at,
-                              failed=failed, progress=progress))
+                              start=start_of_sets(reference), failed=failed, progress=progress))
     if len(found) < 2:
         raise _too_few(len(found), len(data.sets), failed)
     problems, maxima = [p for p, _ in found], [x for _, x in found]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.errors import ProbupdateError
+from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
@@ -60,11 +60,12 @@ def update_sets(
     weights: Weights,
     clusters: list[tuple[int, ...]],
     iterations: int,
+    start: np.ndarray | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> SetScatter:
-    """Update every set of the data from the initial parameters, with the model in that set's conditions where
+    """Update every set of the data from `start`, as `iterate_sets`, with the model in that set's conditions where
     `model_at` gives it. Sets that cannot be updated are named, not dropped in silence. jobs: processes, or an executor,
     to which models are sent; the numbers are the same on any."""
     what, tasks, found = "update of every set", [], {}
@@ -75,7 +76,7 @@ def update_sets(
             found[number] = f"set {modal_set.id}: {error}"
             continue
         alone = replace(data, sets=(modal_set,), reference_set=None)
-        tasks.append((number, own, alone, weights, clusters, iterations))
+        tasks.append((number, own, alone, weights, clusters, iterations, start))
     progress(what, len(found), len(data.sets))
     for number, one in iterate_completed(_update_set, tasks, jobs=jobs, least=1):
         found[number] = one
@@ -101,11 +102,12 @@ def update_sets(
 
 
 def _update_set(
-    number: int, model: Model, data: ModalData, weights: Weights, clusters: list[tuple[int, ...]], iterations: int
+    number: int, model: Model, data: ModalData, weights: Weights, clusters: list[tuple[int, ...]], iterations: int,
+    start: np.ndarray | None,
 ) -> tuple[int, str | tuple[str, Laplace, np.ndarray, dict[str, float]]]:
     """Of the only set of `data`: id, maximum, Eq. 7 as printed and derived parameters, or why there are none."""
     failed: list[str] = []
-    for problem, laplace in iterate_sets(model, data, weights=weights, clusters=clusters, failed=failed):
+    for problem, laplace in iterate_sets(model, data, weights=weights, clusters=clusters, failed=failed, start=start):
         try:
             printed = update(problem, penalty="step", max_iteration=iterations)
         except ProbupdateError as error:
@@ -122,20 +124,31 @@ def iterate_sets(
     weights: Weights,
     clusters: list[tuple[int, ...]],
     failed: list[str],
+    start: np.ndarray | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
     progress: Progress = silent,
 ) -> Iterator[tuple[Problem, Laplace]]:
-    """The problem and the posterior's maximum of every set, from the initial parameters; a sentence in `failed` for
-    each that has none."""
+    """The problem and the posterior's maximum of every set; a sentence in `failed` for each that has none. It is looked
+    for from `start` (n_param,), the maximum of all sets together: where there are several, sets that end some in one
+    and some in another would scatter for no change. None: from the anchored update."""
     for done, modal_set in enumerate(data.sets):
         progress("update of every set", done, len(data.sets))
         try:
             own = model if model_at is None else model_at(modal_set)
             problem = build_problem(own, data, set_id=modal_set.id, weights=weights, clusters=clusters)
-            anchored = update(problem, penalty="prior")
-            laplace = maximum_a_posteriori(problem, [anchored.theta[-1]])
+            laplace = _maximum_of_set(problem, start)
         except ProbupdateError as error:
             failed.append(f"set {modal_set.id}: {error}")
             continue
         yield problem, laplace
     progress("update of every set", len(data.sets), len(data.sets))
+
+
+def _maximum_of_set(problem: Problem, start: np.ndarray | None) -> Laplace:
+    if start is not None:
+        try:
+            return maximum_a_posteriori(problem, [start])
+        except ConvergenceError:
+            # a set unlike the others has its maximum elsewhere
+            pass
+    return maximum_a_posteriori(problem, [update(problem, penalty="prior").theta[-1]])

@@ -232,22 +232,50 @@ def test_the_higher_of_two_maxima_wins_and_the_other_is_told_by_its_depth():
     assert maximum_a_posteriori(problem, [[2.0], [1.5]]).others == ()
 
 
-def test_an_update_is_not_left_in_a_lower_maximum_beside_its_start():
-    """The misfit has a minimum of 2.5 standard deviations beside the initial value and none of any at t = 2; on a
-    monopile whose sensor was 12 % too large `update` stayed at a soil factor of 0.86 where 1.48 is more probable."""
+def bent_model():
+    """The misfit of 2 Hz has a minimum beside the initial value and one of nothing at t = 2."""
     shape = np.linalg.qr(np.random.default_rng(9).standard_normal((6, 6)))[0]
     parameters = Parameters((Parameter(name="t", unit="-", initial=0.0, std=1.0, lower=-5.0, upper=5.0),))
 
     def modes(theta):
-        return np.array([2.0 + 0.06 * (theta[0] - 2) * ((theta[0] + 0.2) ** 2 + 1), *(20.0 * 1.5 ** np.arange(5))]), shape
+        first = 2.0 + 0.06 * (theta[0] - 2) * ((theta[0] + 0.2) ** 2 + 1)
+        return np.array([first, *(20.0 * 1.5 ** np.arange(5))]), shape
 
     model = FunctionModel(name="bent", parameters=parameters, channels=tuple("abcdef"), version="1", function=modes)
-    data = ModalData(channels=model.channels, sets=(modal_set([2.0], shape[:, :1], std=np.array([0.05])),))
-    record = probupdate.update(model, data, likelihood=LikelihoodSettings(shapes="none", discrepancy=0.0))
+    return model, shape
+
+
+def bent_sets(frequencies, std):
+    model, shape = bent_model()
+    sets = tuple(replace(modal_set([f], shape[:, :1], std=np.array([std])), id=f"s{k}")
+                 for k, f in enumerate(frequencies))
+    return model, ModalData(channels=model.channels, sets=sets)
+
+
+FREQUENCIES_ALONE = LikelihoodSettings(shapes="none", discrepancy=0.0)
+
+
+def test_an_update_is_not_left_in_a_lower_maximum_beside_its_start():
+    """On a monopile whose sensor was 12 % too large `update` stayed at a soil factor of 0.86 where 1.48 is more
+    probable."""
+    model, data = bent_sets([2.0], 0.05)
+    record = probupdate.update(model, data, likelihood=FREQUENCIES_ALONE)
     problem = build_problem(model, data, weights=Weights(shapes="none"))
     far = optimize.minimize_scalar(lambda t: negative_log_posterior(problem)([t]), bounds=(1.5, 3), method="bounded")
     assert record.map_theta == pytest.approx([far.x], abs=1e-4)
     assert len(record.other_maxima) == 1
+
+
+def test_sets_that_are_alike_do_not_part_between_two_maxima():
+    """Either maximum is the higher one of some sets: their scatter is that of the frequencies, not of the choice."""
+    frequencies = 2.0 + 0.005 * np.array([-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
+    record = probupdate.update(*bent_sets(frequencies, 0.064), likelihood=FREQUENCIES_ALONE)
+    # dt/df of the model at t = 2 is 1 / (0.06 (2.2^2 + 1))
+    slope = 1 / (0.06 * (2.2**2 + 1))
+    assert np.std(record.sets.theta_map) < 2 * slope * np.std(frequencies)
+    # the prior, 2 away, pulls a single set by so much
+    pulled = record.map_theta[0] - 2 * (slope * 0.064) ** 2
+    assert np.mean(record.sets.theta_map) == pytest.approx(pulled, abs=2 * slope * np.std(frequencies))
 
 
 def test_where_nothing_settles_the_best_parameters_are_handed_over(monkeypatch):
