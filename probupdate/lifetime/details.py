@@ -98,14 +98,15 @@ class Detail:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HotSpot:
-    """One of eight places (1 is the crown, 3 the saddle) of one side of a detail: weight (3,) of its nominal stresses,
-    thickness effect included; the curve's name."""
+    """One of eight places (1 is the crown, 3 the saddle) of one side of a detail: weight (3,) of its nominal stresses;
+    the curve's name, and the thickness_effect by which stress ranges are multiplied before the curve is read."""
 
     detail: int
     side: str
     place: int
     weight: np.ndarray
     curve: str
+    thickness_effect: float
 
     def angle_deg(self) -> float:
         return 45.0 * (self.place - 1)
@@ -293,7 +294,7 @@ def hot_spots(
                     )
                 sides.add((at, side))
                 tube = (detail.beam if side == "brace" else _chord(detail)).tube
-                spots += _round(at, side, factors, _thickness(conditions, entry.curve, tube.thickness_m), entry.curve)
+                spots += _round(at, side, factors, entry.curve, _thickness(conditions, entry.curve, tube.thickness_m))
     for entry, found in zip(conditions.girth, welds, strict=True):
         by = Factors(
             axial_crown=entry.factor, axial_saddle=entry.factor, in_plane=entry.factor, out_of_plane=entry.factor
@@ -305,7 +306,7 @@ def hot_spots(
             before = sum(where == at for where, _ in sides)
             side = f"weld {before + 1}" if before else "weld"
             sides.add((at, side))
-            spots += _round(at, side, by, _thickness(conditions, entry.curve, wall), entry.curve)
+            spots += _round(at, side, by, entry.curve, _thickness(conditions, entry.curve, wall))
     return tuple(details), tuple(spots)
 
 
@@ -387,13 +388,14 @@ def _partner(detail: Detail, ends: Sequence[Detail]) -> Detail | None:
     return min(found, key=lambda d: abs(d.beam.tube.diameter_m - size))
 
 
-def _round(at: int, side: str, f: Factors, scale: float, curve: str) -> list[HotSpot]:
+def _round(at: int, side: str, f: Factors, curve: str, thickness: float) -> list[HotSpot]:
     spots = []
     for k in range(PLACES):
         angle = np.pi / 4 * k
         axial = (f.axial_crown, 0.5 * (f.axial_crown + f.axial_saddle), f.axial_saddle)[(0, 1, 2, 1)[k % 4]]
-        weight = scale * np.array([axial, f.in_plane * np.cos(angle), f.out_of_plane * np.sin(angle)])
-        spots.append(HotSpot(detail=at, side=side, place=k + 1, weight=frozen_array(weight), curve=curve))
+        weight = np.array([axial, f.in_plane * np.cos(angle), f.out_of_plane * np.sin(angle)])
+        spots.append(HotSpot(detail=at, side=side, place=k + 1, weight=frozen_array(weight), curve=curve,
+                             thickness_effect=thickness))
     return spots
 
 
@@ -406,3 +408,8 @@ def _thickness(conditions: Conditions, curve: str, wall_m: float) -> float:
 def weights(spots: Sequence[HotSpot]) -> tuple[np.ndarray, np.ndarray]:
     """Detail of each hot spot (n_spot,), weights (n_spot, 3)."""
     return np.array([s.detail for s in spots]), np.array([s.weight for s in spots])
+
+
+def thickness_effects(spots: Sequence[HotSpot]) -> np.ndarray:
+    """(n_spot,)."""
+    return np.array([s.thickness_effect for s in spots])

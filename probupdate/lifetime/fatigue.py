@@ -15,7 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
-from probupdate.lifetime.details import Detail, HotSpot, find_details, weights
+from probupdate.lifetime.details import Detail, HotSpot, find_details, thickness_effects, weights
 from probupdate.lifetime.spectral import ranges
 from probupdate.lifetime.stress import Response, StateDamping, StressModel, stress_model
 from probupdate.modal.modes import Sensor
@@ -101,8 +101,8 @@ class FatigueModel:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stress:
-    """moments (n_heading, n_state, 14, n_spot) of hot-spot stress in MPa^2 Hz^k, k of
-    ORDERS, change (n_param, ...) of them."""
+    """moments (n_heading, n_state, 14, n_spot) of hot-spot stress in MPa^2 Hz^k, k of ORDERS, change (n_param, ...) of
+    them; without the thickness effect, which belongs to damage."""
 
     owner: FatigueModel
     responses: tuple[Response, ...]
@@ -136,10 +136,11 @@ class Stress:
         )
 
     def damage_per_year(self, factor: float | np.ndarray = 1.0) -> np.ndarray:
-        """(n_spot,) Miner's sum of a year by each spot's curve, every range times `factor` (scalar or (n_spot,))."""
+        """(n_spot,) Miner's sum of a year by each spot's curve and thickness effect, every range times `factor` (scalar
+        or (n_spot,))."""
         found = np.zeros(len(self.owner.spots))
         names = np.array([s.curve for s in self.owner.spots])
-        factor = np.broadcast_to(np.asarray(factor, float), names.shape)
+        factor = np.asarray(factor, float) * thickness_effects(self.owner.spots)
         for name in dict.fromkeys(names.tolist()):
             there = names == name
             own = ranges(np.moveaxis(self.moments, 2, 0)[..., there], self.owner.method)

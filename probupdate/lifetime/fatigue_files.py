@@ -391,6 +391,7 @@ def _write_hot_spots(files, model: FatigueModel) -> None:
             {"name": "crown", "unit": "-"},
             {"name": "saddle", "unit": "-"},
             {"name": "curve", **text},
+            {"name": "thickness_effect", "unit": "-"},
         ],
         [
             [
@@ -403,11 +404,12 @@ def _write_hot_spots(files, model: FatigueModel) -> None:
                 float(model.details[s.detail].level_m),
                 *map(float, s.weight),
                 s.curve,
+                s.thickness_effect,
             ]
             for k, s in enumerate(model.spots)
         ],
         what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors "
-        "of nominal stress with the thickness effect in them",
+        "of nominal stress; thickness_effect: by which ranges are multiplied for damage, not in del_m3 and del_m5",
     )
 
 

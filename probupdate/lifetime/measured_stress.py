@@ -23,7 +23,7 @@ from probupdate.errors import InputError
 from probupdate.identification.environment import fore_aft_deg
 from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
 from probupdate.lifetime.damping import StateDamping
-from probupdate.lifetime.details import Detail, HotSpot, weights
+from probupdate.lifetime.details import Detail, HotSpot, thickness_effects, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
 from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, gauge_comparison, read_gauges
 from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, driven, load_cases, smoother, used_lines
@@ -438,13 +438,14 @@ class _Group:
         return np.einsum("ksij,si,sj->ks", moments[:, at], w, w, optimize=True)
 
     def _damage(self, moments: np.ndarray, factor: float = 1.0) -> np.ndarray:
-        """(n_spot,) Miner's sum a second, all ranges times `factor`."""
+        """(n_spot,) Miner's sum a second, all ranges times `factor` and the spot's thickness effect."""
+        factors = factor * thickness_effects(self.work.spots)
         names = np.array([s.curve for s in self.work.spots])
         found = np.zeros(len(names))
         for name in dict.fromkeys(names.tolist()):
             there = names == name
             law = self.work.conditions.law(name)
-            found[there] = ranges(np.maximum(moments[:, there], 1e-300)).damage(law, factor)
+            found[there] = ranges(np.maximum(moments[:, there], 1e-300)).damage(law, factors[there])
         return found
 
     def stated_per_hour(self) -> np.ndarray:
@@ -510,13 +511,14 @@ class _Group:
         ten = round(TEN_MINUTES_S * rate)
         found = []
         for j, k in enumerate(worst):
-            law = self.work.conditions.law(self.work.spots[k].curve)
-            by_spectrum = float(ranges(moments[:, j : j + 1]).damage(law)[0])
+            spot = self.work.spots[k]
+            law, effect = self.work.conditions.law(spot.curve), spot.thickness_effect
+            by_spectrum = float(ranges(moments[:, j : j + 1]).damage(law, effect)[0])
             pieces = [record[a : a + ten, j] for a in range(0, max(len(record) - ten + 1, 1), ten)]
             counted = 0.0
             for piece in pieces:
                 size, count = rainflow(piece)
-                counted += float(np.sum(count[size > 0] / law.cycles(size[size > 0]))) / (len(piece) / rate)
+                counted += float(np.sum(count[size > 0] / law.cycles(effect * size[size > 0]))) / (len(piece) / rate)
             found.append(counted / len(pieces) / by_spectrum)
         return np.array(found)
 

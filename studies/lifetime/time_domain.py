@@ -146,7 +146,7 @@ def truth_of(raw: dict, model: FatigueModel, spots: np.ndarray) -> Truth:
         number, stress = truth.nominal(s, d.place_m, d.along, d.crown, d.saddle, d.end)
         if d.part == "tower":
             stress = stress * _of_level(b.of_member[number][2], raw["tower"]["station"], d.level_m)[:, None]
-        own.append((number, w[k] @ stress))
+        own.append((number, model.spots[k].thickness_effect * w[k] @ stress))
         rows.append(own[-1][1] @ truth.end_forces(s, number))
     rows = np.array(rows)
     flexible = linalg.cho_solve(linalg.cho_factor(s.stiffness), rows.T).T
@@ -357,7 +357,7 @@ def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
     ours = time.process_time() - begun
     spots = np.argsort(-annual)[:WORST]
     t = truth_of(raw, model, spots)
-    law = conditions.curve["law"]
+    law, thick = conditions.curve["law"], np.array([model.spots[k].thickness_effect for k in spots])
     rng = np.random.default_rng([seed, 66])
     # (mean or standard error, of ten minutes or half an hour, spot)
     total, spread, moved = np.zeros((2, 2, WORST)), [], []
@@ -366,7 +366,7 @@ def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
         variance = next(pieces)
         stress = np.concatenate(list(pieces), axis=1)
         spread.append(np.mean(stress**2, axis=(1, 2)) / variance)
-        moved.append(found.moments[0, len(moved), 0, spots] / variance)
+        moved.append(thick**2 * found.moments[0, len(moved), 0, spots] / variance)
         for k in range(WORST):
             for j, n in enumerate((1, HALF_HOUR)):
                 mean, std = mean_damage(stress[k].reshape(-1, n * stress.shape[2]), law, variance[k], count)

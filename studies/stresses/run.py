@@ -149,8 +149,8 @@ def main() -> None:
             columns = slice(3 * at[k], 3 * at[k] + 3)
             cycles = counted(stress[:, columns].astype(float) @ w[k])
             real, scaled = equivalent(cycles), equivalent(counted(habit[:, columns] @ w[k]))
-            law = conditions.law(found.spots[k].curve)
-            hour = 6 * np.mean([np.sum(c[:, 1] / law.cycles(c[:, 0])) for c in cycles])
+            law, thick = conditions.law(found.spots[k].curve), found.spots[k].thickness_effect
+            hour = 6 * np.mean([np.sum(c[:, 1] / law.cycles(thick * c[:, 0])) for c in cycles])
             rows.append({
                 "block": b.id, "state": b.state, "spot": k, "at": found.details[at[k]].at, "resolved": b.resolved[k],
                 "observable": bool(found.observable[k]), "true_m3": real[0], "true_m5": real[1],

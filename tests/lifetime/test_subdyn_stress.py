@@ -224,7 +224,8 @@ def test_efthymiou_takes_geometry_from_the_model(tmp_path):
     scale = (0.05 / 0.032) ** 0.25
     spot = next(s for s in found.spots if s.detail == detail and s.side == "chord" and s.place == 1)
     assert chord.in_plane < 1.5 < chord.axial_crown
-    assert spot.weight == pytest.approx(scale * np.array([chord.axial_crown, 1.5, 0.0]))
+    assert spot.thickness_effect == pytest.approx(scale)
+    assert spot.weight == pytest.approx(np.array([chord.axial_crown, 1.5, 0.0]))
     assert min(s.weight[0] for s in found.spots) >= 1.5
 
 
