@@ -149,7 +149,7 @@ def _add_stresses(verb: AddCommand) -> None:
                    help="draws that carry the posterior's uncertainty (8)")
     p.add_argument("--worst", type=positive(int, "hot spots"), default=6,
                    help="hot spots whose history is written and counted by rainflow (6)")
-    p.add_argument("--accept", action="store_true", help="use a run that did not converge or whose diagnosis is "
-                   "unexplained; stresses.json says so")
+    p.add_argument("--accept", action="store_true", help="use a run that did not converge, whose diagnosis is "
+                   "unexplained, or channels that it found wrong; stresses.json says so")
     p.add_argument("--out", required=True, help="folder to write, new or empty")
     add_seed_option(p)

@@ -2,6 +2,6 @@
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "blocks", "diagnose", "engine", "evidence", "fitting", "free_form", "hypotheses", "linear", "prediction",
-    "prepare", "residuals", "results", "run", "search", "wording",
+    "blocks", "diagnose", "engine", "evidence", "faulty_channels", "fitting", "free_form", "hypotheses", "linear",
+    "prediction", "prepare", "residuals", "results", "run", "search", "wording",
 ]

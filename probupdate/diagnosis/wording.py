@@ -121,7 +121,12 @@ def words_of_findings(content: Mapping) -> list[str]:
 
 def channel_response_actions(content: Mapping) -> list[str]:
     """What to do about channels with a frequency response of their own; empty where there are none."""
-    return [f"{part['location']}: {_channel_response_action(part)}" for part in _parts(content) if "factors" in part]
+    return [f"{part['location']}: {_channel_response_action(part)}" for part in channel_response_parts(content)]
+
+
+def channel_response_parts(content: Mapping) -> list[Mapping]:
+    """Rows of channels with a frequency response of their own."""
+    return [part for part in _parts(content) if "factors" in part]
 
 
 def _parts(content: Mapping) -> Sequence[Mapping]:

@@ -199,7 +199,7 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
     if gap > REACH_M or b.springs is not None:
         level = float(frame.node_m[b.start if end == 0 else b.end][2])
         problem = f"{z_m:g} m is no element's end, the nearest is at {level:.6g} m" if b.springs is None else \
-            "is a pile in soil"
+            "is a pile in soil: its elements' end forces hold the soil's reaction, the steel's are not computed"
         raise InputError(where, problem, "choose the level of an element's end, of a member above the soil")
     start, stop = frame.node_m[b.start], frame.node_m[b.end]
     along = (stop - start) / np.linalg.norm(stop - start)

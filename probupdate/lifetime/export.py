@@ -12,6 +12,7 @@ import io
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -70,13 +71,15 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 @dataclass(frozen=True, kw_only=True)
 class RunStatus:
     """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
-    found. changes: those of its findings with which the structure itself changed within the records."""
+    found. changes: those of its findings with which the structure itself changed within the records; faults: those on
+    the measurement, in words -> the channels whose records are used all the same, () for all of them."""
 
     converged: bool
     sampler: str
     diagnosis: str | None
     findings: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
+    faults: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def refused(self) -> str:
@@ -90,15 +93,26 @@ class RunStatus:
         if self.changes:
             reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and the draws are "
                            "of before and after together")
+        reasons += [f"the records of {', '.join(channels) or 'all channels'} are used, of which diagnosis.json says: "
+                    f"{words}" for words, channels in self.faults.items()]
         return "; ".join(reasons)
 
     @property
     def remedy(self) -> str:
         """What to do where it is refused, but for accepting it."""
-        if self.changes and self.converged and self.diagnosis != "unexplained":
-            return ("export a directory that holds the model and, as posterior.nc, draws of the state after alone "
-                    "(diagnosis.posterior.nc, where `diagnose` wrote it)")
-        return "sample longer, or find the cause"
+        steps = []
+        if not self.converged or self.diagnosis == "unexplained":
+            steps.append("sample longer, or find the cause")
+        elif self.changes:
+            steps.append("name a directory of the state after alone: diagnosis.model.toml as model.toml, "
+                         "diagnosis.posterior.nc as posterior.nc and diagnosis.mean.json as modes.json, where "
+                         "`diagnose` wrote them")
+        if self.faults:
+            channels = dict.fromkeys(c for own in self.faults.values() for c in own)
+            without = f"leave them out (--without {shlex.join(channels)}), or " if channels else ""
+            steps.append(f"{without}correct the records (factor in convert.toml; unit, direction and gravity in "
+                         "campaign.toml), identify and diagnose again")
+        return "; ".join(steps)
 
     @property
     def remark(self) -> str:

@@ -102,13 +102,14 @@ class StressResult:
         _, _, measured = f.per_year()
         first = table.iloc[0]
         seen, all_of = int(np.sum(f.observable)), len(f.spots)
+        rest = "" if seen == all_of else "; of the others the loads of fatigue.toml make the rest"
         lines = [
             f"{len(f.blocks)} blocks, {all_of} hot spots, {len(f.draw_ratio)} draws of the posterior",
             f"most damage: {first['member']}, {first['side']} side, place {first['place']}: "
             f"{first['damage_per_year']:.3g} a year (90 % interval {first['p05']:.3g} to {first['p95']:.3g}); by the "
             f"loads of fatigue.toml {first['stated_damage_per_year']:.3g}",
             f"observable: {seen} of {all_of} hot spots ({100 * OBSERVABLE:g} % and more of the stress' variance "
-            "resolved by the sensors); of the others the loads of fatigue.toml make the rest"]
+            f"resolved by the sensors){rest}"]
         missing = [s.name for s in f.conditions.state if s.name not in measured]
         if missing:
             share = sum(s.share for s in f.conditions.state if s.name in missing)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,10 +63,11 @@ def stresses(
     without: channels not to be used; gauges: a CSV of stresses that strain gauges measured (`time`, hot_spot_N_mpa),
     which take no part in the estimate and are held against it, or `lifetime.gauges.GaugeFiles`, which names one of
     gauges that join the accelerations too; draws: of the posterior, for its uncertainty; worst: hot
-    spots whose history is written and counted by rainflow. A run that did not converge, or whose diagnosis is
-    unexplained, needs `accept`.
+    spots whose history is written and counted by rainflow. A run that did not converge, whose diagnosis is unexplained
+    or found the structure to change, or a channel that is used to be wrong, needs `accept`.
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
+    from probupdate.diagnosis.faulty_channels import faulty_channels
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.diagnosis.wording import changes_of_structure
     from probupdate.lifetime.export import RunStatus, refuse_without_members
@@ -87,12 +88,14 @@ def stresses(
                          f"choose from {', '.join(records.channels)}")
     posterior = read_posterior(places["posterior.nc"])
     diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict,
-                       diagnosis=diagnosis["verdict"] if diagnosis else None, changes=changes_of_structure(diagnosis))
+                       diagnosis=diagnosis["verdict"] if diagnosis else None, changes=changes_of_structure(diagnosis),
+                       faults=_faults_used(faulty_channels(diagnosis or {}, records.sensors, modes.channels if modes
+                                                           else ()), set(records.channels) - set(without or ())))
     if status.refused and not accept:
         raise InputError(str(folder), f"this run is not fit to be used: {status.refused}",
                          f"{status.remedy}; --accept uses it with that said")
-    modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
     found = measured_stresses(
         records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
@@ -100,6 +103,12 @@ def stresses(
         gauges=gauges if isinstance(gauges, GaugeFiles) else GaugeFiles(held_out=gauges), progress=progress)
     found = replace(found, left_out=(*left_out_notes(records.left_out), *found.left_out))
     return StressStep(result=StressResult(found=found, remark=status.remark))
+
+
+def _faults_used(faults: Mapping[str, tuple[str, ...]], used: Set[str]) -> dict[str, tuple[str, ...]]:
+    """Those of channels that are used, as `RunStatus` has them."""
+    return {words: () if used <= set(channels) else tuple(c for c in channels if c in used)
+            for words, channels in faults.items() if used & set(channels)}
 
 
 def _measured_damping(modes: ModalData | None) -> StateDamping:

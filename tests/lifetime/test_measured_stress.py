@@ -377,3 +377,55 @@ def test_a_load_that_no_sensor_sees_keeps_its_stated_density(structure):
     assert np.median(share) == pytest.approx(1.0, abs=0.2)
     left = np.real(one.unresolved(np.flatnonzero(slow)))[:, across, across] / one.load[across, slow]
     assert np.median(left) > 0.95
+
+
+def diagnosis_json(folder, *findings):
+    """As `diagnose` writes it, with these findings: (cause, location, size)."""
+    content = {"format": 2, "verdict": "named", "p_value": 1e-6, "detectable_sizes": [], "parameters": [], "notes": [],
+               "details": {}, "findings": [
+                   {"kind": "measurement", "cause": cause, "location": location, "size": size, "size_std": 0.01,
+                    "unit": "-", "posterior_probability": 1.0, "alternatives": []}
+                   for cause, location, size in findings]}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+
+
+@pytest.fixture
+def diagnosed(case, tmp_path):
+    """`stresses` of the campaign on a run with these findings, with these options."""
+    folder, _ = case
+    shutil.copytree(folder / "run", tmp_path / "run")
+
+    def called(findings, *options):
+        diagnosis_json(tmp_path / "run", *findings)
+        return main(["stresses", str(folder / "campaign"), "--run", str(tmp_path / "run"), "--fatigue",
+                     str(folder / "fatigue.toml"), "--draws", "1", "--worst", "1", "--out", str(tmp_path / "out"),
+                     *options])
+    return called
+
+
+@pytest.mark.parametrize("cause, location, named", [
+    ("sensor gain", "{0}", "{0}"), ("sensor polarity", "{0}", "{0}"),
+    ("swapped channels", "{0} and {1}", "{0} {1}"), ("crosstalk", "{1} into {0}", "{0}"),
+    ("sensor rotation", "TP-A about z", "{0} {1}"), ("clock offset", "T30", "T30-x T30-y"),
+    ("sampling rate", "all channels", ""),
+])
+def test_a_channel_that_the_diagnosis_found_wrong_is_refused(diagnosed, capsys, cause, location, named):
+    first, second = SENSORS[0][0], SENSORS[1][0]
+    where = location.format(first, second)
+    assert diagnosed([(cause, where, 0.12)]) == 2
+    said = capsys.readouterr().err
+    assert f"{cause}, {where}" in said and "--accept" in said and "campaign.toml" in said
+    left = f"(--without {named.format(first, second)})"
+    assert left in said if named else "--without" not in said
+
+
+def test_a_wrong_channel_left_out_is_none(diagnosed, tmp_path):
+    assert diagnosed([("sensor gain", SENSORS[0][0], 0.12)], "--without", SENSORS[0][0]) == 0
+    assert "ACCEPTED" not in json.loads((tmp_path / "out" / "stresses.json").read_text())["verdict"]
+
+
+def test_a_wrong_channel_that_is_accepted_is_said(diagnosed, tmp_path, capsys):
+    assert diagnosed([("sensor gain", SENSORS[0][0], 0.12)], "--accept") == 0
+    said = f"sensor gain, {SENSORS[0][0]}: +12"
+    assert said in json.loads((tmp_path / "out" / "stresses.json").read_text())["verdict"]
+    assert said in capsys.readouterr().out
