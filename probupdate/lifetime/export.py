@@ -71,14 +71,16 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 @dataclass(frozen=True, kw_only=True)
 class RunStatus:
     """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
-    found. changes: those of its findings with which the structure itself changed within the records; faults: those on
-    the measurement, in words -> the channels whose records are used all the same, () for all of them."""
+    found. changes: those of its findings with which the structure itself changed within the records; sets: which the
+    draws are of, in words; faults: findings on the measurement, in words -> the channels whose records are used all the
+    same, () for all of them."""
 
     converged: bool
     sampler: str
     diagnosis: str | None
     findings: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
+    sets: str = ""
     faults: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
@@ -91,8 +93,8 @@ class RunStatus:
             reasons.append("the diagnosis is unexplained: model and measurement disagree "
                            "and no listed cause explains it")
         if self.changes:
-            reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and the draws are "
-                           "of before and after together")
+            reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and draws must not "
+                           f"be of before and after together: these are of {self.sets}")
         reasons += [f"the records of {', '.join(channels) or 'all channels'} are used, of which diagnosis.json says: "
                     f"{words}" for words, channels in self.faults.items()]
         return "; ".join(reasons)
@@ -104,9 +106,9 @@ class RunStatus:
         if not self.converged or self.diagnosis == "unexplained":
             steps.append("sample longer, or find the cause")
         elif self.changes:
-            steps.append("name a directory of the state after alone: diagnosis.model.toml as model.toml, "
-                         "diagnosis.posterior.nc as posterior.nc and diagnosis.mean.json as modes.json, where "
-                         "`diagnose` wrote them")
+            steps.append("name a directory of the state after alone, of what `diagnose` wrote: diagnosis.model.toml as "
+                         "model.toml, diagnosis.posterior.nc as posterior.nc, diagnosis.mean.json as nine.json, and as "
+                         "modes.json, for the damping, diagnosis.modes.json with its .h5")
         if self.faults:
             channels = dict.fromkeys(c for own in self.faults.values() for c in own)
             without = f"leave them out (--without {shlex.join(channels)}), or " if channels else ""
@@ -174,7 +176,8 @@ class RunResults:
     @property
     def status(self) -> RunStatus:
         return RunStatus(converged=bool(self.posterior.converged), sampler=self.posterior.verdict,
-                         diagnosis=self.diagnosis, findings=self.findings, changes=self.changes)
+                         diagnosis=self.diagnosis, findings=self.findings, changes=self.changes,
+                         sets=self.posterior.sets)
 
 
 @dataclass(frozen=True, kw_only=True)

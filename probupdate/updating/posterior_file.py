@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 MAX_DRAWS = 100_000
 # 2 has a hash of its content; 3 has ensembles as chains
 FORMAT = 3
+# of the sets that draws are of together, the first's and the last's id
+ENDS = "first and last set"
 ARRAYS = ("theta", "log_likelihood", "log_posterior", "prior", "measured", "std", "predicted", "frequency_hz")
 GROUPS = ("posterior", "sample_stats", "log_likelihood", "prior", "observed_data")
 
@@ -88,6 +90,12 @@ class Posterior:
     def draws(self) -> np.ndarray:
         """(n_draw, n_param)."""
         return self.theta.reshape(-1, self.theta.shape[2])
+
+    @property
+    def sets(self) -> str:
+        """Which sets the draws are of, in words: "9 of 9 sets, 2026-03-04T06:00Z to 2026-03-04T08:40Z"."""
+        named = str(self.record.get("set_id", "sets that posterior.nc does not name"))
+        return ", ".join([named, *([" to ".join(self.record[ENDS])] if ENDS in self.record else [])])
 
     def to_frame(self, *, draws: bool = False) -> pd.DataFrame:
         """A row a parameter: moments, quantiles, convergence, in the parameter's unit; with `draws` a row a draw."""

@@ -20,7 +20,7 @@ from probupdate.updating.comparison import Comparison
 from probupdate.updating.comparison import compare as compare_results
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.joint_set import JointSet, joint_set, single_set
-from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
+from probupdate.updating.posterior_file import ENDS, Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import SETS, STEP, UNLIKE, UpdateRecord, read_update
@@ -217,7 +217,9 @@ def sample(
         step = case.step(posterior.mode_labels)
         states = [f"TWO STATES: {words}" for words in step.values()]
         statements = [*states, *case.joint.notes, *held, *posterior.record.get("statements", ())]
-        posterior = replace(posterior, record={**posterior.record, **case.setting, **step, "statements": statements})
+        ends = {ENDS: [case.joint.ids[0], case.joint.ids[-1]]} if len(case.joint.ids) > 1 else {}
+        posterior = replace(posterior, record={**posterior.record, **case.setting, **step, **ends,
+                                               "statements": statements})
         write_posterior(posterior, out)
     return posterior
 

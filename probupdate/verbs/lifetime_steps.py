@@ -91,6 +91,7 @@ def stresses(
     modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict,
                        diagnosis=diagnosis["verdict"] if diagnosis else None, changes=changes_of_structure(diagnosis),
+                       sets=posterior.sets,
                        faults=_faults_used(faulty_channels(diagnosis or {}, records.sensors, modes.channels if modes
                                                            else ()), set(records.channels) - set(without or ())))
     if status.refused and not accept:
