@@ -43,6 +43,7 @@ from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.identifiability import DIAGNOSED
 from probupdate.updating.problem import build_problem
 from probupdate.updating.runs import find_maximum
 from probupdate.updating.tikhonov import update
@@ -195,7 +196,7 @@ class _AddedParameters:
                 name = group_parameter(e.location or e.cause, taken)
                 taken.append(name)
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
-                words = f"{e.cause}: {e.location} ({members} for one); diagnosed as {_profile_words(n)}"
+                words = f"{e.cause}: {e.location} ({members} for one); {_diagnosed_words(n, std)}"
                 groups.append((n, Group(name=name, parts=dict(e.parts), initial=centre, std=width, lower=e.lower,
                                         upper=e.upper, unit=e.unit, description=words)))
         return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included
@@ -253,11 +254,16 @@ def is_known_by_change(included: IncludedEffect, size_std: float) -> bool:
 
 def describe_parameter(added: EffectParameter, included: IncludedEffect, size_std: float) -> EffectParameter:
     """The parameter that the model gets for a finding, its time profile stated in its description."""
-    stated = replace(added, location=f"{added.location}; diagnosed as {_profile_words(included)}")
+    stated = replace(added, location=f"{added.location}; {_diagnosed_words(included, size_std)}")
     if not is_known_by_change(included, size_std):
         return stated
     centre = min(max(added.neutral + included.size, added.lower), added.upper)
     return replace(stated, initial=centre, std=size_std, prior="normal")
+
+
+def _diagnosed_words(included: IncludedEffect, size_std: float) -> str:
+    start = DIAGNOSED if is_known_by_change(included, size_std) else "diagnosed"
+    return f"{start} as {_profile_words(included)}"
 
 
 def _profile_words(included: IncludedEffect) -> str:

@@ -142,7 +142,9 @@ class Diagnosis:
             lines += [f"  {wording.detectable_words(x, content)}" for x in detectable_sizes]
         lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
-            lines.append(f"the model with what was found, beside diagnosis.json: {self.extended_model}")
+            mean = (self.extension.get("files") or {}).get("mean")
+            lines.append(f"the model with what was found, beside diagnosis.json: {self.extended_model}"
+                         f"{f', and the modes that belong to it: {mean}' if mean else ''}")
         lines += [f"  {s}" for s in self.extension.get("statements", ())]
         return "\n".join(lines)
 

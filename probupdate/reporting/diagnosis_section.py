@@ -35,6 +35,7 @@ from probupdate.reporting.elements import (
     percent,
 )
 from probupdate.reporting.figures_diagnosis import row_of
+from probupdate.reporting.findings import extension_advice
 from probupdate.reporting.values import Run
 
 HEADLINES = {
@@ -126,7 +127,7 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
     if included:
         statements.append("Update and posterior of this run have the findings in them.")
     elif content.get("extended_model"):
-        statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
+        statements += extension_advice(content, "Update and sample again")
     if content["verdict"] == "none":
         statements.append("No cause is to be looked for. What could hide below the minimum detectable sizes is "
                           "listed further down.")

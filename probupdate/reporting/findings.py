@@ -18,7 +18,7 @@ from probupdate.diagnosis.wording import (
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, decimal, full_sentence, number
 from probupdate.reporting.identifiability import BOUND, identifiabilities
-from probupdate.reporting.states import changes_within, is_diagnosed, step_words
+from probupdate.reporting.states import changes_within, is_diagnosed, selected_state_words, step_words
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
@@ -60,7 +60,7 @@ def findings(run: Run) -> tuple[Finding, ...]:
     """The worst first, otherwise in the order in which they matter."""
     found = [Finding(level="warning", short="parts of this run do not belong together", text=text,
                      action="Run the steps again in one directory.") for text in run.warnings]
-    for part in (_step_findings, _fit_findings, _sampler_findings, _diagnosis_findings, _shift_findings,
+    for part in (_step_findings, _diagnosis_findings, _fit_findings, _sampler_findings, _shift_findings,
                  _update_findings):
         found += part(run)
     return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
@@ -101,7 +101,8 @@ def _misfit_findings(run: Run, update: UpdateRecord) -> list[Finding]:
     # one that names findings, but none in these sets, has not said what their misfit is
     asked = run.diagnosis is not None and not is_explained(run.diagnosis)
     its = "more of its" if stated_error_words(update) else "its"
-    state = "State" if asked else "Find what the model lacks (`probupdate diagnose`), or state"
+    state = "If it does not fit with the findings in it either, state" if (run.diagnosis or {}).get(
+        "extended_model") else "State" if asked else "Find what the model lacks (`probupdate diagnose`), or state"
     return [Finding(level="warning", short="the model does not fit", text=full_sentence(fit_sentence(update)),
                     action=f"{state} {its} error: by other models of this structure (--alternatives), or with "
                     "--discrepancy, and update again.")]
@@ -147,7 +148,7 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
         return [Finding(level="warning", short=NEITHER_STATE, action=_state_advice(content),
                         text=f"Parameters and predictions of this run's {whose}: they are of the sets before and after "
                         "the change together, so of neither state.")]
-    actions = [] if run.included else _extension_advice(content)
+    actions = [] if run.included else extension_advice(content)
     actions += [full_sentence(one) for one in channel_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
     if not actions:
@@ -182,6 +183,9 @@ def _state_advice(content: Mapping) -> str:
 
 def _step_findings(run: Run) -> list[Finding]:
     """Frequencies that step between the sets of an update, where no diagnosis was made or none that explains them."""
+    if selected := selected_state_words(run):
+        return [Finding(level="caution", short="the sets selected are of one state of two",
+                        text=full_sentence(selected))]
     words = step_words(run)
     if not words or (run.diagnosis is not None and run.diagnosis["verdict"] != "unexplained"):
         return []
@@ -197,12 +201,14 @@ def checks(content: Mapping) -> list[str]:
     return [full_sentence(f"confirm {name_of(f)}: {f['check']}") for f in content["findings"] if f.get("check")]
 
 
-def _extension_advice(content: Mapping) -> list[str]:
+def extension_advice(content: Mapping, start: str = "Update again") -> list[str]:
     if not content.get("extended_model"):
         return []
     held = ", ".join(_parameters_at_bounds(content.get("extension") or {}))
     but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
-    return [f"Update again with {content['extended_model']}, which has the findings in it{but}."]
+    mean = ((content.get("extension") or {}).get("files") or {}).get("mean")
+    of = f", and the modes that belong to it, {mean}" if mean else ""
+    return [f"{start} with {content['extended_model']}, which has the findings in it{of}{but}."]
 
 
 def _shift_findings(run: Run) -> list[Finding]:

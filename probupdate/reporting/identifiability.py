@@ -9,6 +9,7 @@ from scipy import stats
 
 from probupdate.updating.identifiability import (
     BOUND,
+    DIAGNOSED,
     KNOWN,
     PARTLY,
     PRIOR,
@@ -19,13 +20,13 @@ from probupdate.updating.identifiability import (
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, unproven
 
-__all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Identifiability", "contraction", "estimate", "names_of",
-           "identifiabilities"]
+__all__ = ["BOUND", "DIAGNOSED", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Identifiability", "contraction", "estimate",
+           "names_of", "identifiabilities"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Identifiability:
-    """`kind` is one of the four; `words` say which bound; `width` is the posterior over the prior standard deviation;
+    """`kind` is one of the five; `words` say which bound; `width` is the posterior over the prior standard deviation;
     `shift` the value after the update as a standardised shift from the prior: the standard normal quantile of its
     prior probability."""
 
@@ -78,7 +79,8 @@ def identifiabilities(update: UpdateRecord, posterior: Posterior | None) -> tupl
             low = abs(update.map_theta[k] - p.lower) <= abs(update.map_theta[k] - p.upper)
             kind, words = BOUND, f"at its {'lower' if low else 'upper'} bound"
         else:
-            kind = words = identifiability(width, at_bound=False, unproven=unproven(update))
+            kind = words = identifiability(width, at_bound=False, unproven=unproven(update),
+                                           description=p.description)
         found.append(Identifiability(name=p.name, kind=kind, words=words, width=float(width),
                                      shift=float(stats.norm.ppf(np.clip(p.distribution.cdf(after[k]), 1e-12,
                                                                         1 - 1e-12)))))

@@ -32,6 +32,7 @@ from probupdate.reporting.elements import (
 from probupdate.reporting.findings import MANY_FALLBACKS, NEITHER_STATE, Finding, checks, evaluations, findings, worst
 from probupdate.reporting.identifiability import (
     BOUND,
+    DIAGNOSED,
     KNOWN,
     PARTLY,
     PRIOR,
@@ -43,7 +44,7 @@ from probupdate.reporting.identifiability import (
 from probupdate.reporting.measurement_sections import passing
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
-from probupdate.reporting.states import NINETY, changes_within, is_diagnosed, state_table, step_words
+from probupdate.reporting.states import NINETY, USE_THIS, changes_within, is_diagnosed, state_table, step_words
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
@@ -127,7 +128,7 @@ def _plain_rows(run: Run, update: UpdateRecord) -> list[Sequence[str]]:
 def _informed_parameters(run: Run, update: UpdateRecord) -> list[Parameter]:
     """Parameters of which the data say something, and no bound decides."""
     found = identifiabilities(update, run.posterior)
-    return [p for p, s in zip(update.parameters, found, strict=True) if s.kind in (KNOWN, PARTLY)
+    return [p for p, s in zip(update.parameters, found, strict=True) if s.kind in (KNOWN, PARTLY, DIAGNOSED)
             or p.name in _sizes_by_change(run)]
 
 
@@ -164,7 +165,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
         if after.low is not None and after.high is not None:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
         row += [percent(after.theta[k] / before - 1, 0, sign=True) if abs(before) > 1e-9 else MISSING,
-                "by its change" if p.name in _sizes_by_change(run) else s.words.split(" ")[0]]
+                "by its change" if s.kind == DIAGNOSED or p.name in _sizes_by_change(run) else s.words.split(" ")[0]]
         rows.append((*row, *([number(known.get(p.name))] if known else [])))
     columns = [Column(name="parameter", number=False), Column(name="before"), Column(name="updated")]
     columns += [Column(name="90 % interval")] if after.low is not None else []
@@ -174,7 +175,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
     alone = f"these numbers are of {'the' if update.set_id.startswith('mean of ') else 'set'} {update.set_id}"
     of_sets = update.settings.get(SETS, "").split(";")[0] or alone
-    note = f"{full_sentence(of_sets)} {note}".strip()
+    note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
     caption = "Parameters to use, with their intervals"
     if found and found[0].level == "warning":
         caption = "Parameters of the mean of two states, of neither" if step_words(run) else "Parameters, provisional"
@@ -334,13 +335,13 @@ def _lead(run: Run) -> str:
         return ""
     found = identifiabilities(run.update, run.posterior)
     known, partly, kept, bound = (names_of(found, kind) for kind in (KNOWN, PARTLY, PRIOR, BOUND))
-    changed = [name for name in kept if name in _sizes_by_change(run)]
+    changed = [*names_of(found, DIAGNOSED), *(name for name in kept if name in _sizes_by_change(run))]
     kept = [name for name in kept if name not in changed]
     words = (
         f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_join_names(known)} and "
         f"{len(partly)} weakly{_join_names(partly)}; {len(kept)} {_keep(kept)} the prior{_join_names(kept)}"
     )
-    words += f"; of {', '.join(changed)} the change within the record gives the size" if changed else ""
+    words += f"; of {', '.join(changed)} the diagnosis gives the size, by a change within the record" if changed else ""
     words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} at a bound{_join_names(bound)}." if bound else "."
     converged = "" if run.posterior is None else " The sampler converged." if run.posterior.converged else (
         " The sampler did not converge.")
@@ -377,7 +378,8 @@ def _parameter_tile(update: UpdateRecord, posterior: Posterior | None, by_change
     found = identifiabilities(update, posterior)
     size = {kind: len(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)}
     changed = sum(name in by_change for name in names_of(found, PRIOR))
-    detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR] - changed} keep the prior"
+    size[PRIOR], changed = size[PRIOR] - changed, changed + len(names_of(found, DIAGNOSED))
+    detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR]} keep the prior"
     detail += f", {changed} by a change in the record" if changed else ""
     if size[BOUND]:
         detail += f", {size[BOUND]} pinned at a bound ({', '.join(names_of(found, BOUND))})"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,8 +15,12 @@ from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import MISSING, Column, Table, number, percent
 from probupdate.reporting.values import Run
+from probupdate.updating.joint_set import states_words
 from probupdate.updating.update_file import STEP
 
+# which of a run's values of a parameter to quote
+USE_THIS = ("Of the values that this run has of a parameter, quote this table's; the others (MAP, Eq. 7, single sets, "
+            "the diagnosis's extension) are there to check them.")
 # half of a 90 % interval in standard deviations
 NINETY = 1.645
 
@@ -63,6 +68,23 @@ def step_words(run: Run) -> str:
     return "" if run.update is None or changes_within(run) else run.update.settings.get(STEP, "")
 
 
+def selected_state_words(run: Run) -> str:
+    """Where frequencies step between the sets that pass every criterion, and which state those selected for the update
+    are of; empty where none does, or where the update is of other sets."""
+    if run.nine is None or run.modes is None or run.update is None or step_words(run) or changes_within(run):
+        return ""
+    chosen, set_id = [s.id for s in run.nine.sets], run.update.set_id
+    if set_id not in chosen and not set_id.endswith(f" of {len(chosen)} sets"):
+        return ""
+    sets = run.modes.sets
+    if run.selection is not None and len(run.selection) == len(sets):
+        failed = run.selection["criterion"].astype(object).fillna("")
+        sets = tuple(s for s, why in zip(sets, failed, strict=True) if not why)
+    known = {s.id for s in sets}
+    words = states_words(replace(run.modes, sets=sets, reference_set=None), [one for one in chosen if one in known])
+    return words.split(": ", 1)[-1] if len(sets) > 1 else ""
+
+
 def state_names(changes: Sequence[Mapping]) -> tuple[str, ...]:
     """The states of a record in the order of time: "until 08:10", "from 08:10 on"."""
     onsets = _onsets(changes)
@@ -101,13 +123,15 @@ def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
         if f["cause"] != OWN_PARAMETER:
             size = typeset(amount(f["size"], f.get("size_std"), f["unit"], f["cause"]))
             when = time_profile_words(f["time_profile"], f.get("since", ""))
-            rows.append((name_of(f), MISSING, "none", *(MISSING for _ in states[1:-1]), f"{size}, {when}", MISSING))
+            # the column's own heading need not stand in it again
+            size = size if when == states[-1] else f"{size}, {when}"
+            rows.append((name_of(f), MISSING, "none", *(MISSING for _ in states[1:-1]), size, MISSING))
     return Table(
-        caption="Parameters in each state, by the diagnosis", rows=tuple(rows), width="half",
+        caption="Parameters in each state, by the diagnosis", rows=tuple(rows),
         columns=(Column(name="parameter", unit="[unit]", number=False), Column(name="prior ± standard deviation"),
                  *(Column(name=name) for name in states), Column(name="change", unit="%")),
         note="In brackets 90 % intervals: before the change by the fit to all sets, after it by the update of the sets "
-             "from then on.")
+             f"from then on. {USE_THIS}")
 
 
 def _changes_by_state(changes: Sequence[Mapping], onsets: Sequence[str], n_state: int) -> np.ndarray:

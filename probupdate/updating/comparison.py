@@ -179,7 +179,8 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=unproven(update))
+    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=unproven(update),
+                                 description=parameter.description)
     if contraction < STRONG and identified == PARTLY:
         flags.append("its narrow interval rests on the stated standard deviations, which this fit does not confirm")
     sets = update.sets

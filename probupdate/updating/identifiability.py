@@ -16,6 +16,9 @@ from probupdate.updating.settings import CONSTANTS
 
 STRONG, BLIND = CONSTANTS.strong, CONSTANTS.blind
 KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
+# of a parameter whose prior is the size that a diagnosis found by a change within the record; the model's file says so
+# in its description
+DIAGNOSED = "known from the diagnosis"
 GAUSSIAN, DRAWS = "by the Gaussian approximation at the MAP", "by the posterior's draws"
 
 
@@ -39,7 +42,7 @@ def sampled_width(draws: np.ndarray, parameters: Parameters) -> np.ndarray:
     return np.std(draws, axis=0, ddof=1) / parameters.moments[1]
 
 
-def identifiability(width: float, *, at_bound: bool, unproven: bool) -> str:
+def identifiability(width: float, *, at_bound: bool, unproven: bool, description: str = "") -> str:
     """What the data say of a parameter, by its posterior's standard deviation over its prior's.
 
     One at a bound is said to be there whatever its width: the bound, not the data, may be what makes it narrow. Where
@@ -49,14 +52,16 @@ def identifiability(width: float, *, at_bound: bool, unproven: bool) -> str:
         return BOUND
     if width < STRONG:
         return PARTLY if unproven else KNOWN
-    return PARTLY if width <= BLIND else PRIOR
+    if width <= BLIND:
+        return PARTLY
+    return DIAGNOSED if DIAGNOSED in description else PRIOR
 
 
 def kinds_in_words(kinds: Mapping[str, str], basis: str) -> list[str]:
     """A line for each kind but the bound's (`kinds`: parameter -> kind), with the width that it is of: `GAUSSIAN` or
     `DRAWS`."""
     lines = []
-    for kind in (KNOWN, PARTLY, PRIOR):
+    for kind in (KNOWN, PARTLY, DIAGNOSED, PRIOR):
         names = [name for name, of in kinds.items() if of == kind]
         if names:
             lines.append(f"{kind}, {basis}: {', '.join(names)}")

@@ -262,7 +262,7 @@ def _information(record: UpdateRecord) -> list[str]:
 def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
     """Parameter -> what the data say of it by the Gaussian approximation at the MAP."""
     width = gaussian_width(record.map_covariance, record.parameters)
-    return {p.name: identifiability(w, at_bound=bool(b), unproven=unproven(record))
+    return {p.name: identifiability(w, at_bound=bool(b), unproven=unproven(record), description=p.description)
             for p, w, b in zip(record.parameters, width, record.map_at_bound, strict=True)}
 
 

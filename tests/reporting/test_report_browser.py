@@ -13,6 +13,8 @@ import pytest
 from browser import BROWSER, browser
 
 from probupdate.reporting import compose
+from probupdate.reporting.elements import Column, Items, Section, Table
+from probupdate.reporting.page import render
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no headless browser: install chromium")
 
@@ -141,6 +143,25 @@ def drawn(full_run, tmp_path_factory):
 def page(tmp_path_factory):
     with browser(tmp_path_factory.mktemp("profile")) as opened:
         yield opened
+
+
+@pytest.mark.parametrize("screen", [1000, 1200, 1600])
+@pytest.mark.parametrize("width", ["half", "full"])
+def test_no_table_of_the_verdict_covers_what_stands_beside_it(page, tmp_path, width, screen):
+    wide = Table(caption="In each state", columns=tuple(Column(name=f"from 2026-03-0{k}T09:00Z on") for k in range(6)),
+                 rows=(("165 000 (160 000 to 170 000)",) * 6,), width=width)
+    beside = Items(title="What not to rely on", statements=("a long sentence " * 40,), level="warning", width="half")
+    verdict = Section(anchor="verdict", title="Verdict", headline="found", items=(wide, beside, beside, wide), shown=3)
+    path = tmp_path / "page.html"
+    path.write_text(render([verdict], title="a run"), encoding="utf-8")
+    page.show(path, screen)
+    box, table, scrolls, *others = page.value("""(() => {
+      const at = (e) => { const r = e.getBoundingClientRect(); return [r.left, r.right, r.top, r.bottom]; };
+      const box = document.querySelector("#verdict > .flow > .tablebox"), table = box.querySelector("table");
+      return [at(box), at(table), getComputedStyle(box).overflowX === "auto",
+              ...[...document.querySelectorAll("#verdict > .flow > .items")].map(at)]; })()""")
+    right = box[1] if scrolls else max(box[1], table[1])
+    assert not any(a < right and b > box[0] and top < box[3] and bottom > box[2] for a, b, top, bottom in others)
 
 
 @pytest.mark.parametrize("width", [400, 800, 1400])

@@ -81,10 +81,12 @@ def test_what_to_do_does_not_send_a_size_that_was_found_into_an_update_that_leav
 
     def advice(at_bound: bool) -> str:
         after = {"parameters": [{"name": "py", "at_bound": True}, {"name": "leg_B_4", "at_bound": at_bound}]}
-        run = replace(full_run, diagnosis=content | {"extension": {"added": added, "after": after}})
+        extension = {"added": added, "after": after, "files": {"mean": "diagnosis.mean.json"}}
+        run = replace(full_run, diagnosis=content | {"extension": extension})
         return next(f.action for f in findings(run) if f.short.startswith("the diagnosis found"))
 
-    asked = "Update again with diagnosis.model.toml, which has the findings in it"
+    asked = ("Update again with diagnosis.model.toml, which has the findings in it, and the modes that belong to "
+             "it, diagnosis.mean.json")
     assert advice(False) == f"{asked}."
     assert advice(True) == f"{asked}; take the size found of leg_B_4, which the update of the mean leaves at a bound."
 

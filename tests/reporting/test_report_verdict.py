@@ -44,6 +44,32 @@ def sound(run):
     return replace(run, diagnosis=diagnosis, update=replace(run.update, map_misfit=float(run.update.n_effective)))
 
 
+@pytest.mark.parametrize("change", [0.95, 1.0])
+def test_selected_sets_that_are_all_before_a_step_are_said_to_be(sound, change):
+    chosen = {s.id for s in sound.nine.sets}
+    last = max(k for k, s in enumerate(sound.modes.sets) if s.id in chosen)
+    sets = tuple(replace(s, frequency_hz=s.frequency_hz * (change if k > last else 1.0))
+                 for k, s in enumerate(sound.modes.sets))
+    stepped = replace(sound, modes=replace(sound.modes, sets=sets))
+    words = [f.text for f in findings(stepped) if f.short == "the sets selected are of one state of two"]
+    assert len(words) == (change != 1.0) and all("of the state before" in text for text in words)
+    assert "one state of two" in verdict_section(stepped).headline or change == 1.0
+
+
+def test_a_finding_is_included_before_more_error_is_stated(run):
+    update = replace(run.update, map_misfit=6.25 * run.update.n_effective)
+    diagnosis = dict(run.diagnosis, verdict="ambiguous", extended_model="diagnosis.model.toml")
+    section = verdict_section(replace(run, update=update, diagnosis=diagnosis))
+    actions = next(i for i in section.items if getattr(i, "title", "") == "What to do").statements
+    included, stated = (next(k for k, text in enumerate(actions) if word in text) for word in (
+        "diagnosis.model.toml", "--discrepancy"))
+    assert included < stated and actions[stated].startswith("If it does not fit with the findings in it either")
+
+
+def test_the_table_says_which_of_several_values_to_quote(sound):
+    assert "quote this table's" in to_use(sound).note
+
+
 def alarming(run) -> list[str]:
     return [f.text for f in findings(run) if f.level == "warning"]
 

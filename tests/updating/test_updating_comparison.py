@@ -10,6 +10,7 @@ from updating_records import PARAMETERS, gaussian_draws, posterior_of, record
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
 from probupdate.updating.comparison import compare, read_comparison
+from probupdate.updating.identifiability import identifiability
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +121,12 @@ def test_the_prior_is_taken_as_its_bounds_cut_it():
     row = row_of(compare(update, draws), "a")
     assert row.prior_std == pytest.approx(0.794, abs=1e-3)
     assert row.contraction == pytest.approx(1.0, abs=0.02) and row.identified == "keeps its prior"
+
+
+@pytest.mark.parametrize(("width", "kind"), [(1.0, "known from the diagnosis"), (0.3, "strongly identified")])
+def test_a_prior_that_is_a_finding_is_said_to_be_known(width, kind):
+    description = "scour: monopile; known from the diagnosis as 1.02 m from block 10 of the record on"
+    assert identifiability(width, at_bound=False, unproven=False, description=description) == kind
 
 
 def test_a_parameter_at_its_bound_is_pinned_in_row_sentence_and_notes():
