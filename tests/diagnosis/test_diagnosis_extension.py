@@ -32,6 +32,7 @@ from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model, write_extended
 from probupdate.structure.load import load_model, reference_model
 from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.identifiability import DIAGNOSED
 from probupdate.updating.posterior_file import read_posterior
 
 
@@ -157,7 +158,8 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path, 
     found_here = describe_parameter(effect.adds, one, 0.05)
     model = load_model(write_extended(path, [found_here], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
-    assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
+    words = next(p.description for p in model.parameters if p.name == "brace_BC_2")
+    assert DIAGNOSED in words and "block 21" in words
     theta = np.array(model.parameters.initial)
     assert (theta[-1], model.parameters.items[-1].std) == (effect.adds.neutral - 0.6, 0.05)
     theta[-1] = effect.adds.neutral
@@ -330,7 +332,7 @@ def test_one_that_was_there_throughout_keeps_the_catalogues_prior():
                   r.adds.name == "brace_BC_2")
     constant = TimeProfile(kind="constant", value=np.ones(4))
     kept = describe_parameter(effect.adds, IncludedEffect(effect=effect, time_profile=constant, size=-0.6), 0.05)
-    assert (kept.initial, kept.std) == (None, effect.adds.std)
+    assert (kept.initial, kept.std) == (None, effect.adds.std) and DIAGNOSED not in kept.description
 
 
 def test_a_size_that_the_mean_tells_otherwise_is_said_with_both():
