@@ -40,8 +40,21 @@ def commands_by_group(about: dict[str, str]) -> str:
 class _Parser(argparse.ArgumentParser):
     """One line for a wrong option too; the usage stands in --help."""
 
+    given: Sequence[str] = ()
+
+    def parse_known_args(self, args=None, namespace=None):
+        self.given = tuple(args or ())
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        known = [option for action in self._actions for option in action.option_strings]
+        # what is missing is what a misspelt option most likely meant
+        missing = [k for k in known if k in message.replace(",", " ").split()]
+        words = [w.split("=")[0] for w in self.given if w.startswith("--")]
+        near = [m for w in words if not any(k.startswith(w) for k in known)
+                for m in get_close_matches(w, missing, n=1) or get_close_matches(w, known, n=1)]
+        meant = f"; did you mean {' '.join(near)}?" if near else ""
+        self.exit(2, f"{self.prog}: {message}{meant}; see {self.prog} --help\n")
 
 
 # keys of --json beyond those that every command has
@@ -81,7 +94,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="probupdate",
         description="Update a finite-element model from measured vibration, deterministically and as a\n"
-        "posterior, and compare the two. Each step reads and writes files: enter at any of them.",
+        "posterior, and compare the two. Each step reads and writes files: start at any step.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
@@ -112,10 +125,7 @@ def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     if unknown:
         (verbs,) = (action.choices for action in parser._actions if action.dest == "verb")
         verb = dict(verbs or {})[found.verb]
-        known = [option for action in verb._actions for option in action.option_strings]
-        near = [m for word in unknown for m in get_close_matches(word.split("=")[0], known, n=1)]
-        meant = f"; did you mean {' '.join(near)}?" if near else ""
-        verb.error(f"unknown: {' '.join(unknown)}{meant}")
+        verb.error(f"unknown: {' '.join(unknown)}")
     if getattr(found, "only", None) and found.modes is None:
         parser.error(f"--modes {','.join(found.only)}: names no file; give modes.json first, then labels of modes")
     return found

@@ -51,3 +51,9 @@ def test_an_unknown_option_is_the_commands_own_error(capsys):
         parse_arguments([*shlex.split(EXAMPLES["update"]), "--alpa", "3"])
     said = capsys.readouterr().err
     assert said == "probupdate update: unknown: --alpa 3; did you mean --alpha?; see probupdate update --help\n"
+
+
+def test_a_misspelt_required_option_is_suggested(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        parse_arguments(shlex.split(EXAMPLES["update"].replace("--model", "--modle")))
+    assert "required: --model; did you mean --model?; see" in capsys.readouterr().err
