@@ -83,23 +83,26 @@ def _words(problem: DiagnosisProblem, sensors: Sequence[Sensor]) -> tuple[Words,
         parts: tuple[str, ...] = ("",)
         if len(group) == 2:
             ways = [_direction(problem.predictor.axes[q][:, k], blocks.channels, sensors) for k in range(2)]
-            axes = (f"axis {k + 1}" if way is None else f"along {round(way) % 180} deg" for k, way in enumerate(ways))
-            parts = (*axes, "coupling")
+            if ways[0] == ways[1]:
+                ways = ["axis 1", "axis 2"]
+            parts = (*(way or f"axis {k + 1}" for k, way in enumerate(ways)), "coupling")
         result.append(Words(group=blocks.group_name(q), parts=parts))
     return tuple(result)
 
 
-def _direction(shape: np.ndarray, channels: Sequence[str], sensors: Sequence[Sensor]) -> float | None:
-    """Azimuth from the model's x, 0 to 180 deg, of the horizontal motion at the highest level; None if not known."""
+def _direction(shape: np.ndarray, channels: Sequence[str], sensors: Sequence[Sensor]) -> str | None:
+    """Azimuth from the model's x, 0 to 180 deg, of the motion at the highest level, or vertical; None if not known."""
     placed = [(s, channels.index(s.channel)) for s in sensors if s.channel in channels]
     if not placed:
         return None
     top = max(s.position_m[2] for s, _ in placed)
-    moved = sum((np.array(s.direction[:2]) * shape[k].real for s, k in placed if s.position_m[2] > top - 0.5),
-                np.zeros(2))
+    moved = sum((np.array(s.direction) * shape[k].real for s, k in placed if s.position_m[2] > top - 0.5),
+                np.zeros(3))
     if np.linalg.norm(moved) < 1e-3 * np.max(np.abs(shape)):
         return None
-    return float(np.degrees(np.arctan2(moved[1], moved[0])) % 180)
+    if abs(moved[2]) > np.linalg.norm(moved[:2]):
+        return "vertical"
+    return f"along {round(np.degrees(np.arctan2(moved[1], moved[0]))) % 180} deg"
 
 
 def _sensors(problem: DiagnosisProblem, sensors: Sequence[Sensor]) -> list[dict]:

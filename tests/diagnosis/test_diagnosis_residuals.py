@@ -156,6 +156,14 @@ def test_a_wrong_gain_stands_out_before_and_is_gone_after(prepared, record):
     assert len(json.dumps(found, allow_nan=False)) < 100_000
 
 
+def test_the_axes_of_a_pair_have_different_names(prepared, record):
+    outcome = examine(prepared, record(4))
+    for direction, names in (((0.0, 0.0, 1.0), {"along 0 deg", "vertical"}), ((1.0, 0.0, 0.0), {"axis 1", "axis 2"})):
+        sensors = [replace(s, direction=direction) if s.channel.startswith("y") else s for s in placed()]
+        series = residuals(outcome, sensors)["time"]["series"]
+        assert {n for n in names for s in series if n in s["name"]} == names
+
+
 def test_a_step_shows_along_the_record_and_with_no_covariate(prepared, record):
     found = residuals(examine(prepared, record(4, storey=2, factor=0.9, from_block=20)), placed())
     names = [s["name"] for s in found["time"]["series"]]
