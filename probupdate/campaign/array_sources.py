@@ -195,7 +195,8 @@ class _Members:
                 size, fortran, dtype = _skip_head(stream)
             held = archive.getinfo(member).file_size
             if not dtype.hasobject and not 0 <= held - dtype.itemsize * math.prod(map(int, size)) < 2**17:
-                raise InputError(f"{path}, {name}", "does not hold as many numbers as its head says", "save it again")
+                raise InputError(f"{path}, {name}", "holds another number of values than its header states",
+                                 "save it again")
             of_numbers = dtype.kind in "iuf" and len(size) <= 2
             (self.heads if of_numbers else self.words)[name] = size, dtype, fortran
 
@@ -216,7 +217,7 @@ class _Members:
                 _discard(stream, first * n_column * dtype.itemsize)
             content = stream.read(wanted)
         if len(content) != wanted:
-            raise InputError(f"{self.path}, {name}", "ends before the samples that its head promises", "save it again")
+            raise InputError(f"{self.path}, {name}", "is truncated: its header states more samples", "save it again")
         self.streams[name] = (last, stream)
         return np.frombuffer(content, dtype).reshape(-1, n_column).astype(float)
 
@@ -225,8 +226,8 @@ class _Members:
         if name not in self.loaded:
             size, dtype, _ = self.heads[name]
             if math.prod(size) * dtype.itemsize > LARGEST_WHOLE:
-                raise InputError(f"{self.path}, {name}", "lies channel by channel and is too large to be read whole "
-                                 f"({LARGEST_WHOLE // 2**20} MB)", "save a row a sample: numpy.ascontiguousarray of it")
+                raise InputError(f"{self.path}, {name}", "is stored channel by channel and too large to read at once "
+                                 f"({LARGEST_WHOLE // 2**20} MB)", "save it in row order with numpy.ascontiguousarray")
             with parsing(*self.said), self.archive.open(f"{name}.npy") as stream:
                 array = np.lib.format.read_array(stream, allow_pickle=False)
             self.loaded = {name: array.T if self.turned else array}

@@ -344,7 +344,7 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     if len(index) < span:
         found.append(f"{span - len(index)} of {span} SCADA rows are missing")
     if not len(index):
-        found.append("SCADA has a head and no rows")
+        found.append("SCADA has a header and no rows")
     doubled = campaign.scada.attrs.get("contradicted", 0)
     if doubled:
         found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a "

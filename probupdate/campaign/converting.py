@@ -339,7 +339,7 @@ class _Writer:
             with open_hdf5(path, "is there already and cannot be read", "move it away") as file:
                 mine = "data" in file and file["data"].attrs.get("source_key") == self.key
             if not mine:
-                raise InputError(str(path), "is there already and came of something else", "move it away")
+                raise InputError(str(path), "already exists and comes from another source", "move it away")
         with new_hdf5(path) as file:
             data = file.create_dataset("data", data=np.concatenate(self.rows))
             data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")

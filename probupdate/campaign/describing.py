@@ -53,7 +53,7 @@ def describe_records(raw: str | Path, out: str | Path) -> Translation:
     beside = out.with_name("convert.toml")
     for path in (out, beside):
         if path.exists():
-            raise InputError(str(path), "is there already", "name another --out, or move it away")
+            raise InputError(str(path), "already exists", "name another --out, or move it away")
     paths = _files(raw)
     kind = kind_of(paths[0])
     seen = _channels(kind, paths)

@@ -116,7 +116,7 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     if PurePosixPath(files).is_absolute() or ".." in PurePosixPath(files).parts or "\\" in files:
         raise InputError(f"{path}, files", f"'{files}' leaves the folder of the sources", "give a pattern below it")
     if described.time is None and described.start is None and described.start_pattern is None:
-        raise InputError(str(path), "says nothing of time", "add time (a column), start, or start_pattern")
+        raise InputError(str(path), "does not state the time", "add time (a column), start, or start_pattern")
     if described.start is not None and described.start_pattern is not None:
         raise InputError(str(path), "has both start and start_pattern", "keep one")
     for key in ("start_pattern", "join_pattern"):

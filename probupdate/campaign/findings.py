@@ -102,7 +102,7 @@ def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float)
         found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
     still = rows[(rows["still_s"] > 0) & ~rows["flat"]]
     if len(still):
-        found.append(f"{name} stands still for up to {still['still_s'].max():.1f} s in {len(still)} blocks, from "
+        found.append(f"{name} is constant for up to {still['still_s'].max():.1f} s in {len(still)} blocks, from "
                      f"{still['id'].iloc[0]} on")
     if spikes := int(rows["spikes"].sum()):
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
@@ -120,7 +120,7 @@ def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float)
     again, drawn = (float(rows[kind].mean()) for kind in ("repeated", "filled"))
     if again > 0:
         each = 1 / max(1 - again, 1e-9)
-        found.append(f"{name} repeats: {100 * again:.2g} % of its samples are the one before once more"
+        found.append(f"{name} repeats: {100 * again:.2g} % of its samples equal the one before"
                      + (f" (each value stands {each:.3g} times: a converter slower than the table, or a radio that "
                         "sends the last value again)" if again > 0.1 else "")
                      + ": only the first of each counts as measured")

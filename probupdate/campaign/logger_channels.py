@@ -114,7 +114,7 @@ def read_on_one_clock(
             for r in _join_segments(name, segments, steps[name] * rate_hz, d.overrule, notes)]
     recordings = _recordings(runs, steps, rate_hz)
     if not own_start and len(recordings) > 1:
-        raise InputError(where, "has gaps, which its own times place", f'write time = "{OWN_TIME}" in convert.toml')
+        raise InputError(where, "has gaps that its own times locate", f'write time = "{OWN_TIME}" in convert.toml')
     placed = [_place_runs(where, recording, steps, rate_hz, d, notes) for recording in recordings]
     for name, step in steps.items():
         if step > 1:
@@ -154,7 +154,7 @@ def _row_by_row(times: Callable[[int, int], object], chosen: Sequence[LoggerChan
     for c in chosen:
         if len(c.segments) != 1 or c.segments[0].size != size:
             raise InputError(f"{c.segments[0].path}, {c.name}", f"has {c.segments[0].size} samples for {size} times",
-                             "its rate is another one: leave the channel out, or name the channel of its own times")
+                             "its sampling rate differs: leave the channel out, or name the channel of its own times")
     for first in range(0, size, PIECE):
         last = min(first + PIECE, size)
         yield times(first, last), np.column_stack([c.segments[0].values(first, last) for c in chosen])
@@ -195,7 +195,7 @@ def _even(name: str, segment: Segment, d: Description, rate_hz: float) -> Iterat
         off = np.abs(moments[a:b] - moments[a] - np.arange(b - a) * 1e9 / rate).max() * rate / 1e9
         if off > OFFSET and "offset" not in d.overrule:
             raise InputError(f"{segment.path}, {name}", f"its times are uneven by {off:.2g} samples and not those of "
-                             "the other channels", "export them on one raster: nothing is interpolated here")
+                             "the other channels", "export them at common sample times: nothing is interpolated")
         yield Segment(path=segment.path, size=int(b - a), rate_hz=rate, start_ns=int(moments[a]),
                       values=lambda i, j, a=a: segment.values(a + i, a + j))
 

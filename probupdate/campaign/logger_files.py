@@ -33,7 +33,7 @@ def _library(name: str, path: Path, kind: str, extra: str) -> ModuleType:
 
 def _refuse_large(path: Path, n_value: int) -> None:
     if 8 * n_value > LARGEST_WHOLE:
-        raise InputError(str(path), f"holds {n_value} samples, which are read whole",
+        raise InputError(str(path), f"holds {n_value} samples, too many to read at once",
                          "export it in parts, such as hours")
 
 
@@ -248,7 +248,7 @@ def _sac(path: Path) -> tuple[str, ChannelStatement, Segment]:
             file.seek(SAC_HEAD + 4 * n_sample)
             delta, begins = np.frombuffer(file.read(16), f"{order}f8").tolist()
     if not 1e-9 < delta < 1e9 or not np.isfinite(begins):
-        raise InputError(str(path), f"its step is {delta:g} s, its first time {begins:g} s", "export it again")
+        raise InputError(str(path), f"invalid time step ({delta:g} s) or start ({begins:g} s)", "export it again")
     text = [head[at: at + 8].decode("ascii", "replace").strip(" \0") for at in (608, 440, 464, 600)]
     name = ".".join("" if t == str(SAC_NONE) else t for t in text).strip(".") or path.stem
     samples = np.memmap(path, f"{order}f4", "r", SAC_HEAD, (n_sample,))
@@ -269,7 +269,7 @@ def _sac_start(path: Path, date: np.ndarray, begins: float) -> int | None:
     clock = [0 if v == SAC_NONE else v for v in (hour, minute, second, ms)]
     if not (1900 <= year < 2200 and 1 <= day <= 366 and 0 <= clock[0] < 24 and 0 <= clock[1] < 60
             and 0 <= clock[2] <= 60 and 0 <= clock[3] < 1000):
-        raise InputError(str(path), f"its start, day {day} of {year} at {clock}, is not a time", "correct its head")
+        raise InputError(str(path), f"its start, day {day} of {year} at {clock}, is not a time", "correct its header")
     zero = int(pd.Timestamp(year=year, month=1, day=1).as_unit("ns").value) + (day - 1) * 86400 * 10**9
     return zero + ((clock[0] * 60 + clock[1]) * 60 + clock[2]) * 10**9 + clock[3] * 10**6 + round(begins * 1e9)
 

@@ -217,12 +217,12 @@ def _refuse_units(where: str, blocks: Sequence[BlockOfPoles], described: PoleDes
     damping = damping[np.isfinite(damping)]
     if len(damping) and described.damping_unit != "%" and (
             np.abs(damping).max() > 1 or np.median(np.abs(damping)) > HIGH_RATIO):
-        raise InputError(f"{where}, damping", f"half of the poles have a ratio above {np.median(np.abs(damping)):.3g}, "
+        raise InputError(f"{where}, damping", f"the median damping ratio is {np.median(np.abs(damping)):.3g}, "
                          f"the largest {np.abs(damping).max():.3g}, of critical damping", 'write damping_unit = "%" '
                          "where it is in per cent")
     if len(damping) and described.damping_unit == "%" and 0 < np.median(np.abs(damping)) < LOW_RATIO:
-        raise InputError(f"{where}, damping", f"half of the poles have less than "
-                         f"{100 * np.median(np.abs(damping)):.2g} %, as no structure has",
+        raise InputError(f"{where}, damping", f"the median damping ratio, "
+                         f"{100 * np.median(np.abs(damping)):.2g} %, is too low for a structure",
                          'write damping_unit = "ratio" where it is a share of critical')
     highest = max(b.frequency_hz.max(initial=0.0) for b in blocks)
     if head is not None and highest > head.sampling_rate_hz / 2 * (1 + 1e-6):

@@ -37,7 +37,7 @@ class Band:
         """(lowest, highest) at a sampling rate; InputError where nothing lies between."""
         highest = 0.4 * rate_hz if self.highest_hz is None else self.highest_hz
         if not 0 < self.lowest_hz < highest <= 0.4 * rate_hz * (1 + 1e-12):
-            raise InputError("band", f"{self.lowest_hz:g} to {highest:g} Hz is none of a record at {rate_hz:g} Hz",
+            raise InputError("band", f"{self.lowest_hz:g} to {highest:g} Hz is no band of a {rate_hz:g} Hz record",
                              f"give limits between 0 and {0.4 * rate_hz:g} Hz, the lower one first")
         return self.lowest_hz, highest
 
@@ -62,7 +62,7 @@ def convert_quantity(block: Block, sensors: tuple[Sensor, ...], quantity: str, *
     low, high = (band or Band()).limits(block.sampling_rate_hz)
     if len(block.data) < 10 * block.sampling_rate_hz / low:
         raise InputError(f"block {block.id}", f"is shorter than ten periods of {low:g} Hz, the band's lower limit",
-                         "convert between a higher limit, or take longer blocks")
+                         "raise the lower limit of the band, or use longer blocks")
     whole, left = fill_short_gaps(block.data, round(LONGEST_BREAK_S * block.sampling_rate_hz))
     data = differentiate(whole, block.sampling_rate_hz, times, (low, high))
     changed = ", ".join(s.channel for s, k in zip(sensors, times, strict=True) if k)

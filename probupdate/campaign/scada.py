@@ -68,7 +68,7 @@ def read_scada(
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
     path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
-    with parsing(str(path), "not a table", "write comma-separated columns with a head"):
+    with parsing(str(path), "not a table", "write comma-separated columns with a header"):
         table = pd.read_csv(path, encoding="utf-8", dtype={"time": str}, low_memory=False)
     if "time" not in table:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
@@ -83,7 +83,7 @@ def read_scada(
         wrong = pd.to_datetime(table["time"], utc=True, format="ISO8601", errors="coerce").isna()
         row = int(np.argmax(wrong))
         raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is not a time",
-                         "write ISO 8601, UTC; a row may have more cells than the head") from error
+                         "write ISO 8601, UTC; a row may have more cells than the header") from error
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
     absurd = (time < EARLIEST) | (time > LATEST)

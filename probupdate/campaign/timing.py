@@ -118,7 +118,7 @@ class Clock:
         if self.cuts:
             said.append(f"{self.cuts} gaps longer than {self.described.fill_seconds:g} s, each begins another file")
         if self.shifts:
-            said.append(f"its clock and the stated rate part by a sample {self.shifts} times; a file begins at each")
+            said.append(f"its clock and the stated rate drift by one sample {self.shifts} times; a file begins at each")
         if self.uneven > UNEVEN_SAID:
             said.append(f"its steps are uneven by {self.uneven:.2f} samples (standard deviation); "
                         "rows were put at equal steps")
@@ -152,7 +152,7 @@ class Clock:
                 raise _missing_zone(where, described)
             wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit
             if wrong.any():
-                first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is in no century of ours"
+                first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is not a plausible date"
                 raise InputError(where, first, "check time_unit, or drop the row")
             seconds = (value - origin) * unit
             whole = np.floor(seconds)
@@ -177,7 +177,7 @@ class Clock:
         try:
             index = index.as_unit("ns")
         except ValueError as error:
-            raise InputError(where, f"is in no century of ours ({str(error).splitlines()[0]})",
+            raise InputError(where, f"is not a plausible date ({str(error).splitlines()[0]})",
                              "drop the row or correct its time") from None
         if index.tz is None:
             if self.described.zone is None:

@@ -138,7 +138,7 @@ def _resolve_system(path: Path, number: int, written: Mapping, scale: float, dep
     if other == 0:
         return System(kind=kind, axes=axes, origin=origin * scale)
     if other not in written or depth > DEEPEST:
-        raise InputError(f"{path}, coordinate system {number}", f"refers to {other}, which leads nowhere",
+        raise InputError(f"{path}, coordinate system {number}", f"refers to {other}, which cannot be resolved",
                          "export the systems that it refers to")
     base = _resolve_system(path, other, written, scale, depth + 1)
     if base.kind != CARTESIAN:

@@ -189,7 +189,7 @@ def _project_on_sensors(path: Path, places: Mapping[int, np.ndarray], sensors: S
     if not places:
         raise InputError(
             str(path),
-            "says of no node where it is (dataset 15 or 2411)",
+            "has no node coordinates (dataset 15 or 2411)",
             "export the nodes too, or read it without sensors",
         )
     numbers, at = list(places), np.array(list(places.values()))
@@ -229,7 +229,7 @@ def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path
         if np.abs(directions @ back - np.eye(len(own))).max() > 1e-6:
             raise InputError(
                 f"{path}, {chosen[own[0]].channel}",
-                "and others of its place look one way: a node has three components",
+                "and others at its place are not independent: a node has three components",
                 "leave one of them out",
             )
     datasets, notes = [_node_dataset(pyuff, places)], []
@@ -285,7 +285,7 @@ def read_uff_records(path: str | Path) -> UffRecords:
     for k, d in enumerate(records, 1):
         where = f"{path}, record {k}"
         if whole_of(d.get("abscissa_spacing", 0), where, "abscissa spacing") != 1:
-            raise InputError(where, "has a time for every sample of its own (uneven spacing)", "export even spacing")
+            raise InputError(where, "is not sampled at equal time steps (uneven spacing)", "export even spacing")
         step = number_of(d.get("abscissa_inc", 0), where, "time step")
         if not 1e-9 < step < 1e9:
             raise InputError(where, f"its time step is {step:g} s", "give seconds")
@@ -306,7 +306,7 @@ def read_uff_records(path: str | Path) -> UffRecords:
                 f"{path}, record {k}",
                 f"has {n} samples every {other:g} s from {start:g} s, the first {size} "
                 f"every {step:g} s from {first:g} s",
-                "write records of one clock into one file",
+                "write only records of equal start, rate and length into one file",
             )
     return UffRecords(
         names=tuple(names),
@@ -356,7 +356,7 @@ def write_uff_records(
         if not np.all(np.isfinite(data[:, k])):
             raise InputError(
                 f"{path}, {s.channel}",
-                f"has {int(np.sum(~np.isfinite(data[:, k])))} lost samples, for which a universal file has no word",
+                f"has {int(np.sum(~np.isfinite(data[:, k])))} lost samples, which a universal file cannot mark",
                 "write blocks without gaps",
             )
         datasets.append(

@@ -79,7 +79,7 @@ def records_to_universal(source: str | Path, out: str | Path, *, progress: Progr
             continue
         path = folder / f"{block.id.replace(':', '').replace('-', '')}.uff"
         if path.exists():
-            raise InputError(str(path), "is there already", "name a new folder")
+            raise InputError(str(path), "already exists", "name a new folder")
         files.append(write_uff_records(block.data, block.sampling_rate_hz, chosen, path, start=block.start.isoformat()))
     progress("writing universal files", total, total)
     if not files:

@@ -59,7 +59,7 @@ def add_commands(verb: AddCommand) -> None:
                         "one of a sensor")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=2,
                    help="processes (default 2: steps that do not need one another side by side; about two minutes on "
-                        "two idle cores; the bytes do not depend on it)")
+                        "two idle cores; the results do not depend on it)")
     add_seed_option(p)
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
@@ -67,7 +67,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--model", help="model.toml whose geometry is built again (default: the updated reference turbine)")
     p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
-    p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the files do not depend on it")
     add_seed_option(p)
 
     p = verb("template", run_template, "a model to fill in, that runs as it is: a turbine on a monopile or a jacket, a "

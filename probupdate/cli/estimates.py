@@ -51,7 +51,9 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
 def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None:
     """What was written stands, for whoever wants to see it; but there is a mistake in what was given."""
     if suspected:
-        raise InputError(f"{a.modes}, set {set_id}", f"shapes are not the model's; {suspected}",
+        from probupdate.modal.modes import set_words
+
+        raise InputError(f"{a.modes}, {set_words(set_id)}", f"shapes are not the model's; {suspected}",
                          f"{a.out} holds the result of the data as they stand")
 
 
@@ -139,7 +141,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     add_seed_option(p)
 
-    p = verb("compare", run_compare, "where update and posterior part, and why; or two runs")
+    p = verb("compare", run_compare, "where update and posterior differ, and why; or two runs")
     p.add_argument("update", metavar="UPDATE|RUN", help="update.json of `update`, or the directory of a run")
     p.add_argument("posterior", metavar="POSTERIOR|RUN",
                    help="posterior.nc of `sample`, of the same model, set and weights, or the directory of another run")

@@ -67,9 +67,9 @@ def discrepancy_option(text: str) -> float | str:
     try:
         share = 0.0 if float(text) == 0 else positive(float)(text)
     except (ValueError, argparse.ArgumentTypeError):
-        raise argparse.ArgumentTypeError(f"{text} is neither a share of zero or above nor auto") from None
+        raise argparse.ArgumentTypeError(f"{text} is neither a share of zero or more nor auto") from None
     if share >= 1:
-        raise argparse.ArgumentTypeError(f"{text} is the whole frequency and more; a share is meant: {share / 100:g} "
+        raise argparse.ArgumentTypeError(f"{text} is 100 % of the frequency or more; write {share / 100:g} "
                                          f"for {share:g} %")
     return share
 

@@ -33,7 +33,7 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
 
     several = len(a.campaign) > 1
     if several and a.out:
-        raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
+        raise InputError("--out", "takes one campaign", "check each setup with --out, and all of them without")
     results = [probupdate.check(campaign, a.model, parameters=a.parameters, progress=progress)
                for campaign in a.campaign]
     if not several:
@@ -144,12 +144,12 @@ def _add_records(verb: AddCommand) -> None:
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
                    "several: setups of one structure, whose references are compared too")
-    add_model_option(p, required=False, without="; then signs, axes and order of the channels are held against it")
+    add_model_option(p, required=False, without="; then signs, axes and order of the channels are checked against it")
     p.add_argument("--out", help="write the findings as JSON too")
 
 
 def _add_poles(verb: AddCommand) -> None:
-    p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
+    p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with why it was kept or not")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
     add_model_option(p, required=False, without="; without, poles that come back are numbered")
@@ -163,7 +163,7 @@ def _add_poles(verb: AddCommand) -> None:
                    "does: all jobs write into one OUT.blocks; given again when all blocks are there, their standard "
                    "deviations; then without --shard, which writes OUT")
     p.add_argument("--order", type=positive(int, "order"),
-                   help="model order (default: proposed from the record and said; "
+                   help="model order (default: proposed from the record and printed; "
                    "the paper's 20 with a model of members whose modes lie below 2.5 Hz)")
     p.add_argument("--block-rows", type=positive(int, "block rows"),
                    help="block rows of the Toeplitz matrix (default: as with --order; the paper's are 30)")
@@ -193,9 +193,8 @@ def _add_modes(verb: AddCommand) -> None:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
-    p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
-                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are "
-                   "identified")
+    p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="criteria: Table 1 "
+                   "(default), or without those of rotor and nacelle, only that the modes are identified")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
                    "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--std-from", choices=("campaign", "identification"), default="campaign",

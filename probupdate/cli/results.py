@@ -70,7 +70,7 @@ def run_report(a: argparse.Namespace, progress: Progress) -> None:
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
     p = verb("diagnose", run_diagnose,
-             "what the simulation or the measurement gets wrong: cause, place, size, and what would not be seen")
+             "what the simulation or the measurement gets wrong: cause, place, size, and what would go undetected")
     p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     modes_option(p, "modes.json of `identify`: a set a block")
@@ -80,8 +80,8 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--shapes", choices=("all", "none"), default="all", help="none: frequencies alone (all)")
     for kind, of in (("frequency", "each frequency"), ("shape", "a shape's largest component")):
         p.add_argument(f"--{kind}-std", type=positive(float, "share"), metavar="SHARE",
-                       help=f"standard deviation where modes.json states none, as a share of {of}; from eight sets on "
-                       "their own scatter says it")
+                       help=f"standard deviation where modes.json states none, as a share of {of}; with eight sets or "
+                       "more their scatter is used")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--discrepancy", type=positive(float, "share"), metavar="SHARE",
                    help="what the model may miss of every frequency, shapes in proportion (0.003); larger where "
@@ -90,7 +90,7 @@ def add_commands(verb: AddCommand) -> None:
                    help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
                    "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
-                   "(40 s for a turbine); the command that samples it is said instead")
+                   "(40 s for a turbine); the command that samples it is printed instead")
     add_worker_option(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do "
                       "not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")

@@ -112,7 +112,7 @@ class Blocks:
     def little_known(self, columns: Sequence[str]) -> list[str]:
         """What to say of those that only a part of the blocks shows."""
         shares = {name: np.mean(np.isfinite(self.numbers(name))) for name in columns}
-        return [f"{name} is stated in {share:.0%} of the blocks: nothing that follows it is looked for"
+        return [f"{name} is stated in {share:.0%} of the blocks: effects that follow it are not searched"
                 for name, share in shares.items() if 0 < share < KNOWN_SHARE]
 
     def rarely_whole(self) -> list[str]:
@@ -123,7 +123,7 @@ class Blocks:
             lost = one & ~self.present[:, q]
             if np.sum(lost) > RARELY * np.sum(one):
                 said.append(f"modes {self.group_name(q)}: of {int(np.sum(one))} sets that have one of the two, "
-                            f"{int(np.sum(lost))} lack the other and say nothing of either (the last: "
+                            f"{int(np.sum(lost))} lack the other and inform neither (the last: "
                             f"{self.ids[int(np.flatnonzero(lost)[-1])]})")
         return said
 
@@ -248,8 +248,8 @@ def find_unmatched_modes(data: ModalData) -> list[ModeRecord]:
 
 
 def unmatched_words(r: ModeRecord) -> str:
-    return (f"{mode_words(r)}, is none of the model's and is not compared: the verdict does not cover what the model "
-            "lacks there (a member, a tuned mass, a machine)")
+    return (f"{mode_words(r)}, has no counterpart in the model and is not compared: the verdict does not cover what "
+            "the model lacks there (a member, a tuned mass, a machine)")
 
 
 def mode_words(r: ModeRecord) -> str:
@@ -292,9 +292,8 @@ def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str
         notes.append(f"{plural(len(zero), 'set')} with a standard deviation of zero ({', '.join(zero[:3])}"
                      f"{', ...' * (len(zero) > 3)}): taken as not known; write what it is, or null")
     if few:
-        who = "1 set says nothing of its" if len(sets) == 1 else f"{len(sets)} sets say nothing of their"
-        notes.append(f"{who} own scatter: the "
-                     "standard deviations stated are taken as they are, with no check")
+        who = "1 set shows" if len(sets) == 1 else f"{len(sets)} sets show"
+        notes.append(f"{who} too little scatter to check the stated standard deviations, which are taken as they are")
     return sets, few, notes
 
 
@@ -307,7 +306,7 @@ def _order_by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray
         whose = "the sets' ids are not times" if len(other) == len(sets) else (
             f"of {len(sets)} ids {len(other)} {'is not a time' if len(other) == 1 else 'are not times'} "
             f"({', '.join(map(repr, other[:3]))}{', ...' if len(other) > 3 else ''}; correct to use the times)")
-        notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order, so that no rhythm of a day "
+        notes.append(f"{whose}: all sets are taken as an hour apart, in the file's order, so that no daily cycle "
                      "is recognised: give each the time of its start, 2026-03-01T10:00Z")
         hours = np.arange(len(sets), dtype=float)
     order = np.argsort(hours, kind="stable")
@@ -341,7 +340,7 @@ def _used_channels(
     left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
             enumerate(zip(channels, seen.mean(axis=0), strict=True)) if k not in kept] if len(seen) else []
     if left:
-        notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
+        notes.append(f"channels left out, so that blocks without them can be used: {', '.join(left)}")
     short = int(np.sum(~seen[:, kept].all(axis=1)))
     if short:
         notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")

@@ -87,12 +87,12 @@ NOTED_STD, UNCERTAIN_STD = 3.0, 2.0
 FARTHEST = 6.0
 # share of days with a larger wave of the temperature, below which it is said
 ODD_DAY = 0.05
-NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
+NOT_TESTED = ("too few effects span the residuals' directions: of the residuals only the mean frequencies were "
               "tested")
 NOT_SETTLED = "the fit did not converge: the residuals are too large for the model to follow"
 NO_PLACES = ("where the sensors are is not known: rotations, clocks, filters and the sampling rate were not looked "
              "for; give node_position_m, dof_node and dof_direction in the model, or --campaign")
-ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they carry no information"
+ALIKE_SHAPES = "measured shapes of modes that the model distinguishes are the same, so that they carry no information"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -255,8 +255,8 @@ def _fitted_null(problem: DiagnosisProblem, theta: np.ndarray) -> Fit:
     null = fit(problem, theta)
     n, say = len(problem.blocks), int(np.count_nonzero(np.any(null.design.noise.weight, axis=0)))
     if say < (1 if problem.blocks.few else min(FEWEST, n // 2)):
-        raise InputError("modes", f"{n - say} of {n} sets say nothing, as of each group of modes one is missing or as "
-                         "good as another: too little is left that can be compared",
+        raise InputError("modes", f"{n - say} of {n} sets carry no information: in each group of modes one is missing "
+                         "or not distinguishable; too little is left to compare",
                          "identify both modes of each pair, or give frequencies without shapes")
     return null
 
@@ -280,9 +280,9 @@ def _scale_discrepancy(problem: DiagnosisProblem, frequencies: float, shapes: fl
         std * factor for std, factor in zip(problem.discrepancy_std, error_factors(problem, frequencies, shapes),
                                             strict=True)))
     times = f"{shapes:g}" if frequencies == shapes else f"{frequencies:g} and {shapes:g}"
-    note = (f"what the model leaves out is taken {times} times as large as "
-            f"{'usual' if problem.discrepancy_scale == 1 else 'stated'} ({error_words(stated_error(scaled))}): so the "
-            "measured modes are most probable")
+    note = (f"the model discrepancy is taken {times} times as large as "
+            f"{'usual' if problem.discrepancy_scale == 1 else 'stated'} ({error_words(stated_error(scaled))}): this "
+            "makes the measured modes most probable")
     return replace(scaled, blocks=replace(problem.blocks, notes=(*problem.blocks.notes, note)))
 
 
@@ -431,9 +431,9 @@ def _missing_numbers_note(problem: DiagnosisProblem) -> list[str]:
     ids, since = problem.blocks.ids, best < n - 1
     when = f"since {ids[at[best]]}" if since else f"before {ids[at[best - n + 1]]}"
     side, silent = int(sides[0][best]), int(sides[1][best])
-    return [f"{when} {silent} of {side} sets have modes and say nothing, as of each group one is missing or as good as "
-            f"another; of the others {total - silent} of {n - side}: a sensor or the structure may have changed; look "
-            "at the levels of the channels before and since"]
+    return [f"{when} {silent} of {side} sets have modes but no information: in each group of modes one is missing or "
+            f"not distinguishable; of the others {total - silent} of {n - side}: a sensor or the structure may have "
+            "changed; look at the levels of the channels before and since"]
 
 
 def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
@@ -443,8 +443,8 @@ def _strays(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
         ids = [problem.blocks.ids[k] for k in np.flatnonzero(stray)]
         if ids:
             result.append(f"modes {problem.blocks.group_name(q)}: {plural(len(ids), 'set')} far from both neighbours, "
-                          f"as where another mode was identified, {'counts' if len(ids) == 1 else 'count'} for next to "
-                          f"nothing ({', '.join(ids[:3])}{', ...' * (len(ids) > 3)})")
+                          f"as where another mode was identified, {'has' if len(ids) == 1 else 'have'} almost no "
+                          f"weight ({', '.join(ids[:3])}{', ...' * (len(ids) > 3)})")
     return result
 
 
@@ -589,9 +589,9 @@ def _threshold_note(found: Search) -> list[str]:
     """What to say where scores need a threshold beyond sense."""
     if not found.beyond_sense:
         return []
-    return [f"the threshold |z| = {found.threshold:.0f} is beyond what {len(found.z)} candidates can need: what is not "
-            "known of the model moves these modes by more than the linear equations hold for, so that the record shows "
-            "nothing either way; give the parameters a narrower prior, or leave out modes that nearly meet"]
+    return [f"the threshold |z| = {found.threshold:.0f} is too high for {len(found.z)} candidates: the uncertainty of "
+            "the model moves these modes beyond the linear range, so that the record is "
+            "inconclusive; give the parameters a narrower prior, or leave out modes that nearly meet"]
 
 
 def _tolerances_noted(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
@@ -612,8 +612,8 @@ def _tolerances_noted(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
 
 def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
     """Sizes that the fit left short of where its equations point, by a standard deviation that counts."""
-    return [f"{n.effect.name}: the fit of its size leads no farther down, though its equations would by {short:.2g} "
-            f"{n.effect.unit}; the interval counts it"
+    return [f"{n.effect.name}: the fit of its size stopped {short:.2g} {n.effect.unit} short of its linear solution; "
+            "the interval includes that"
             for n, short, std in zip(fitted.included, fitted.short, sizes_std, strict=True)
             if short > 0.5 * std > 0]
 

@@ -115,7 +115,7 @@ def _difference_words(p: Mapping, laplace: Mapping) -> str:
     """Where the chain parts from Laplace by more than its own error, by how much; else nothing."""
     effective = p["effective_draws"]
     if not (np.isfinite(effective) and effective > 1 and p["std"] > 0):
-        return f"{p['name']}: the chain says nothing of it, as its walkers did not move"
+        return f"{p['name']}: not sampled, as its walkers did not move"
     shift, ratio = (p["mean"] - laplace["map"]) / p["std"], p["std"] / laplace["std"]
     words = []
     if abs(shift) > max(APART, ERRORS / np.sqrt(effective)):

@@ -236,7 +236,7 @@ def _finding_gain(
     """Of one finding, from a fit without it to one with it, each with its errors at sensors that took no part."""
     (old, before), (new, after) = without, with_it
     if old is None or new is None:
-        return {"statement": "gain not measured: the model with the effects up to this one alone does not settle"}
+        return {"statement": "gain not measured: the model with the effects up to this one alone did not converge"}
     solution = measures(problem, old, new, noise=noise)
     solution["heldout_sensors"] = [
         {"level": level, "channels": list(own), "rms_error_before": before[level][0],

@@ -227,7 +227,7 @@ class Design:
                                   self.prior_std, self.n_unknown * np.finfo(float).eps)
         except np.linalg.LinAlgError:
             raise ConvergenceError(
-                "the record's information on the unknowns is singular: the fit has left where modes can be "
+                "the information matrix of the unknowns is singular: the fit moved to where modes cannot be "
                 "distinguished",
                 np.empty(0),
             ) from None

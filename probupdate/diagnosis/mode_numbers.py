@@ -22,7 +22,7 @@ from probupdate.runtime.arrays import frozen_array
 INDEPENDENCE = 0.5
 # modes whose ln f differ by less are equal but for rounding
 EQUAL = 1e-9
-ACROSS = "a mode of the model lies across the measured one that it is paired with"
+ACROSS = "a mode shape of the model is orthogonal to the measured one that it is paired with"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -87,7 +87,7 @@ def prepare(
     # matrices have their own channels only: what is stated of sensors says where these are
     model = load_model(path, parameters=parameters, sensors=None if of_matrices else sensors)
     if not len(model.parameters):
-        raise InputError(model.name, "has no parameters, so that nothing says what of it is uncertain",
+        raise InputError(model.name, "has no parameters, so that its uncertainty is not stated",
                          "list at least one [[parameter]] in its TOML")
     felt = felt or {}
     if of_matrices and (felt or sensors is not None):
@@ -96,7 +96,7 @@ def prepare(
     own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
     if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
         if added:
-            raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} takes none of",
+            raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} cannot hold",
                              "name parameters that the model has (`parts`), or export it as model.toml")
         return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)

@@ -217,8 +217,8 @@ class DiagnosisProblem:
             return [*blocks.notes]
         names = [blocks.group_name(q) for q, pattern in enumerate(self.stated)
                  if pattern is None and np.sum(stating & blocks.present[:, q]) >= len(blocks) / 3]
-        otherwise = [f"modes {', '.join(names)}: sets scatter otherwise than the standard deviations stated say, in "
-                     "more than a common factor; how they scatter counts"] if names else []
+        otherwise = [f"modes {', '.join(names)}: the scatter of the sets does not match the stated standard "
+                     "deviations, by more than a common factor; the scatter is used"] if names else []
         return [*blocks.notes, *otherwise]
 
     def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
@@ -265,11 +265,11 @@ def diagnosis_problem(
         notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and "
                      "from day to day do to the stiffness is normal, whatever they were; with that column it is tested")
     if prepared.small.turns and not blocks.headings_known:
-        notes.append("no set says where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
-                     "looked elsewhere, what turning it does to the modes is taken for something else")
+        notes.append("no set states the nacelle's heading (nacelle_angle_deg): taken as in the model; where it "
+                     "differed, its effect on the modes is put down to other causes")
     scale = 1.0 if prepared.discrepancy is None else prepared.discrepancy / DISCREPANCY_LOG
     if prepared.discrepancy is not None:
-        notes.append(f"what the model leaves out is taken as stated: {100 * prepared.discrepancy:.2g} % of a "
+        notes.append(f"model discrepancy as stated: {100 * prepared.discrepancy:.2g} % of a "
                      f"frequency, {100 * scale * DISCREPANCY_SHAPE:.2g} % of a shape's largest component "
                      f"({100 * DISCREPANCY_LOG:.2g} % and {100 * DISCREPANCY_SHAPE:.2g} % are usual)")
     if factor := common_factor_words(-np.log(ratios), COMMON_FACTOR):

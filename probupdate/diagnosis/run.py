@@ -64,8 +64,8 @@ class ModelSource:
 
     def __post_init__(self):
         if self.discrepancy is not None and not 0 < self.discrepancy < 1:
-            raise InputError("discrepancy", f"{self.discrepancy:g} is no share of a frequency above zero",
-                             "give what the model may miss of every frequency, such as 0.005")
+            raise InputError("discrepancy", f"{self.discrepancy:g} is not a share of a frequency above zero",
+                             "give the model discrepancy of every frequency, such as 0.005")
 
     def prepared(self, sensors: tuple[Sensor, ...] | None, data: ModalData, progress: Progress) -> Prepared:
         """With what the modal sets state of gravity. Raises InputError where the model has no matrices."""
@@ -86,8 +86,8 @@ class ModelSource:
         for name, value in (("parameters", self.parameters), ("groups", self.groups), ("effects", own),
                             ("discrepancy", self.discrepancy)):
             if value:
-                raise InputError("diagnose", f"{name} given, but no model to go with",
-                                 "give --model, or leave it")
+                raise InputError("diagnose", f"{name} is given without a model",
+                                 f"give --model, or leave {name} out")
 
 
 def diagnose_files(
@@ -160,8 +160,8 @@ def _whole(
     few = outcome.problem.blocks.few
     able = extended and bool(found.findings)
     if able and few:
-        found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
-                                      "measured, and the model was not extended"))
+        found = replace(found, notes=(*found.notes, "too few sets to hold any out: the predictive gain was not "
+                                      "computed, and the model was not extended"))
     able = able and not few and bool(outcome.fitted.included)
     if able:
         found = _with_gains(found, gains(prepared, outcome, runs=runs, progress=progress))
@@ -238,6 +238,6 @@ def read_groups(path: str | Path) -> dict[str, dict[str, float]]:
                              "write [name] k_1 = 0.1")
         far = next((f"{key} = {v:g}" for key, v in parts.items() if not LEAST_CHANGE <= abs(v) <= MOST_CHANGE), None)
         if far is not None:
-            raise InputError(f"{path}: {name}", f"{far} is no change of a parameter ({LEAST_CHANGE:g} to "
-                             f"{MOST_CHANGE:g}, up or down)", "write how much it changes where the others change so")
+            raise InputError(f"{path}: {name}", f"{far} is not a plausible change of a parameter ({LEAST_CHANGE:g} to "
+                             f"{MOST_CHANGE:g}, up or down)", "write its change that goes with those of the others")
     return table

@@ -74,7 +74,7 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     if not np.isfinite(needed):
         return text + (f"with signatures known to {error:.0%} no length of record distinguishes them; they differ most "
                        f"in {places}; {_checks(first, second)}")
-    text += f"distinguishing them asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
+    text += f"distinguishing them needs |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
     if finding.time_profile != "constant" and needed > abs(finding.z):
         times = (needed / abs(finding.z)) ** 2
         text += f"about {times:.{0 if times > 3 else 1}f} times as many blocks would do, or "

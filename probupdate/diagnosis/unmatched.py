@@ -134,8 +134,8 @@ def with_unmatched(found: Diagnosis, modes: Sequence[UnmatchedMode]) -> Diagnosi
 def _words(one: UnmatchedMode) -> str:
     known = unmatched_words(one.record)
     if one.content:
-        return (f"{mode_words(one.record)}, is none of the model's: a mass on springs has it, with probability "
-                f"{one.of_mass:.3g} over one of the model's own and something else")
+        return (f"{mode_words(one.record)}, has no counterpart in the model: a mass on springs explains it, with "
+                f"probability {one.of_mass:.3g} over one of the model's own and something else")
     if one.of_model >= PROBABLE:
         return (f"{mode_words(one.record)}, was taken for none of the model's and is not compared; with all other "
                 f"data it is one that no measured mode was recognised as (probability {one.of_model:.3g})")

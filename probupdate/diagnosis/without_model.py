@@ -312,7 +312,7 @@ def _change_table(blocks: Blocks, change: Change) -> dict:
 
 def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change],
            answer: LevelAnswer | None) -> list[str]:
-    notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
+    notes = ["without a model: structural causes are not identified, constant ones are not detected"]
     if not placed:
         notes.append("without the sensors' places: levels, loggers and directions are not judged, and what a sensor "
                      "did wrong all along (a gain, a sign, exchanged cables) is not seen")
@@ -321,7 +321,7 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         moved = [m for m in change.moved if abs(m["z"]) > 3]
         what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
         notes.append(f"unexplained {change.time_profile.name}{when}: {what or 'shapes change, frequencies do not'}; no "
-                     "environmental or operational condition goes with it, and a model would be needed to name "
+                     "environmental or operational condition correlates with it, and a model is needed to identify "
                      "it")
     for f in () if answer is None else answer.findings:
         if f.cause == OWN_RESPONSE:

@@ -235,8 +235,8 @@ def verdict_words(content: Mapping) -> str:
         meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""
         least = min((p for p in (content.get("p_value"), content.get("adequacy_p")) if p is not None), default=0.0)
         if least >= SELDOM:
-            return (f"By its scores and its residuals alone this record may be chance ({p}), by what the notes say it "
-                    f"is not, {rest}{meaning}.")
+            return (f"By scores and residuals alone this record may be chance ({p}), by the notes it is not, "
+                    f"{rest}{meaning}.")
         return f"{parted} beyond tolerances and chance ({p}), {rest}{meaning}."
     count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
     limit = _model_error_words(content)
@@ -384,4 +384,4 @@ def detectable_words(entry: Mapping, content: Mapping) -> str:
              and name_of(x) == name_of(entry) and x.get("size") is not None]
     profile = time_profile_words(entry["time_profile"])
     later = f", {begun[0]} where it begins within the record" if begun else ""
-    return f"{name_of(entry)}: {size(entry)} and more {profile}{later}, nine times in ten"
+    return f"{name_of(entry)}: {size(entry)} or more {profile}{later}, with 90 % probability of detection"

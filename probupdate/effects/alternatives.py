@@ -42,7 +42,7 @@ class AlternativeModels:
         own = () if self.known is None else self.known.sources
         return (*own, *(ErrorSource(
             name=f"alternative: {name}", group="theory", description=f"what {name} has and this model has not",
-            unit="-", std=STD, mean=MEAN, check=f"update {name} instead, or measure what tells them apart")
+            unit="-", std=STD, mean=MEAN, check=f"update {name} instead, or measure what distinguishes them")
             for name, _ in self.others))
 
     def changes(self, theta: np.ndarray, n_mode: int, clusters: tuple[tuple[int, ...], ...]) -> ModalSolution:

@@ -85,7 +85,7 @@ class Effect:
         if not self.lower <= 0.0 <= self.upper:
             raise InputError(where, f"a size of zero is outside [{self.lower}, {self.upper}]", "widen the bounds")
         if not all(x > 0 for x in (self.odds, *dict(self.odds_along).values())):
-            raise InputError(where, "prior odds must be above zero", "give a small number for what hardly happens")
+            raise InputError(where, "prior odds must be above zero", "give a small number for a rare effect")
         if not self.time_profiles:
             raise InputError(where, "has no time profile",
                              "give 'constant', 'step', 'ramp' or a column of the environment")

@@ -28,7 +28,7 @@ def joint_section(joint: JointRun) -> Section:
     if not (found.settled and found.converged and found.corrected):
         items.append(Notice(level="warning", text=found.verdict))
     if found.notes:
-        items.append(Items(title="Said of turbines and sets", statements=found.notes, level="warning"))
+        items.append(Items(title="Notes on turbines and sets", statements=found.notes, level="warning"))
     changed = tuple(f"{m.turbine}, {m.month}: {m.parameter} is now {number(m.value)} ± {number(m.std, 2)} {m.unit}"
                     for m in found.months if m.changed)
     if changed:

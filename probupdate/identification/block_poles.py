@@ -189,7 +189,7 @@ def _find_same_pole(before: Poles, index: int, now: Poles, where: str) -> int:
     f, zeta = before.frequency_hz[index], before.damping_ratio[index]
     found = find_same_pole(now, f, zeta)
     if found is None:
-        raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is another when the record is read once more: it was "
+        raise InputError(f"block {where}", f"a pole at {f:.4g} Hz differs when the record is read again: it was "
                          "changed meanwhile, or its channels are exact copies of one another",
                          "do not change records meanwhile, and leave out channels that copy others (leave_out in "
                          "campaign.toml)")

@@ -105,7 +105,7 @@ def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> 
             tests.append(("no SCADA", lambda s: float(s.environment.get("scada_rows") or 0) > 0))
         tests.append((name, _limit(key, limit)))
     asked = {name for name, _ in tests}
-    notes = [f"'{name}' was not asked: no {' and no '.join(keys)} in SCADA"
+    notes = [f"'{name}' was not applied: no {' and no '.join(keys)} in SCADA"
              for name, keys in lacking.items() if name not in asked]
     return tests, notes
 

@@ -128,7 +128,7 @@ def without_pairs(known: np.ndarray, repeated: np.ndarray, rate_hz: float) -> st
         own = rate_hz * (1 - repeated.max())
         return (f"gaps: every channel repeats its values, so that no two samples are {1 / rate_hz:g} s apart: convert "
                 f"every {1 / (1 - repeated.max()):.3g}th row, with a sampling rate of {own:.4g} Hz")
-    return ("gaps: at some distances in time no two samples of any channel were measured: convert the record at the "
+    return ("gaps: at some time lags no pair of samples of any channel was measured: convert the record at the "
             "rate at which it was measured")
 
 
@@ -233,7 +233,7 @@ def pair_covariances(
     pairs = _Pairs(rest, first_lag, first_lag + weights.shape[1] - 1)
     references = pairs.references()
     if not len(references):
-        raise InputError("record", "at some distance in time no two samples of a channel were measured",
+        raise InputError("record", "at some time lag no pair of samples of a channel was measured",
                          "convert the record at the rate at which it was measured, or leave channels out")
     lossy = np.asarray(np.isnan(data).any(axis=0))
     thin = resample(pairs.value, rate_hz, target_hz) if sub_records or not lossy.all() else np.empty((0, len(lossy)))

@@ -369,16 +369,16 @@ def _structural_clusters(
     """Without the waves' own, and what lies above the band that the rate passes; both are noted."""
     waves = [one for one in clusters if _is_of_waves(c, one, wave_hz)]
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
-              f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
+              f"{100 * one.damping:.1f} %: taken for waves, left out" for one in waves]
     above = [one for one in clusters if np.exp(one.ln_frequency) > highest_hz]
-    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate passes: left out; a "
-              "higher rate holds it" for one in above]
+    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate allows: left out; "
+              "use a higher rate" for one in above]
     return [one for one in clusters if all(one is not x for x in (*waves, *above))]
 
 
 def _no_modes_error(where: str, n_block: int) -> InputError:
-    return InputError(f"{where}, modes", f"no pole comes back over the model orders and the {n_block} blocks",
-                      "give another order, or a rate that holds the modes")
+    return InputError(f"{where}, modes", f"no pole is stable over the model orders and the {n_block} blocks",
+                      "give another order, or a sampling rate that covers the modes")
 
 
 def _block_weight(inside: Candidates, n_block: int) -> np.ndarray:

@@ -57,7 +57,8 @@ def _design(rate_hz: float, target_hz: float) -> tuple[int, int, np.ndarray | No
     if abs(target_hz - rate_hz) <= 1e-9 * rate_hz:
         return 1, 1, None
     if not 0 < target_hz < rate_hz:
-        raise InputError("target rate", f"{target_hz:g} Hz is not in (0, {rate_hz:g}]", "records are only thinned out")
+        raise InputError("target rate", f"{target_hz:g} Hz is not in (0, {rate_hz:g}]",
+                         "records are only decimated: give a lower rate")
     ratio = Fraction(target_hz / rate_hz).limit_denominator(1000)
     if abs(float(ratio) * rate_hz - target_hz) > 1e-6 * target_hz:
         raise InputError("target rate", f"{target_hz:g} of {rate_hz:g} Hz is not a ratio of small numbers",

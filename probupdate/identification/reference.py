@@ -32,7 +32,8 @@ class ReferenceModes:
         frequency, shape = frozen_array(self.frequency_hz), frozen_array(self.shape)
         n_mode = len(self.labels)
         if n_mode == 0 or len(set(self.labels)) < n_mode:
-            raise InputError("reference modes", f"labels {self.labels} are none or repeat", "give each mode one name")
+            raise InputError("reference modes", f"labels {self.labels} are empty or repeated",
+                             "give each mode one name")
         if frequency.shape != (n_mode,) or not np.all(frequency > 0):
             raise InputError("reference modes", f"frequency_hz {self.frequency_hz} is not {n_mode} positive numbers",
                              "give one per label")

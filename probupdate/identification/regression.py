@@ -394,7 +394,7 @@ def regress_modes(
         if made:
             fits[label] = made
     if not fits:
-        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "measure on")
+        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "use a longer campaign")
     rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
     return ModalRegression(fits=fits, table=pd.DataFrame(rows), hours=frozen_array(hours),
                            columns={name: frozen_array(x) for name, x in columns.items()},
@@ -425,7 +425,7 @@ def _columns(sets: Sequence[ModalSet], covariates: Sequence[str]) -> dict[str, n
     unknown = [name for name in covariates if name not in COVARIATES and not np.isfinite(columns[name]).any()]
     if unknown:
         known = sorted({key for s in sets for key, v in s.environment.items() if np.isfinite(_number(v))})
-        raise InputError(f"covariate {unknown[0]}", "is a number in no set", f"choose from {', '.join(known)}")
+        raise InputError(f"covariate {unknown[0]}", "is not a number in any set", f"choose from {', '.join(known)}")
     return columns
 
 

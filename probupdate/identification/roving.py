@@ -405,7 +405,7 @@ def _refuse_alike(target: np.ndarray, references: Sequence[str], frequency_hz: n
     size = np.linalg.norm(target, axis=0)
     if len(target) < target.shape[1] or np.linalg.cond(target / size) > LARGEST_CONDITION:
         raise InputError("references", f"{', '.join(references)} cannot distinguish modes of "
-                         f"{', '.join(f'{f:.4g} Hz' for f in frequency_hz)} apart",
+                         f"{', '.join(f'{f:.4g} Hz' for f in frequency_hz)}",
                          "take references in which they differ")
 
 
@@ -444,7 +444,7 @@ def _summary(setups, means, modal: ModalSet, labels, references, misfit, p_value
         if without:
             text += f"; not found in {', '.join(without)}"
         if vague and np.isfinite(misfit[:, j]).any():
-            text += f"; no shape from {', '.join(vague)}, whose references do not know it well enough"
+            text += f"; no shape from {', '.join(vague)}, whose references resolve it too poorly"
         if p_value[j] < LEAST_P_VALUE:
             text += f"; the setups' frequencies disagree (p {p_value[j]:.2g}): the standard deviation was widened"
         lines.append(text)

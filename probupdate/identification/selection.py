@@ -112,7 +112,7 @@ def select(
                   for known, given in find_misnamed(scada.columns, SIMILAR).items()]
     seldom = [label for j, label in enumerate(labels) if j not in required]
     if criteria.required is None and seldom and not any(map(is_bending, labels)):
-        notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
+        notes.append(f"modes not required, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
                      f"{', '.join(seldom)}")
     notes += _rounding_notes(sets, labels)
     pairs = perpendicular_pairs(data.labels)
@@ -170,7 +170,8 @@ def _odd_notes(
 def _no_set_error(failed: Sequence[Sequence[str]]) -> InputError:
     counts = pd.Series([names[0] for names in failed]).value_counts()
     text = ", ".join(f"{n} {name}" for name, n in counts.items())
-    return InputError("selection", f"none of {len(failed)} blocks passes ({text})", "relax one, or measure on")
+    return InputError("selection", f"none of {len(failed)} blocks passes ({text})",
+                      "relax a criterion, or use a longer campaign")
 
 
 def _table(

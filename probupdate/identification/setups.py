@@ -61,7 +61,7 @@ def identify_setups(
     shared = shared_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
     common = [c for c in shared if all(c in campaign.channels for campaign in campaigns)]
     if not common and reference is not None:
-        raise InputError("setups", "have no channel that all have, by which the model's modes would be found in them",
+        raise InputError("setups", "have no channel in common, by which to find the model's modes",
                          "merge them without --model: `update` pairs what is merged with the model")
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         poles = []

@@ -83,7 +83,7 @@ def check_record(data: np.ndarray, n_lag: int) -> None:
                          "fill short gaps or leave the record out")
     still = np.flatnonzero(np.ptp(data, axis=0) == 0)
     if still.size:
-        raise InputError("record", f"channel {_list_columns(still)} does not move", "leave the channel out")
+        raise InputError("record", f"channel {_list_columns(still)} is constant", "leave the channel out")
 
 
 def _list_columns(columns: np.ndarray) -> str:

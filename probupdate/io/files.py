@@ -457,8 +457,8 @@ def _refuse_bomb(path: Path, stream: IO[bytes], remedy: str, largest: int) -> No
                 shape, _, dtype = head(opened)
                 size = int(np.prod([int(n) for n in shape], dtype=object)) * dtype.itemsize
                 if dtype.hasobject or size != member.file_size - opened.tell():
-                    raise InputError(f"{path}, {member.filename}", "holds objects, or not as many numbers as its head "
-                                     "says", remedy)
+                    raise InputError(f"{path}, {member.filename}", "holds objects, or another number of values than "
+                                     "its header states", remedy)
 
 
 @contextlib.contextmanager

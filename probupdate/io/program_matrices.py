@@ -245,7 +245,7 @@ def _partner(path: Path) -> Path:
                 tried.append(other)
                 if (path.parent / other).is_file():
                     return path.parent / other
-    raise InputError(str(path), "is one matrix, and its mass is not beside it"
+    raise InputError(str(path), "is one matrix, and no mass matrix was found beside it"
                      + (f" ({', '.join(dict.fromkeys(tried))})" if tried else ""),
                      "give both files, stiffness first")
 

@@ -152,7 +152,7 @@ def _mistake(errors: list, known: list[str], where: str) -> InputError:
         return InputError(where, f"{shown} is unknown",
                           f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(choices)}")
     if len({e["type"] for e in same}) > 1:
-        return InputError(where, f"{shown} is of another kind", "; or ".join(
+        return InputError(where, f"{shown} has the wrong type", "; or ".join(
             dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")
     if kind == "list_type" and isinstance(value, Mapping):
         return InputError(where, "is one table where a list of them belongs", f"write [[{key}]] before each")

@@ -387,7 +387,7 @@ def _model_files(
         written: dict[str, Model | bool] = {}
         tower, odd = "tower" in read_toml(path), unspeakable(path)
         if odd:
-            said.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
+            said.append(f"models as SubDyn files: they cannot represent {', '.join(odd)}; see models/*/model.toml")
         else:
             file, above = apply_values(path, values, remark)
             place = _path_in_draw(path)

@@ -331,7 +331,7 @@ def _hub(own: OpenedModel, site: Site, heading_deg: float, from_wind_deg: float,
     wind = np.array([np.cos(way), np.sin(way), 0.0])
     dofs = own.frame.node_dofs(own.frame.node_of[joint])
     if dofs[-1] < 0:
-        raise InputError(f"{where}: site.hub_joint", f"joint {joint} turns", "take a rigid joint")
+        raise InputError(f"{where}: site.hub_joint", f"joint {joint} is not rigid", "take a rigid joint")
     force = np.zeros(own.frame.n_full)
     force[dofs[:3]] = wind
     force[dofs[3:]] = cross_matrix(turn @ np.array(site.hub_offset_m)) @ wind

@@ -340,7 +340,7 @@ def _match_by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matchin
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
         raise InputError(modal_set.where,
-                         f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
+                         f"has {len(used)} modes measured at one sensor at most, the model only {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")
     column = pair_in_order(np.log(modal_set.frequency_hz[used]), np.log(computed_hz))
     criterion = np.full((modal_set.frequency_hz.size, len(computed_hz)), np.nan)
@@ -672,7 +672,7 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
-        return InputError(f"{where}, {own}", f"two computed modes are about as alike, {found}", remedy)
+        return InputError(f"{where}, {own}", f"two computed modes match it equally well, {found}", remedy)
     found = ", or ".join("; ".join(f"{n} as {said(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
                          for choice in choices)
     rows = [m for one, _ in differ for m in one.measured]
@@ -681,9 +681,9 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
     if alike.max() >= SAME:
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
         return InputError(f"{where}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
-                          f"so that two pairings are about as alike: {found}", "check that they are two different "
+                          f"so that two pairings match equally well: {found}", "check that they are two different "
                           f"modes, or {remedy}")
-    return InputError(f"{where}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
+    return InputError(f"{where}, {own}", f"two pairings with the model match equally well: {found}", remedy)
 
 
 def assign(criterion: np.ndarray) -> np.ndarray:

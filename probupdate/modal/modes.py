@@ -11,6 +11,7 @@ from probupdate.modal.sets import (
     ModeRecord,
     Sensor,
     StoredFactors,
+    set_words,
 )
 from probupdate.modal.shape_criteria import (
     OWN_DIRECTIONS,
@@ -27,7 +28,7 @@ from probupdate.modal.shape_criteria import (
 
 __all__ = [
     "OWN_DIRECTIONS", "QUANTITIES",
-    "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors",
+    "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors", "set_words",
     "mac", "modal_phase_collinearity", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
     "rotate_to_real", "spanning", "subspace_mac", "unit_largest", "criteria_within_plane", "write_modes",
 ]

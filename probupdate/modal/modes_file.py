@@ -95,7 +95,7 @@ def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
     most = float(np.nanmax(highest.damping_ratio))
     if most >= NO_VIBRATION or np.median(known) > MIDDLE_DAMPING:
         raise InputError(f"{path}, set {highest.id}, damping_ratio", f"{most:.4g} (median of the file "
-                         f"{np.median(known):.3g}) is no share of critical damping that a structure has: are these per "
+                         f"{np.median(known):.3g}) is not a plausible damping ratio of a structure: are these per "
                          "cent?",
                          "give fractions, 0.01 for 1 %, or null where not measured")
 
@@ -328,8 +328,8 @@ def _refuse_exact(where: str, frequency: np.ndarray, std: np.ndarray) -> None:
     exact = (std > 0) & (std < CLOCK * frequency)
     if exact.any():
         k = int(np.argmax(exact))
-        raise InputError(f"{where}, frequency_std_hz", f"{std[k]:.2g} Hz of {frequency[k]:.4g} Hz is less than any "
-                         "record's clock is exact to: is this another unit, or a placeholder?",
+        raise InputError(f"{where}, frequency_std_hz", f"{std[k]:.2g} Hz of {frequency[k]:.4g} Hz is smaller than the "
+                         "accuracy of any record's clock: is this another unit, or a placeholder?",
                          "give hertz, and null where not known")
 
 

@@ -60,8 +60,8 @@ class Sensor:
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
             if self.quantity in OTHER_QUANTITIES:
-                raise InputError(where, f"measures {self.quantity}, which is not a motion of a point: its shapes could "
-                                 "not stand beside those of other sensors or of a model",
+                raise InputError(where, f"measures {self.quantity}, which is not a motion of a point: its shapes "
+                                 "cannot be compared with other sensors or a model",
                                  "convert the other channels alone")
             raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
         if self.gravity is not None and not isinstance(self.gravity, bool):
@@ -285,8 +285,15 @@ class ModalSet:
 
     @property
     def where(self) -> str:
-        """What sentences call it: `set 5`, and the mean of several `36 of 36 sets`."""
-        return self.id if self.id.endswith(" sets") else f"set {self.id}"
+        """What sentences call it."""
+        return set_words(self.id)
+
+
+def set_words(set_id: str) -> str:
+    """What sentences call a set: `set 5`; of several `the mean of 12 blocks`, `36 of 36 sets`."""
+    if set_id.startswith("mean of "):
+        return f"the {set_id}"
+    return set_id if set_id.endswith(" sets") else f"set {set_id}"
 
 
 def _modal_set(given: dict) -> ModalSet:

@@ -129,8 +129,8 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
     elif content.get("extended_model"):
         statements += extension_advice(content, "Update and sample again")
     if content["verdict"] == "none":
-        statements.append("No cause is to be looked for. What could hide below the minimum detectable sizes is "
-                          "listed further down.")
+        statements.append("No fault is to be looked for. Effects below the minimum detectable sizes, listed "
+                          "further down, may be present.")
     return [Items(title="What to do", statements=tuple(statements))] if statements else []
 
 
@@ -236,7 +236,7 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[Element]:
         statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance "
                            f"(z = {decimal(z, 1)})."
                            for column, name, z in left)
-        items.append(Items(title="Residual, and not named", level="warning", statements=statements))
+        items.append(Items(title="Residuals without an identified cause", level="warning", statements=statements))
     return items
 
 
@@ -339,7 +339,7 @@ def _detectable_sizes(content: Mapping) -> list[Element]:
     along = [x for x in entries if x["time_profile"] not in ("constant", "step", "ramp")]
     reached = chosen_sizes([*static, *along])
     if not reached:
-        return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
+        return [Notice(level="plain", text="No candidate would be detected, even at its largest possible size.")]
     steps = {row_of(x): x["size"] for x in entries if x["time_profile"] == "step" and x.get("size")}
     count = sum(bool(x.get("size")) for x in entries)
     return [_picture(

@@ -258,7 +258,7 @@ def _update_findings(run: Run) -> list[Finding]:
         names = ", ".join(name for name, *_ in held)
         found.append(Finding(
             level="caution", short=f"{names} at a bound",
-            text=f"At the most probable parameters (MAP): {where}. A value at a bound is the bound's, not the data's.",
+            text=f"At the most probable parameters (MAP): {where}. The bound sets such a value, not the data.",
             action=f"See whether the bounds of {names} are right or the model lacks something."))
     if update.other_maxima:
         found.append(Finding(

@@ -150,7 +150,7 @@ def _pole_pictures(run: Run, poles: pd.DataFrame) -> list[Element]:
     counts = pd.Series(criterion).value_counts()
     rows = tuple((name, POLE_WORDS.get(name, ""), str(int(n)), percent(n / len(poles))) for name, n in counts.items())
     pictures.append(
-        Table(caption="What became of every pole", rows=rows, width="half",
+        Table(caption="Poles kept and removed, by criterion", rows=rows, width="half",
               columns=(Column(name="criterion", number=False), Column(name="the pole", number=False),
                        Column(name="poles"), Column(name="share", unit="%")))
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from probupdate.diagnosis import wording
 from probupdate.io.result_table import plural
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, set_words
 from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import changed_parameters, typeset, typeset_with_stop
@@ -173,7 +173,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     columns += [Column(name="truth")] if known else []
     left = [p.name for p in update.parameters if p.name not in used]
     note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
-    alone = f"these numbers are of {'the' if update.set_id.startswith('mean of ') else 'set'} {update.set_id}"
+    alone = f"these numbers are of {set_words(update.set_id)}"
     of_sets = update.settings.get(SETS, "").split(";")[0] or alone
     note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
     caption = "Parameters to use, with their intervals"

@@ -19,7 +19,7 @@ from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_bytes, read_json_table, read_toml, resolve_path, sha256
 from probupdate.io.schema import checked_table
-from probupdate.modal.modes import ModalData, ModalSet, read_modes
+from probupdate.modal.modes import ModalData, ModalSet, read_modes, set_words
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.reporting.campaign_values import campaign_values, truth_values
@@ -303,7 +303,7 @@ def _warnings(
                "differ): their numbers do not belong together.")
     whole = update is not None and SETS in update.settings
     if update is not None and data is not None and not whole and update.set_id not in {s.id for s in data.sets}:
-        yield f"The update was made on set {update.set_id}, which is not among the modal sets of this run."
+        yield f"The update was made on {set_words(update.set_id)}, which is not among the modal sets of this run."
     written = head.get("version")
     if written and written != __version__:
         yield f"The run was written by version {written}, this page by version {__version__}."

@@ -34,7 +34,7 @@ def sets_section(run: Run) -> Section | None:
     if views.modes:
         items.append(_modes_table(views))
     notes = tuple(full_sentence(n, [r.name for r in views.rows]) for n in views.notes)
-    items.append(Items(title="What holds for the whole", statements=notes))
+    items.append(Items(title="Notes on all sets", statements=notes))
     return Section(anchor="sets", title="All sets", items=tuple(items),
                    lead=f"{len(views.ids)} sets read in four ways: what each says, and which is for what.")
 

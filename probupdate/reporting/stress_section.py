@@ -41,7 +41,7 @@ def stress_section(run: Run) -> Section | None:
     items += [Picture(svg=svg_text(figure, name), caption=caption) for name, figure, caption in stress_figures(
         spots, blocks, _histories(folder, head), _gauges(folder, head))]
     notes = tuple(full_sentence(str(note)) for note in head.get("notes", ()))
-    items.append(Items(title="What these numbers are not", statements=notes))
+    items.append(Items(title="Limits of these numbers", statements=notes))
     first = spots.iloc[0]
     return Section(
         anchor="stresses", title="Stresses from the measured motion", items=tuple(items), shown=1,

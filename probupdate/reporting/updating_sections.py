@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.io.result_table import plural
+from probupdate.modal.modes import set_words
 from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.components_items import component_items
@@ -118,7 +119,7 @@ def update_section(run: Run) -> Section:
     if run.paper_comparable:
         items.append(_sensitivity_table(update))
     return Section(anchor="update", title="Update", items=tuple(items),
-                   lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
+                   lead=f"The sensitivity-based update on {set_words(update.set_id)}, in both readings of Eq. 7.")
 
 
 def _tables(run: Run, update: UpdateRecord) -> list[Element]:

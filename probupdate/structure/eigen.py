@@ -82,7 +82,7 @@ def lowest_modes(
     with np.errstate(over="ignore"):
         value, phi = value * (scales[0] / scales[1]), phi * np.sign(phi[largest, np.arange(n_mode)]) / scales[1] ** 0.5
     if not (np.all(np.isfinite(value)) and np.all(value > 0)):
-        raise InputError(where, "its eigenvalues exceed the computer's numbers", "check the units of K and M")
+        raise InputError(where, "its eigenvalues exceed the range of double precision", "check the units of K and M")
     return value, phi
 
 
@@ -147,7 +147,7 @@ def _accurate(K, M, value, phi, solve, where: str, refused: float):
         if np.all(error < refused):
             return value, phi
     worst = int(np.argmax(error))
-    raise InputError(where, f"mode {worst + 1} is known to {error[worst]:.1e} only from the digits of these matrices",
+    raise InputError(where, f"mode {worst + 1} has a relative rounding error of {error[worst]:.1e} with these matrices",
                      "check them for entries of unlike size: very stiff beside very soft parts, or a mesh far too fine")
 
 
@@ -201,8 +201,8 @@ def _rounding_error(size, phi) -> np.ndarray:
 def _refuse_rounding(K, value, phi, where: str) -> None:
     free = int(np.sum(value <= _rounding_error(abs(K), phi)))
     if free:
-        raise InputError(where, f"the stiffness matrix is singular but for rounding: {free} of the lowest motions "
-                         f"{'is' if free == 1 else 'are'} held by nothing, a mechanism or a missing support",
+        raise InputError(where, f"the stiffness matrix is singular to rounding: {free} of the lowest motions "
+                         f"{'is' if free == 1 else 'are'} unrestrained, a mechanism or a missing support",
                          SUPPORTS)
 
 

@@ -179,12 +179,12 @@ def write_matrices(
         raise InputError(str(out), "is not named .npz", "give a name such as model.npz")
     beside = out.with_name("parameters.toml")
     if out.exists():
-        raise InputError(str(out), "is there already", "give another name, or remove it")
+        raise InputError(str(out), "already exists", "give another name, or remove it")
     asked = Groups() if groups is None else _groups(Path(groups))
     table = _parameters_text(asked)
     # several models of one folder share what is the same
     if beside.exists() and read_text(beside) != table:
-        raise InputError(str(beside), f"is there already, of other parameters than {out.name} would have",
+        raise InputError(str(beside), f"already exists, with other parameters than {out.name} would have",
                          f"write {out.name} into another folder, or remove it")
     notes: list[str] = []
     kept, base = _clean_matrices(given, str(files[0]), notes)

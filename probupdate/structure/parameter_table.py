@@ -53,7 +53,7 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
         raise InputError(where, "needs exactly one of 'cov' and 'std'",
                          "give one of them" if row.cov is None else "keep one of them")
     if row.cov is not None and row.initial == 0:
-        raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
+        raise InputError(where, "'cov' is undefined for an initial value of zero", "give 'std' in the parameter's unit")
     std = np.nan if row.prior == "uniform" else row.std if row.cov is None else row.cov * abs(row.initial)
     try:
         return Parameter(

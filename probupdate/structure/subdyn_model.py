@@ -580,7 +580,7 @@ def _sensor_at_joint(frame: SubDynFrame, sensor: Sensor, joint: int, path: Path)
     dofs = frame.node_dofs(node)
     turns = bool(dofs[-1] < 0)
     if turns and np.linalg.norm(arm) > SAME_PLACE * _extent(frame):
-        raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
+        raise InputError(f"{path}: sensor {sensor.channel}", f"is offset from joint {joint}, which is not rigid",
                          "put it at the joint, or on another")
     return dofs[dofs >= 0], _lever_matrix(arm)[:, dofs >= 0], not turns
 

@@ -32,8 +32,8 @@ def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> t
     path = Path(path)
     odd = unspeakable(path)
     if odd:
-        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for",
-                         "take model.toml")
+        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way that a SubDyn file cannot represent",
+                         "use model.toml")
     description = read_description(read_toml(path), path)
     file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}

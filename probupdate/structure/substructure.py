@@ -43,7 +43,7 @@ def subdyn_substructure(frame: SubDynFrame, stiffness, mass, reference_m=None) -
         raise InputError(file.where, "has no interface joints", "list them (NInterf): the superelement ends there")
     nodes = [frame.node_of[i.joint] for i in file.interfaces]
     if any(frame.translation[node, 3] < 0 for node in nodes):
-        raise InputError(file.where, "an interface joint turns", "take rigid joints (type 1)")
+        raise InputError(file.where, "an interface joint is not rigid", "take rigid joints (type 1)")
     reference = np.mean(frame.node_m[nodes], axis=0) if reference_m is None else np.asarray(reference_m, float)
     own = frame.translation[: len(file.joints)]
     return Substructure(

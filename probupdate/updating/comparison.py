@@ -100,7 +100,7 @@ class Comparison:
     def summary(self) -> str:
         width = max(5, *(len(r.name) for r in self.rows))
         columns = "".join(f" {name:>10}" for name in ("Eq. 7", "anchored", "MAP", "mean"))
-        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7} {'width':>6} {'R':>5}  data say"
+        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7} {'width':>6} {'R':>5}  identifiability"
         lines = [head]
         for r in self.rows:
             prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
@@ -272,7 +272,7 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     notes.append(fit_sentence(update))
     pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
     if pinned:
-        notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
+        notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results depend on those bounds")
     notes += kinds_in_words({r.name: r.identified for r in rows}, DRAWS)
     notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- "
               f"{r.std:.2g} {'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.errors import InputError
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, set_words
 from probupdate.model.interface import Model
 from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
@@ -144,7 +144,7 @@ def weights_by_name(
         return paper_weights(data.labels, data.set().frequency_hz, **compared)
     if isinstance(weights, str):
         raise InputError("weights", f"'{weights}' is unknown",
-                         "choose from measured, covariance, paper, or give a CoV a mode")
+                         "choose from measured, covariance, paper, or give one CoV per mode")
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
@@ -201,7 +201,7 @@ def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: 
     laplace = maximum_a_posteriori(widest, [start])
     if laplace.misfit <= expected_misfit(widest, laplace):
         return
-    error = InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
+    error = InputError(set_words(problem.set_id), f"even a model discrepancy of {100 * MOST:g} % of every frequency "
                        "does not explain the misfit", "check pairing, channels and units")
     likely = suspected_channels(model, data, [model.parameters.initial, start], set_id=set_id,
                                 absent=problem.matching.absent)

@@ -246,8 +246,8 @@ def initial_state(problem: Problem, surrogate: Density, n_walker: int, seed: int
         start[without] = draw(int(without.sum()), rng)
     else:
         raise InputError(
-            "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn again",
-            "narrow the parameters' bounds to what is a structure")
+            "model", f"has no modes at {without.sum()} of {n_walker} starts, redrawn {START_ROUNDS} times",
+            "narrow the parameters' bounds to physically possible values")
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
 

@@ -141,7 +141,7 @@ def _bridge(on_chain: np.ndarray, on_drawn: np.ndarray, share: float) -> float:
         if abs(fresh - log_z) < 1e-10 * max(1.0, abs(fresh)):
             return float(fresh)
         log_z = fresh
-    raise ConvergenceError("bridge sampling of the evidence does not settle", log_z)
+    raise ConvergenceError("bridge sampling of the evidence did not converge", log_z)
 
 
 def _importance(log_weight: np.ndarray) -> tuple[float, float]:

@@ -481,7 +481,7 @@ class Agreement:
                     "lead to from draws of the prior are hardly ever proposed; give parameters that the data do not "
                     "separate a narrower prior, or fix one of them")
         if self.pareto_k >= TRUSTED_K:
-            return f"{text}: its largest weights fall off too slowly for a check of the chain"
+            return f"{text}: its weights are too heavy-tailed to check the chain"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
                  f"({self.parameter}, {self.z:.1f} standard errors), its standard deviations within "
                  f"{100 * abs(self.spread_apart):.0f} % ({self.spread_parameter})")

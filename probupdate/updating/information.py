@@ -251,9 +251,9 @@ def _pair_sentence(first: str, second: str, correlation: float, cosine: float, b
     apart = [f"{label} ({c:+.2f})" for label, c in by_modes.items() if abs(c) <= 0.98]
     text = f"{first} and {second} (posterior correlation {correlation:+.2f}, effects on all data {cosine:+.2f} alike)"
     if same and not apart:
-        return f"{text} do one another's work on every frequency; shapes or the size of the changes distinguish them"
+        return f"{text} have the same effect on every frequency; shapes or the size of the changes distinguish them"
     if same:
-        return f"{text} do one another's work on {', '.join(same)}, and are distinguishable on {', '.join(apart)}"
+        return f"{text} have the same effect on {', '.join(same)}, and are distinguishable on {', '.join(apart)}"
     return f"{text} are distinguishable on {', '.join(apart)}" if apart else text
 
 

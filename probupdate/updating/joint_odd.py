@@ -204,5 +204,5 @@ def odd_sentences(odd: OddTurbines, turbines: Sequence[str], names: Sequence[str
         likely = [k for k in order if odd.share[i, k] >= 0.05 * odd.probability[i]]
         text = " or ".join(f"{names[k]} ({words(i, k)}, {odd.share[i, k]:.2f})" for k in likely)
         found.append(f"{turbines[i]} is unlike the other turbines with probability {odd.probability[i]:.3f}: {text}; "
-                     "the population is what the others say")
+                     "the population is estimated from the others")
     return found

@@ -100,11 +100,11 @@ def _notes(estimate: JointEstimate, names: Sequence[str], corrected: bool) -> li
     for k in np.flatnonzero(np.any(estimate.at_bound, axis=0)):
         p, where = estimate.parameters.items[k], ", ".join(names[i] for i in np.flatnonzero(estimate.at_bound[:, k]))
         notes.append(f"{p.name} is estimated at a bound of its prior ({p.lower:g} to {p.upper:g} {p.unit}) at {where}: "
-                     "the bound says what it is there, not the data")
+                     "the bound sets its value there, not the data")
     if not corrected:
         notes.append("widen the bounds or the model, hold parameters that the data hardly identify, or update turbines "
-                     "one by one: this farm's responses bend too much over their posterior's width, or have several "
-                     "solutions")
+                     "one by one: this farm's responses are too nonlinear over their posterior's width, or have "
+                     "several solutions")
     return notes
 
 

@@ -57,7 +57,7 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
     ids = tuple(s.id for s in kept.sets)
     if len(ids) == 1:
         only = single_set(data, ids[0])
-        return replace(only, notes=(f"set {ids[0]} has no comparable one", *others, *outliers))
+        return replace(only, notes=(f"no other set is comparable with set {ids[0]}", *others, *outliers))
     together, scatter = _mean_set(kept, f"{len(ids)} of {len(data.sets)} sets", covariance)
     first = (f"these numbers are of {len(ids)} of {len(data.sets)} sets together, their mean with its scatter; "
              "--set takes one alone")
@@ -98,7 +98,7 @@ def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:
     if (off := int(np.sum(~there))):
         said.append(f"{off} sets are in other conditions than {', '.join(f'{k} {v}' for k, v in wanted)}")
     if (off := int(np.sum(there & ~same))):
-        said.append(f"in {off} sets the nacelle looked elsewhere than at {angle[centre]:.0f} deg, or that is not known")
+        said.append(f"in {off} sets the nacelle's heading differs from {angle[centre]:.0f} deg, or is not known")
     sets = tuple(s for s, kept in zip(data.sets, same, strict=True) if kept)
     reference = data.reference_set if any(s.id == data.reference_set for s in sets) else None
     return replace(data, sets=sets, reference_set=reference), said
@@ -130,7 +130,7 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
             for j in np.flatnonzero(mean.p_value < UNLIKELY)]
     notes = [f"standard deviations of {', '.join(unstated)} by the sets' scatter, as not every set states them"
              ] if unstated else []
-    return together, [*notes, f"frequencies that scatter over these sets more than each states (in brackets): "
+    return together, [*notes, f"frequencies scatter over these sets more than their standard deviations (in brackets): "
                               f"{', '.join(said)}"] if said else notes
 
 

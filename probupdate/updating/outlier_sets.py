@@ -62,7 +62,7 @@ class OutlierSets:
 
     def _sentences(self, own: Sequence[int], mode: int, how: str) -> list[str]:
         """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
-        label, rest = self.labels[mode], "the population is what the others say"
+        label, rest = self.labels[mode], "the population is estimated from the others"
 
         def off(some: Sequence[int]) -> str:
             if how == SHAPE:
@@ -75,7 +75,7 @@ class OutlierSets:
                     for k in own]
         return [f"{len(own)} of {len(self.ids)} sets, {self.ids[own[0]]} to {self.ids[own[-1]]}, are outliers with "
                 f"probability {self.probability[own].min():.3f} and more: their {off(own)}. So many that differ alike "
-                "are a change: `diagnose` says of what, and since when"]
+                "indicate a change: `diagnose` identifies what changed, and when"]
 
 
 def outlier_sets(data: ModalData) -> OutlierSets:

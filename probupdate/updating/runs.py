@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.modal.channel_mistakes import ChannelMistake
-from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet, set_words
 from probupdate.model.interface import Model
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor
@@ -220,9 +220,9 @@ def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
         listed = ", ".join(f"{problem.mode_labels[j]} {a:.2f} and {b:.2f}"
                            for j, a, b in zip(problem.used, *mac, strict=True))
         raise InputError(
-            f"set {problem.set_id}", "the update does not settle, and its modes may not be this model's: MACs at the "
-            f"initial and the best parameters are {listed}", "check the order, names and signs of the channels, and "
-            "that the model is of this structure",
+            set_words(problem.set_id), "the update did not converge, and its modes may not be this model's: MACs at "
+            f"the initial and the best parameters are {listed}", "check the order, names and signs of the channels, "
+            "and that the model is of this structure",
         ) from None
 
 

@@ -458,7 +458,7 @@ def _notes(
     near = np.mean((at_bound - parameters.lower < 0.02 * width) | (parameters.upper - at_bound < 0.02 * width), axis=0)
     names = [p.name for p, x in zip(parameters, near, strict=True) if x > 0.2]
     if names:
-        notes.append(f"the population's middle lies at a bound: {', '.join(names)}; its tau hangs on that bound")
+        notes.append(f"the population's middle lies at a bound: {', '.join(names)}; its tau depends on that bound")
     counted = _scatter_ratio(data, problems)
     if counted > 1.5:
         notes.append(f"the weights' frequency standard deviations are {counted:.1f} times what identification states: "

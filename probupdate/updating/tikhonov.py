@@ -172,7 +172,7 @@ def _gauss_newton(
             share *= 0.5
         small = np.max(np.abs(step) / parameters.std) < tolerance
         if not lower and not small:
-            status = "no share of the last step lowers the objective: a kink where computed modes change places"
+            status = "no part of the last step lowers the objective: computed modes swap their order there"
             return _Iterates(path, misfits, shares, False, status)
         moved = np.max(np.abs(share * step) / parameters.std)
         theta = trial
@@ -182,7 +182,7 @@ def _gauss_newton(
         if small or moved < tolerance:
             status = f"converged: no parameter moves by more than {tolerance:g} prior standard deviations"
             return _Iterates(path, misfits, shares, True, status)
-    return _Iterates(path, misfits, shares, False, f"stopped after {max_iteration} iterations without settling")
+    return _Iterates(path, misfits, shares, False, f"did not converge within {max_iteration} iterations")
 
 
 def relaxation_share(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:

@@ -325,7 +325,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
     if not misses(record) and blunt(record):
         whose = f" with what is stated of the model ({stated})" if stated else ""
         return (f"{text}: no test of the model, as standard deviations of {100 * cov:.2g} % of the frequencies (median)"
-                f"{whose} let any fit; no parameter counts as strongly identified until what is wrong with model or "
+                f"{whose} fit any model; no parameter counts as strongly identified until what is wrong with model or "
                 f"data is found, or smaller ones are stated{_common_factor_words(record)}")
     if misses(record):
         accused = () if record.components is None else record.components.accused()
@@ -375,7 +375,7 @@ def standing_out(record: UpdateRecord) -> str:
             found.append((g / f, f"{label} is {100 * g / f:.2g} % off{by}"))
     listed = [text for _, text in sorted(found, reverse=True)[:3]]
     accused = () if record.components is None else record.components.accused()
-    return "; ".join([*listed, *(f"the {name} misses what is stated of it" for name in accused[:2]
+    return "; ".join([*listed, *(f"the misfit of the {name} exceeds what is stated" for name in accused[:2]
                                  if not any(name.endswith(f" {text.split(' is ')[0]}") for text in listed))])
 
 

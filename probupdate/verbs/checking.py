@@ -114,8 +114,8 @@ def _shapes_against(
             "ask `probupdate diagnose`"))
     alike = [channel_mistake(s, data.channels, [shape]) for s in blocks]
     votes = sum(a is not None and likely.candidates[0] in a.candidates for a in alike)
-    return AgainstModel(use=use, finding=(f"against the model: {likely.sentence}; so say {votes} of {len(joint.ids)} "
-                                          f"blocks alone; {_remedy(likely)}"))
+    return AgainstModel(use=use, finding=(f"against the model: {likely.sentence}; {votes} of {len(joint.ids)} blocks "
+                                          f"show it by themselves; {_remedy(likely)}"))
 
 
 def _remedy(likely: ChannelMistake) -> str:
@@ -124,8 +124,8 @@ def _remedy(likely: ChannelMistake) -> str:
     if len(first) == 1:
         return _reversed_remedy(first[0])
     if len(first) == 2:
-        return (f"look which cable is whose at {' and '.join(first)}, and if they are exchanged exchange their two "
-                "[[sensor]] tables in campaign.toml, which stand in the order of the columns")
+        return (f"check the cables of {' and '.join(first)}; if they are exchanged, swap their two [[sensor]] tables "
+                "in campaign.toml, which are in the order of the columns")
     return "check the order of [[sensor]] in campaign.toml against the columns of the records"
 
 

@@ -57,14 +57,14 @@ def template(kind: str, out: str | Path) -> Template:
     name = "model.npz" if kind == "matrices" else "model.toml"
     alone = out.suffix.lower() in (".toml", ".npz")
     if alone and out.suffix.lower() != Path(name).suffix:
-        raise InputError(str(out), f"a {kind} model is no {out.suffix} file",
+        raise InputError(str(out), f"a {kind} model is not written as {out.suffix}",
                          f"name a folder, or a file that ends in {Path(name).suffix}")
     model = out if alone else out / name
     table = [model.with_name("parameters.toml")] if kind == "matrices" else []
     campaign = () if alone else (out / "campaign" / "campaign.toml",)
     for path in (model, *table, *campaign):
         if path.exists():
-            raise InputError(str(path), "is there already and would be written over", "name another place")
+            raise InputError(str(path), "already exists", "name another place")
     if kind == "matrices":
         write_arrays(model, example_matrices())
         write_text(table[0], _packaged_text("parameters.toml"))

@@ -246,7 +246,7 @@ def refuse_late(effects: Sequence[Mapping], hours: float, where: str) -> None:
         key = {"step": "at_hour", "ramp": "from_hour"}.get(written["time_profile"])
         if key and written[key] >= hours:
             raise InputError(f"{where}, effect {number} ({effect['kind']}), {key}",
-                             f"{written[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
+                             f"{written[key]:g} is after the record's end at {hours:g} h", "give less, or more days")
 
 
 def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -109,7 +109,7 @@ def parse_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Give
         if name not in known:
             raise unknown_name(f"{path}, parameters", name, known)
         if value == 0 and name not in DEPTHS:
-            raise InputError(f"{path}, parameters, {name}", f"{value} is not positive", "no structure has it; raise it")
+            raise InputError(f"{path}, parameters, {name}", f"{value} is not positive", "give a value above zero")
     table_as(_OperationTable, tables.operation, f"{path}, operation")
     return GivenTruth(
         parameters=MappingProxyType(tables.parameters),

@@ -156,7 +156,7 @@ def tables(out: Path) -> str:
 
 def _hung_rows(lines: list[dict]) -> list[str]:
     """Tuned masses whose own mode was identified as one that the model lacks: where they were found, and how large."""
-    own = [x for x in lines if x.get("hung") and any("is none of the model's" in note for note in x["notes"])]
+    own = [x for x in lines if x.get("hung") and any("no counterpart in the model" in note for note in x["notes"])]
     found = [(x["hung"], x["parts"][0]) for x in own if x["parts"]]
     if not own:
         return []

@@ -127,7 +127,7 @@ def test_scada_rows_of_one_time_are_counted_where_they_differ(campaign_folder, h
         assert ("the time of an earlier one" in text) == bool(words) and words in text
         assert read_campaign(folder).scada["power_kw"].tolist() == [-20.0, 5000.0]
     folder = campaign_folder([(0, noise())], head=four_channels(head), scada=table[:0])
-    assert "SCADA has a head and no rows" in "\n".join(check(read_campaign(folder)).findings)
+    assert "SCADA has a header and no rows" in "\n".join(check(read_campaign(folder)).findings)
 
 
 def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):

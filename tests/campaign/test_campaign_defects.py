@@ -232,7 +232,7 @@ def test_drifts_jumps_and_stops_are_named(with_defect):
 
     found, _ = with_defect(change)
     text = "\n".join(found)
-    for words in ("TP-A-x drifts", "T18-x drifts", "T90-y stands still for up to 8.0 s in 1 blocks",
+    for words in ("TP-A-x drifts", "T18-x drifts", "T90-y is constant for up to 8.0 s in 1 blocks",
                   "TP-B-z has 1 spikes", "T66-x stands at its extreme value"):
         assert words in text, (words, text)
     assert len(found) == 5, text

@@ -93,7 +93,7 @@ def test_a_held_channel_is_named_and_no_clock_is_blamed(tmp_path):
 
     campaign = three_channels(tmp_path, held)
     text = "\n".join(check(campaign).findings)
-    assert "F1 repeats: 50 % of its samples are the one before once more (each value stands 2 times" in text
+    assert "F1 repeats: 50 % of its samples equal the one before (each value stands 2 times" in text
     assert "clock" not in text
     first = next(blocks(campaign))
     assert first.repeated == pytest.approx([0, 0.5, 0], abs=1e-3) and np.isnan(first.data[1::2, 1]).mean() > 0.999

@@ -511,7 +511,7 @@ def test_a_described_campaign_is_not_written_over(job, tmp_path, capsys):
     sac(raw / "r.sac", np.ones(600))
     out = described(tmp_path)
     assert main(["convert", "--describe", str(raw), "--out", str(out)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["--describe", "raw"], ["raw"], ["raw", "x", "--describe", "raw"]])

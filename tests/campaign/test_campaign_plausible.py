@@ -153,7 +153,7 @@ SPOILT = {
 @pytest.mark.parametrize(("name", "said"), [
     ("one huge", "f2 has 1 sample beyond 1e+09 (SI)"), ("all huge", "all channels lack 100.0 % of their samples"),
     ("nothing", "f4 is flat in 1 of 1"),
-    ("tiny", "suspect: the top moves with 4.9e-38 m/s2"), ("impulses", "f1 stands still for up to 599.9 s"),
+    ("tiny", "suspect: the top moves with 4.9e-38 m/s2"), ("impulses", "f1 is constant for up to 599.9 s"),
     ("all alike", "suspect: f1 and f2 are one signal at every frequency"),
     ("all lost", "all channels lack 100.0 % of their samples"),
 ])

@@ -92,7 +92,7 @@ def test_mistakes_are_refused():
     with pytest.raises(InputError, match="2 channels, 1 sensors"):
         convert_quantity(block, two[:1], "acceleration")
     for band in (Band(lowest_hz=0.0), Band(lowest_hz=3.0, highest_hz=2.0), Band(highest_hz=12.0)):
-        with pytest.raises(InputError, match="is none of a record at 25 Hz"):
+        with pytest.raises(InputError, match="is no band of a 25 Hz record"):
             convert_quantity(block, two, "acceleration", band=band)
     short = block_of(np.zeros(2000), np.zeros(2000))
     with pytest.raises(InputError, match=r"shorter than ten periods of 0\.1 Hz"):

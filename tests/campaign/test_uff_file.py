@@ -138,7 +138,7 @@ def test_normal_modes_as_other_programs_write_them(tmp_path):
     np.testing.assert_allclose(back.sets[0].frequency_hz, [2.5, 7.25])
     np.testing.assert_allclose(back.sets[0].damping_ratio, 0.02)
     np.testing.assert_allclose(back.sets[0].shape[:, 0], [1.0, 0.5, 0.25])
-    with pytest.raises(InputError, match="no node where it is"):
+    with pytest.raises(InputError, match="no node coordinates"):
         read_uff_modes(path, sensors())
 
 

@@ -74,7 +74,7 @@ def test_a_reversed_channel_is_named(building, capsys, number):
     folder = campaign(building, f"reversed {number}", reversed_channel(number))
     first, _ = against(folder, building / "model.npz", capsys)
     assert f"channel {CHANNELS[number]} with the opposite sign would explain it" in first
-    assert "so say 4 of 4 blocks alone" in first
+    assert "4 of 4 blocks show it by themselves" in first
 
 
 def test_a_reversed_channel_is_named_beside_a_model_that_is_far_off(building, capsys):

@@ -547,7 +547,7 @@ NAMELESS = {
                  "modes.json, channel F05: is in the measured modes but not in the model"),
     "count": (["modes", "--count", "900"], "model.npz, model: 900 modes are asked for"),
     "option": (["update", "--frequency-cov", "0.1"], "probupdate update: frequency CoV: 1 given for 4 modes"),
-    "covariate": (["regress", "--covariates", "xx"], "modes.json, covariate xx: is a number in no set"),
+    "covariate": (["regress", "--covariates", "xx"], "modes.json, covariate xx: is not a number in any set"),
 }
 
 
@@ -568,7 +568,7 @@ def test_a_model_that_is_called_model_is_not_named_twice(building, refused):
 
 
 def test_a_discrepancy_of_zero_is_said_to_be_allowed(building, refused):
-    assert "-1 is neither a share of zero or above nor auto" in refused(*update(building), "--discrepancy=-1")
+    assert "-1 is neither a share of zero or more nor auto" in refused(*update(building), "--discrepancy=-1")
 
 
 ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"], ["demo", "x", "--days", "1e9"],

@@ -235,7 +235,7 @@ MODELS = {
     "groups without a model": (
         lambda f: [w for w in building("diagnose", "--no-extend", modes=modes_table(9))(f) if w not in (
             "--model", str(f / "model.npz"), "--parameters", str(f / "parameters.toml"))]
-        + ["--discrepancy", "0.01"], "no model to go with", without("--discrepancy")),
+        + ["--discrepancy", "0.01"], "is given without a model", without("--discrepancy")),
     "fixed": (building("update", *UPDATE, "--fix", "lowe=0.1"), "lowe", lambda f, words, text: [
         w.replace("lowe", re.search(r"did you mean '([^']*)'", text)[1]) for w in words]),
 }

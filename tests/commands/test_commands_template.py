@@ -34,7 +34,7 @@ def test_a_template_is_written_over_nothing(tmp_path, capsys):
     assert main(["template", "tower", str(tmp_path / "run")]) == 0
     (tmp_path / "run" / "model.toml").write_text("mine")
     assert main(["template", "monopile", str(tmp_path / "run")]) == 2
-    assert "is there already and would be written over; name another place" in capsys.readouterr().err
+    assert "already exists; name another place" in capsys.readouterr().err
     assert (tmp_path / "run" / "model.toml").read_text() == "mine"
 
 

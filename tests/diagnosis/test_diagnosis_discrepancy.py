@@ -57,7 +57,7 @@ def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file,
         assert diagnose(usual, scattered(seed)).verdict == "unexplained"
     silent = diagnose(stated, scattered(seed))
     row.equal(silent.verdict, "none", "silent", case=seed)
-    assert [n for n in silent.notes if n.startswith("what the model leaves out is taken as stated: 1 % of a")]
+    assert [n for n in silent.notes if n.startswith("model discrepancy as stated: 1 % of a")]
     found = diagnose(stated, scattered(seed, LOSS)).findings[0]
     row.equal((found.location, found.time_profile), ("k3", "step"), "first", case=seed)
     row.error((found.size + LOSS) / found.size_std, 3, "size", case=seed)
@@ -77,7 +77,7 @@ def test_an_unexplained_record_says_what_a_larger_error_would_leave(frame_file, 
 
 @pytest.mark.parametrize("share", [0.0, -0.01, 1.0, np.nan])
 def test_an_error_that_is_no_share_is_refused(frame_file, share):
-    with pytest.raises(InputError, match="no share of a frequency above zero"):
+    with pytest.raises(InputError, match="not a share of a frequency above zero"):
         ModelSource(model=frame_file, discrepancy=share)
-    with pytest.raises(InputError, match="discrepancy given, but no model"):
+    with pytest.raises(InputError, match="discrepancy is given without a model"):
         ModelSource(model=None, discrepancy=0.01).refuse_without_model()

@@ -323,7 +323,7 @@ def test_where_the_chain_and_laplace_part_is_said_with_how_much():
     assert said == [
         "shifted: sampled, its mean 1.2 is 2.0 standard deviations above the maximum 1",
         "wide: sampled, its standard deviation 0.2 is 2.00 times Laplace's 0.1",
-        "stuck: the chain says nothing of it, as its walkers did not move",
+        "stuck: not sampled, as its walkers did not move",
     ]
 
 

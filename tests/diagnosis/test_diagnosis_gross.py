@@ -162,7 +162,7 @@ def test_sets_whose_every_pair_is_one_shape_are_refused(prepared, record):
     alike = of_sensors(data, change)
     for number in (0, 3):
         sets = (*data.sets[:number], *alike.sets[number:])
-        with pytest.raises(InputError, match=f"modes: {40 - number} of 40 sets say nothing.*without shapes"):
+        with pytest.raises(InputError, match=f"modes: {40 - number} of 40 sets carry no information.*without shapes"):
             probupdate.diagnose(prepared, replace(data, sets=sets), extend=False)
 
 
@@ -181,7 +181,7 @@ def test_sets_that_say_nothing_since_a_time_are_not_nothing(prepared, record, va
             sets.append(replace(s, frequency_hz=frequency, shape=shape))
         found = probupdate.diagnose(prepared, replace(data, sets=tuple(sets)), extend=False)
         row.equal(found.verdict, verdict)
-        assert ("10 of 10 sets have modes and say nothing" in found.notes[0]) == (verdict == "unexplained")
+        assert ("10 of 10 sets have modes but no information" in found.notes[0]) == (verdict == "unexplained")
 
 
 def test_two_causes_at_the_end_of_what_they_can_be_are_no_explanation(prepared, record, monkeypatch):

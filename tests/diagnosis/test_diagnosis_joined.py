@@ -125,17 +125,18 @@ def test_a_mode_that_the_model_lacks_is_said(prepared, record):
     records = tuple(ModeRecord(label=label, match=match, found=40, blocks=40, frequency_hz=float(f)) for label, match, f
                     in zip((*NAMES, "5"), (*["alike"] * 4, "none"), extra[0].frequency_hz, strict=True))
     whole = ModalData(channels=data.channels, sets=tuple(extra), labels=(*NAMES, "5"), records=records)
-    said = f"mode 5 at {records[4].frequency_hz:.4g} Hz, in 40 of 40 sets, is none of the model's and is not compared"
+    said = (f"mode 5 at {records[4].frequency_hz:.4g} Hz, in 40 of 40 sets, has no counterpart in the model and is "
+            "not compared")
     found = probupdate.diagnose(prepared, whole, extend=False)
     assert found.verdict == "none" and found.notes[0].startswith(said)
     rare = replace(whole, records=(*records[:4], replace(records[4], found=10)))
     notes = probupdate.diagnose(prepared, rare, extend=False).notes
-    assert not any("is none of the model's" in note for note in notes)
+    assert not any("no counterpart in the model" in note for note in notes)
 
 
 def test_sets_that_lack_one_mode_of_a_pair_are_said(prepared, record):
     data = record(7)
     sets = tuple(s.of_modes([0, 1, 2, 3] if k < 25 else [0, -1, 2, 3]) for k, s in enumerate(data.sets))
     found = probupdate.diagnose(prepared, replace(data, sets=sets, labels=NAMES), extend=False)
-    assert any(note == f"modes X1/Y1: of 40 sets that have one of the two, 15 lack the other and say nothing of either "
+    assert any(note == f"modes X1/Y1: of 40 sets that have one of the two, 15 lack the other and inform neither "
                        f"(the last: {data.sets[-1].id})" for note in found.notes)

@@ -279,7 +279,7 @@ def test_a_crosstalk_of_few_sets_is_found_beside_frequencies_that_the_model_miss
     (finding,) = found.findings
     assert (finding.cause, finding.location) == ("crosstalk", "x2 into y4")
     assert finding.size == pytest.approx(0.3, abs=3 * finding.size_std)
-    assert any("what the model leaves out is taken 8 and 1 times" in note for note in found.notes)
+    assert any("the model discrepancy is taken 8 and 1 times" in note for note in found.notes)
 
 
 def test_a_competing_hypothesis_takes_the_time_of_what_it_stands_in_place_of(prepared, record):

@@ -139,7 +139,7 @@ def test_a_reference_and_a_present_state(model, validation):
     row = validation(what="a reference and a present state: cause, place, time profile", reference="what was hidden")
     found = found_in(model, before_and_after(7))
     row.equal([(f.cause, f.location, f.time_profile) for f in found.findings], [("parameter", "ky1", "step")])
-    assert any("2 sets say nothing of their own scatter" in note for note in found.notes)
+    assert any("2 sets show too little scatter" in note for note in found.notes)
 
 
 def test_two_equal_states_are_silent(model):

@@ -99,7 +99,7 @@ def test_a_mode_that_the_model_lacks_is_a_mass_on_springs(pictured_frame, mass, 
     row.error((part["size"] - mass) / part["size_std"], 3, "size")
     row.error((part["frequency_hz"] - hz) / part["frequency_std_hz"], 3, "frequency")
     row.error(1 - part["has_mode"]["mac"], 0.01, "1 - MAC")
-    assert any("a mass on springs has it" in note for note in found.notes)
+    assert any("a mass on springs explains it" in note for note in found.notes)
     assert ("lacks one that is in most sets" in found.summary) == (found.p_value >= SELDOM)
     assert "it has mode 7 at" in found.summary
 

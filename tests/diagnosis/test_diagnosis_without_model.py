@@ -104,7 +104,7 @@ def test_a_storey_that_loosens_is_unexplained_with_its_time_and_modes(record, va
     moved = {m["mode"]: m["change_percent"] for m in change["frequencies"]}
     # a tenth of one of five storeys: by Rayleigh's quotient between nothing and 2.5 % of a frequency
     row.between(moved["all modes"], -2.6, -0.3, "change")
-    assert any("a model would be needed" in note for note in found.notes)
+    assert any("a model is needed" in note for note in found.notes)
 
 
 def test_a_gain_that_changes_is_named_with_its_channel(validation):
@@ -188,7 +188,7 @@ def test_the_command_takes_modes_alone(record, tmp_path, capsys):
     content = json.loads((tmp_path / "d.json").read_text())
     assert content["verdict"] == "none" and content["adequacy_p"] is None and content["detectable_sizes"]
     assert content["inputs"] == {"model": {}, "modes": {"modes.json": sha256(tmp_path / "modes.json")}}
-    with pytest.raises(InputError, match="no model"):
+    with pytest.raises(InputError, match="without a model"):
         probupdate.diagnose(None, record(1), groups={"a": {"k1": 0.1}})
 
 

@@ -119,7 +119,7 @@ def test_nothing_that_comes_back_is_said(tmp_path):
     rng = np.random.default_rng(0)
     campaign = write(tmp_path, rng.standard_normal((3000, 4)), [("x", 0.0, 0.0, float(k)) for k in range(4)], 10.0, 5,
                      "acceleration")
-    with pytest.raises(InputError, match="no pole comes back over the model orders and the 1 blocks"):
+    with pytest.raises(InputError, match="no pole is stable over the model orders and the 1 blocks"):
         identify(campaign, None, settings=SSISettings(order=8, block_rows=10, target_rate_hz=10.0, sub_records=0))
 
 

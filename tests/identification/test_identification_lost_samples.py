@@ -133,7 +133,7 @@ def test_a_channel_without_pairs_at_some_lag_is_no_reference():
     assert found.covariance.shape == (10, 3, 2)
     known = np.zeros((200, 2), bool)
     known[::2] = True
-    assert "at some distances in time" in without_pairs(known, np.zeros(2), 10.0)
+    assert "at some time lags" in without_pairs(known, np.zeros(2), 10.0)
     assert "convert every 2th row, with a sampling rate of 5 Hz" in without_pairs(known, np.full(2, 0.5), 10.0)
-    with pytest.raises(InputError, match="no two samples"):
+    with pytest.raises(InputError, match="no pair of samples"):
         pair_covariances(np.where(known, 1.0, np.nan) * np.arange(200)[:, None], 10.0, 10.0, 9)

@@ -86,7 +86,7 @@ def test_a_mode_of_one_turbine_state_is_found_by_its_state():
 
 def test_noise_alone_is_no_mode():
     rng = np.random.default_rng(4)
-    with pytest.raises(InputError, match="no pole comes back over the model orders and the 20 blocks"):
+    with pytest.raises(InputError, match="no pole is stable over the model orders and the 20 blocks"):
         found_in([stack(rng, [], n_noise=30) for _ in range(20)])
 
 

@@ -127,7 +127,7 @@ def test_what_scada_lacks_is_said_and_not_asked(jacket):
     bare = [replace(one_set(k, jacket.shape), environment={}) for k in range(4)]
     result = select(data(bare))
     assert (result.table["criterion"] == "").all()
-    assert len(result.notes) == 3 and all("was not asked" in note for note in result.notes)
+    assert len(result.notes) == 3 and all("was not applied" in note for note in result.notes)
     assert "no pitch_deg_range" in result.summary
     half = [replace(one_set(k, jacket.shape), environment={k: v for k, v in QUIET.items() if "yaw" not in k})
             for k in range(4)]
@@ -152,7 +152,7 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     said = [one_set(k, jacket.shape) for k in range(2)]
     other = scada.drop(columns="pitch_deg").rename(columns={"rotor_speed_rpm": "rotor_rpm"})
     notes = select(data(said), other).notes
-    assert any("'pitching' was not asked" in note for note in notes)
+    assert any("'pitching' was not applied" in note for note in notes)
     assert "SCADA has no rotor_speed_rpm (rename 'rotor_rpm' if that is it)" in notes
     with pytest.raises(InputError, match="SCADA: has none of SCADA's columns, but order"):
         select(data(said), pd.DataFrame({"order": [1.0] * 6}, index=index))
@@ -280,7 +280,7 @@ def test_a_building_with_a_spurious_mode_needs_no_scada_and_gives_no_warning(tmp
         unseen = replace(sets[0], shape=np.zeros((6, 4)))
         assert np.isnan(pair_angle_deg(unseen, 0, 1))
     assert (result.table["criterion"] == "").all() and len(result.data.sets) == 9
-    assert result.notes == ("modes not asked for, as fewer than 50 % of the blocks have them: 4",)
+    assert result.notes == ("modes not required, as fewer than 50 % of the blocks have them: 4",)
     (tmp_path / "c.toml").write_text("required_share = 0.1")
     every = read_criteria(tmp_path / "c.toml", "structure")
     assert int((select(building, criteria=every).table["criterion"] == "").sum()) == 4

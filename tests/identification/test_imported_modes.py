@@ -261,7 +261,7 @@ def test_a_row_without_a_block_is_refused(tmp_path):
 
 def test_ratios_that_are_called_per_cent_are_refused(tmp_path):
     made = table(spurious=0)
-    with pytest.raises(InputError, match="as no structure has"):
+    with pytest.raises(InputError, match="too low for a structure"):
         converted(tmp_path, written(tmp_path, made.assign(xi=made.xi / 100)), COLUMNS)
 
 

@@ -41,7 +41,7 @@ def test_a_group_changes_by_an_amount_that_a_parameter_can(tmp_path, amount):
     data = ModalData(channels=("a",), sets=(ModalSet(
         id="1", frequency_hz=np.ones(1), damping_ratio=np.full(1, 0.01), shape=np.ones((1, 1), complex),
         frequency_std_hz=np.full(1, 0.01), shape_std=np.full((1, 1), 0.01)),))
-    with pytest.raises(InputError, match=r"groups\.toml: legs: k_p = .* is no change of a parameter"):
+    with pytest.raises(InputError, match=r"groups\.toml: legs: k_p = .* is not a plausible change of a parameter"):
         diagnose("as_built", data, groups=path)
 
 

@@ -169,7 +169,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[1e-9]),
-         r"set 1, frequency_std_hz: 1e-09 Hz of 1 Hz is less than any record's clock .* placeholder\?"),
+         r"set 1, frequency_std_hz: 1e-09 Hz of 1 Hz is smaller than the accuracy of any .* placeholder\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9 .* are these per cent\?"),
         (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
         (lambda c: c["sets"][0].update(environment={"air_temperature_c": 288.2}), "air_temperature_c: 288.2 .* kelvin"),

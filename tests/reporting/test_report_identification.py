@@ -142,7 +142,7 @@ def test_nothing_identified_draws_nothing():
 
 
 def test_every_criterion_of_a_pole_is_put_in_words():
-    """The table of what became of every pole leaves no cell empty."""
+    """The table of poles kept and removed leaves no cell empty."""
     names = {value for name, value in vars(classification).items() if name.isupper() and isinstance(value, str)}
     assert {"kept", "other order", "unstable"} <= names == set(POLE_WORDS)
 

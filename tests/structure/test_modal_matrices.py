@@ -286,7 +286,7 @@ def test_matrices_named_in_a_model_file(folder):
         ("initial = 0.1\n", "", "'initial' is missing"),
         ("std = 0.2", 'std = "0.2"', "std: '0.2' is not a number"),
         ("std = 0.2", "std = 0.2\ncov = 0.1", "needs exactly one of 'cov' and 'std'"),
-        ("std = 0.1", "cov = 0.1", "'cov' of an initial value of zero"),
+        ("std = 0.1", "cov = 0.1", "'cov' is undefined for an initial value of zero"),
         ("std = 0.2", "std = -0.2", "standard deviation -0.2 is not positive"),
         ("upper = 1.0", "upper = -1.0", "are empty"),
         ("initial = 0.1", "initial = 7.0", "is outside"),
@@ -430,7 +430,7 @@ def test_an_array_of_which_the_head_promises_more_than_there_is(tmp_path):
     path = csr_model(tmp_path)
     with zipfile.ZipFile(path, "a") as archive, archive.open("K_k2.npy", "w") as stream:
         np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (10**9,)})
-    with pytest.raises(InputError, match=r"K_k2\.npy: holds objects, or not as many numbers"):
+    with pytest.raises(InputError, match=r"K_k2\.npy: holds objects, or another number of values"):
         load_model(path)
 
 

@@ -139,7 +139,7 @@ def test_a_parameter_at_its_bound_is_pinned_in_row_sentence_and_notes():
     row = row_of(found, "b")
     assert row.flags[0] == "pinned at its upper bound at the MAP"
     assert "the density is highest at the bound while its mass lies inside" in row.sentence
-    assert "pinned at a bound at the MAP: b; their results hang on those bounds" in found.notes
+    assert "pinned at a bound at the MAP: b; their results depend on those bounds" in found.notes
     assert not row_of(found, "a").flags and "b" in found.summary
 
 

@@ -51,7 +51,7 @@ def test_scatter_beyond_what_sets_state_is_in_the_mean():
     joint = joint_set(frequency_sets(values, 0.001))
     # twelve values of scatter s: the mean is known to s / sqrt(12)
     assert joint.data.set().frequency_std_hz == pytest.approx(np.std(values, axis=0, ddof=1) / np.sqrt(12), rel=0.02)
-    assert any(note.startswith("frequencies that scatter over these sets more") for note in joint.notes)
+    assert any(note.startswith("frequencies scatter over these sets more") for note in joint.notes)
 
 
 def test_shapes_of_any_scale_phase_and_turn_give_their_mean():
@@ -92,7 +92,7 @@ def test_conditions_that_some_sets_do_not_know_are_means_of_the_others():
 
 @pytest.mark.parametrize(("environment", "words"), (
     ({"state": "rated"}, "1 sets are in other conditions than state idling"),
-    ({"state": "idling", "nacelle_angle_deg": 90.0}, "in 1 sets the nacelle looked elsewhere than at 0 deg"),
+    ({"state": "idling", "nacelle_angle_deg": 90.0}, "in 1 sets the nacelle's heading differs from 0 deg"),
 ))
 def test_sets_in_other_conditions_are_left_out_and_said(environment, words):
     data = frequency_sets([[1.0, 3.0]] * 4 + [[1.2, 3.3]], 0.01,
