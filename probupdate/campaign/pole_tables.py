@@ -197,7 +197,8 @@ def _block(r: _Raw, described: PoleDescription, incomplete: Counter[str]) -> Blo
     std = r.frequency_std / (2 * np.pi) if described.frequency_unit == "rad/s" else r.frequency_std
     share = 0.01 if described.damping_unit == "%" else 1.0
     kept = np.ones(len(hz), bool)
-    size = np.sum(np.abs(r.shape) ** 2, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.sum(np.abs(r.shape) ** 2, axis=0)
     for reason, bad in (("without a frequency", ~np.isfinite(hz)), ("with a frequency not above zero", ~(hz > 0)),
                         ("with a component of the shape missing", ~np.isfinite(size)),
                         ("with a shape of zeros", size == 0)):

@@ -60,7 +60,8 @@ class WrittenCampaign:
     sampling_rate_hz: Positive
     block_minutes: Positive
     name: str | None = None
-    water_depth_m: Positive | None = None
+    # no sea is deeper
+    water_depth_m: Annotated[float, Range(0, 11_000, above=True)] | None = None
     rated_power_kw: Positive | None = None
     x_axis_heading_deg: Annotated[float, Range(-360, 360)] = 0.0
     leave_out: tuple[str, ...] = ()

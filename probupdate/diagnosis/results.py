@@ -236,12 +236,26 @@ class DetectableSizeTable:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ParameterTable:
+    name: str
+    unit: str | None = None
+    prior: float | None = None
+    prior_std: float | None = None
+    value: float | None = None
+    std: float | None = None
+    prior_shift: float | None = None
+    value_after: float | None = None
+    std_after: float | None = None
+    prior_shift_after: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisTable:
     verdict: str
     p_value: float | None
     findings: tuple[FindingTable, ...]
     detectable_sizes: tuple[DetectableSizeTable, ...]
-    parameters: tuple[Mapping[str, str | float | None], ...]
+    parameters: tuple[ParameterTable, ...]
     notes: tuple[str, ...]
     details: Mapping[str, object]
     threshold: float | None = None

@@ -263,7 +263,7 @@ class BlockStore:
 
     def read_head(self, start: pd.Timestamp) -> BlockPoles:
         """A block without its poles and spectra, which are most of a file."""
-        with _open_block(self.folder / (self._stem(start) + POLES)) as content:
+        with _open_block(self.folder / (self._stem(start) + POLES), lazy=True) as content:
             return _block_of(content, **WITHOUT_ARRAYS)
 
     def read_factors(self, start: pd.Timestamp) -> BlockFactors:
@@ -439,17 +439,24 @@ def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.frombuffer(found.digest(), np.uint8)
 
 
+def _undamaged(path: Path, content: Mapping) -> dict[str, np.ndarray]:
+    """The arrays of a stored file. Raises InputError where they are not what was written."""
+    arrays = {name: content[name] for name in content}
+    if CHECKSUM not in arrays or not np.array_equal(arrays[CHECKSUM], _checksum(arrays)):
+        raise InputError(str(path), "does not hold what was written: it was damaged or changed",
+                         "run `probupdate identify` again, which makes this block anew")
+    return arrays
+
+
 def _whole(path: Path) -> Mapping | None:
-    """The arrays of a stored file; None where it is absent, cannot be read or does not hold what was written: what is
-    damaged is made again."""
+    """The arrays of a stored file; None where it is absent or damaged: it is made again."""
     if not path.exists():
         return None
     try:
         with _open_block(path) as content:
-            arrays = {name: content[name] for name in content}
+            return content
     except InputError:
         return None
-    return arrays if CHECKSUM in arrays and np.array_equal(arrays[CHECKSUM], _checksum(arrays)) else None
 
 
 def _whole_sources(path: Path) -> list[str] | None:
@@ -495,16 +502,17 @@ def _store_head(content: Mapping) -> dict:
 
 
 def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
-    with _open_block(path) as content:
+    with _open_block(path, lazy=True) as content:
         return content[CHECKSUM].tobytes().hex(), list(_store_head(content)["sources"])
 
 
 @contextmanager
-def _open_block(path: Path) -> Iterator[Mapping]:
-    """The arrays of one block's file; what is missing in them is said like what cannot be read."""
+def _open_block(path: Path, *, lazy: bool = False) -> Iterator[Mapping]:
+    """The arrays of one block's file, all read and as they were written, or each as it is asked for; what is missing
+    in them is said like what cannot be read."""
     with archive(path, "is not an identified block",
                  "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
-        yield content
+        yield content if lazy else _undamaged(path, content)
 
 
 def _read_head(path: Path) -> dict:

@@ -54,6 +54,11 @@ TOML_STRING = re.compile("|".join((
     r'"""(?:[^\\"]|\\.|"(?!""))*"""', r"\'\'\'(?:[^']|'(?!''))*\'\'\'", r'"(?:[^"\\\n]|\\.)*"', r"'[^'\n]*'",
     r"#[^\n]*",
 )), re.DOTALL)
+# what a terminal obeys or a table breaks at; only longer text may run over lines
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
+LINE_END = re.compile(r"[\t\n]")
+NAMES = ("name", "names", "label", "labels", "id", "ids", "unit", "channel", "channels", "level", "turbine", "turbines",
+         "parameter", "part", "kind", "model", "files")
 TOML_SIGN = re.compile(r"[=,\[\]{}\n]")
 
 
@@ -372,6 +377,8 @@ def read_json(path: str | Path, remedy: str = "correct the file at that place", 
                              parse_int=_integer if re.search(r"\d{19}", text) else None,
                              parse_float=_float if re.search(r"\d{300}|[eE]\+?0*[1-9]\d\d", text) else None)
         _refuse_deep(content)
+        if re.search(r"\\[bfnrtu]|[\x7f-\x9f\u2028\u2029]", text):
+            _refuse_control(path, content, remedy)
         if re.search(r"\\u[dD][89a-fA-F]", text):
             json.dumps(content, ensure_ascii=False).encode("utf-8")
     return content
@@ -395,6 +402,7 @@ def read_toml(
         _refuse_deep_toml(text)
         content = tomllib.loads(text, parse_float=_float)
         _refuse_deep(content, integers=True)
+        _refuse_control(path, content, remedy)
     return content
 
 
@@ -486,6 +494,21 @@ def _refuse_deep(content: object, *, integers: bool = False) -> None:
             return
         level = nested
     raise ValueError(f"nested deeper than {DEEPEST} levels")
+
+
+def _refuse_control(path: Path, content: object, remedy: str) -> None:
+    """Control characters in text, and ends of lines in names."""
+    left: list[tuple[str, object]] = [("", content)]
+    while left:
+        key, value = left.pop()
+        if isinstance(value, dict):
+            left += [("name", k) for k in value] + list(value.items())
+        elif isinstance(value, list):
+            left += [(key, v) for v in value]
+        elif isinstance(value, str) and (found := CONTROL.search(value) or (
+                LINE_END.search(value) if key in NAMES else None)):
+            raise InputError(f"{path}, {key or 'a text'}", f"{value!r:.60} holds the control character {found[0]!a}",
+                             remedy)
 
 
 def _refuse_deep_toml(text: str) -> None:

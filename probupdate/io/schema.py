@@ -27,6 +27,21 @@ MOST_ITEMS = 1_000_000
 # open bounds are infinite; every other number is finite, or NaN where the file has null
 LARGEST = 1e150  # squares of it are numbers too
 UNBOUNDED = ("lower", "upper")
+# what numbers of a result can be, by the last word of their field's name; null, which is no number, may stand for any.
+# A MAC, a correlation and a probability are computed, and end by rounding beside their bounds.
+ROUNDED = 1e-6
+SHARES, AMOUNTS = (-ROUNDED, 1 + ROUNDED), (0.0, LARGEST)
+QUANTITIES = {
+    **dict.fromkeys(("mac", "probability", "p", "p_value", "share_left", "odd"), SHARES),
+    **dict.fromkeys(("hz", "std", "std_after", "cov", "variance", "misfit", "square", "contraction", "tau", "ess",
+                     "mode"), AMOUNTS),
+    **dict.fromkeys(("correlation", "cosine"), (-1 - ROUNDED, 1 + ROUNDED)),
+}
+# of every parameter, whatever the data are
+NEEDED = ("theta", "covariance")
+SYMMETRIC = ("covariance", "correlation", "fisher")
+# each stands for one row of what is beside it
+UNIQUE = ("names", "labels", "ids", "turbines")
 
 
 @dataclass(frozen=True)
@@ -41,9 +56,22 @@ class Range:
     def check(self, value: float) -> float:
         if not self.low <= value <= self.high or (self.above and value == self.low) or (self.nonzero and value == 0):
             if self.high < np.inf:
-                raise ValueError(f"is not in {self.low:g} to {self.high:g}" + " and not zero" * self.nonzero)
+                raise ValueError(f"is not in {self.low:g} to {self.high:g}" + " and not zero" * self.nonzero
+                                 + f" and above {self.low:g}" * self.above)
             raise ValueError(f"is not a number {'above' if self.above else 'from'} {self.low:g}")
         return value
+
+
+class Flags:
+    """Of an array: true and false, which no other array holds."""
+
+    def check(self, value: object) -> object:
+        if not isinstance(value, np.ndarray) or value.dtype.kind != "b":
+            raise ValueError("is not an array of true and false")
+        return value
+
+
+BoolArray = Annotated[np.ndarray, Flags()]
 
 
 @dataclass(frozen=True)
@@ -68,8 +96,12 @@ def checked(result: T, path: str | Path, remedy: str) -> T:
     except pydantic.ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}, {place}", f"{first['input']!r:.60}: {first['msg']}", remedy) from None
+        raise InputError(f"{path}, {place}", f"{first['input']!r:.60}: {_words(first)}", remedy) from None
     return result
+
+
+def _words(mistake: Mapping) -> str:
+    return str(mistake["msg"]).removeprefix("Value error, ")
 
 
 def checked_table(kind: type, table: Mapping, path: str | Path, remedy: str) -> None:
@@ -83,7 +115,7 @@ def checked_table(kind: type, table: Mapping, path: str | Path, remedy: str) -> 
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         message = (f"has no '{place}'" if first["type"] == "missing"
-                   else f"{place}, {first['input']!r:.60}: {first['msg']}")
+                   else f"{place}, {first['input']!r:.60}: {_words(first)}")
         raise InputError(str(path), message, remedy) from None
 
 
@@ -101,7 +133,8 @@ def table_as(kind: type[T], table: object, where: str, **defaults: object) -> T:
     refuse_unknown(table, known, where)
     try:
         # through JSON, where a list is a tuple and a date, which none of these has, is not text
-        found = _schema(kind).model_validate_json(json.dumps(dict(table), default=lambda value: {"date": str(value)}))
+        text = json.dumps(dict(table), default=lambda value: {"date": str(value)})
+        found = _schema(kind, False).model_validate_json(text)
     except pydantic.ValidationError as error:
         raise _mistake(error.errors(include_url=False), known, where) from None
     except (TypeError, ValueError) as error:
@@ -156,19 +189,20 @@ def _mistake(errors: list, known: list[str], where: str) -> InputError:
             dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")
     if kind == "list_type" and isinstance(value, Mapping):
         return InputError(where, "is one table where a list of them belongs", f"write [[{key}]] before each")
-    problem, remedy = WORDS.get(kind, (first["msg"].removeprefix("Value error, "), "give another one"))
+    problem, remedy = WORDS.get(kind, (_words(first), "give another one"))
     return InputError(where, f"{shown} {problem}", remedy)
 
 
 @functools.cache
-def _schema(kind: type) -> Any:
-    """A strict pydantic model with the fields of a dataclass."""
+def _schema(kind: type, result: bool = True) -> Any:
+    """A strict pydantic model with the fields of a dataclass; of a result, names of fields say what numbers can be."""
     import pydantic
 
     hints = typing.get_type_hints(kind, include_extras=True)
     config = pydantic.ConfigDict(strict=True, from_attributes=True, arbitrary_types_allowed=True,
                                  protected_namespaces=())
-    members = {f.name: (_type(hints[f.name], f.name in UNBOUNDED), _default(f)) for f in fields(kind)}
+    members = {f.name: (_type(hints[f.name], f.name if result or f.name in UNBOUNDED else ""), _default(f))
+               for f in fields(kind)}
     # names that pydantic keeps for itself
     renamed: dict[str, Any] = {f"{name}_" if hasattr(pydantic.BaseModel, name) else name: value
                                for name, value in members.items()}
@@ -183,45 +217,70 @@ def _default(field: Field) -> Any:
     return ... if field.default_factory is MISSING else None
 
 
-def _type(hint: Any, unbounded: bool = False) -> Any:
+def _type(hint: Any, name: str = "") -> Any:
+    """What pydantic holds a value to; name: of the field, which says what quantity its numbers are."""
     import pydantic
 
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if hint is float:
-        return Annotated[float, pydantic.AfterValidator(_to_number if unbounded else _check_finite)]
+        return Annotated[float, pydantic.AfterValidator(functools.partial(_check_number, name))]
     if hint is str:
         return Annotated[str, pydantic.Field(max_length=LONGEST_TEXT)]
     if hint is np.ndarray:
-        return Annotated[Any, pydantic.PlainValidator(_array)]
+        return Annotated[Any, pydantic.PlainValidator(functools.partial(_check_array, name))]
     if isinstance(hint, type) and is_dataclass(hint):
         return _schema(hint)
     if origin is Annotated:
         # a number with bounds of its own may be infinite where they are; NaN is within none
         return Annotated[inner[0], *(pydantic.AfterValidator(m.check) for m in inner[1:])]
     if origin in (Union, types.UnionType):
-        return Union[tuple(_type(part) for part in inner)]  # noqa: UP007  of types that are made here
+        return Union[tuple(_type(part, name) for part in inner)]  # noqa: UP007  of types that are made here
     if origin is tuple:
-        return tuple[tuple(part if part is Ellipsis else _type(part) for part in inner)]
+        # rows of rows have names of their own
+        items: Any = tuple[tuple(part if part is Ellipsis else _type(part, "" if typing.get_args(part) else name)
+                                 for part in inner)]
+        return Annotated[items, pydantic.AfterValidator(_check_unique)] if _last_word(name) in UNIQUE else items
     if origin is list:
-        return Annotated[list[_type(inner[0])], pydantic.Field(max_length=MOST_ITEMS)]
+        return Annotated[list[_type(inner[0], name)], pydantic.Field(max_length=MOST_ITEMS)]
     if origin is not None and isinstance(origin, type) and issubclass(origin, Mapping):
         return Mapping[_type(inner[0]), _type(inner[1])]
     return Any if hint is object else hint
 
 
-def _to_number(value: float) -> float:
-    return value
+def _last_word(name: str) -> str:
+    return name.rpartition("_")[2]
 
 
-def _check_finite(value: float) -> float:
+def _check_number(name: str, value: float) -> float:
     # NaN passes: it is null
-    if abs(value) > LARGEST:
+    if name not in UNBOUNDED:
+        _check_quantity(name, np.asarray(value))
+    return value
+
+
+def _check_array(name: str, value: Any) -> np.ndarray:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iufc":
+        raise ValueError("is not an array of numbers")
+    _check_quantity(name, value)
+    if set(NEEDED) & set(name.split("_")) and np.any(np.isnan(value)):
+        raise ValueError("lacks a number")
+    if _last_word(name) in SYMMETRIC and value.ndim == 2 and not (
+            value.shape == value.T.shape and np.allclose(value, value.T, equal_nan=True)):
+        raise ValueError("is not symmetric")
+    return value
+
+
+def _check_quantity(name: str, value: np.ndarray) -> None:
+    if np.any(np.abs(value) > LARGEST):
         raise ValueError(f"is beyond {LARGEST:g}")
-    return value
+    bounds = QUANTITIES.get(name, QUANTITIES.get(_last_word(name)))
+    if bounds is not None and np.any((value < bounds[0]) | (value > bounds[1])):
+        low, high = (float(f"{b:.3g}") for b in bounds)
+        raise ValueError("is negative" if high == LARGEST else f"is not in {low:g} to {high:g}")
 
 
-def _array(value: Any) -> np.ndarray:
-    good = isinstance(value, np.ndarray) and value.dtype.kind in "biufc"
-    if not good or (value.dtype.kind in "fc" and np.any(np.abs(value) > LARGEST)):
-        raise ValueError(f"is not an array of numbers up to {LARGEST:g}")
-    return value
+def _check_unique(values: tuple) -> tuple:
+    twice = [value for k, value in enumerate(values) if value in values[:k]]
+    if twice:
+        raise ValueError(f"holds {twice[0]!r} twice")
+    return values

@@ -18,7 +18,7 @@ import numpy as np
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
 from probupdate.io.result_table import plural
-from probupdate.io.schema import LARGEST, Length, table_as
+from probupdate.io.schema import LARGEST, Length, Range, table_as
 from probupdate.modal.conditions import KNOWN_COLUMNS, misspelt
 from probupdate.modal.covariance_file import FactorsFile, opened_factors, write_factors
 from probupdate.modal.mode_choice import choice_of
@@ -91,8 +91,8 @@ def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
     known = np.concatenate([s.damping_ratio[np.isfinite(s.damping_ratio)] for s in sets]) if sets else np.zeros(0)
     if not len(known):
         return
-    highest = max(sets, key=lambda s: np.max(s.damping_ratio, initial=-np.inf, where=np.isfinite(s.damping_ratio)))
-    most = float(np.nanmax(highest.damping_ratio))
+    highest = max(sets, key=lambda s: np.max(np.abs(s.damping_ratio), initial=0, where=np.isfinite(s.damping_ratio)))
+    most = float(np.nanmax(np.abs(highest.damping_ratio)))
     if most >= NO_VIBRATION or np.median(known) > MIDDLE_DAMPING:
         raise InputError(f"{path}, set {highest.id}, damping_ratio", f"{most:.4g} (median of the file "
                          f"{np.median(known):.3g}) is not a plausible damping ratio of a structure: are these per "
@@ -158,7 +158,7 @@ class _Written:
     channels: tuple[Annotated[str, Length(1)], ...]
     labels: tuple[str, ...] = ()
     reference_set: str | None = None
-    format: int = FORMAT
+    format: Annotated[int, Range(1)] = FORMAT
     mode_records: tuple[Mapping[str, object], ...] | None = None
     model_only: tuple[Mapping[str, object], ...] | None = None
     gravity: object = None
@@ -341,7 +341,9 @@ def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:
     if n_channel and "shape_re" not in raw:
         raise InputError(where, f"'shape_re' is missing for {n_channel} channels",
                          'give it, null where not measured; of frequencies alone write "channels": []')
-    if not isinstance(raw.get("environment") or {}, dict):
+    if not isinstance(raw.get("id", ""), str | int) or isinstance(raw.get("id"), bool):
+        raise InputError(f"{where}, id", f"{raw['id']!r:.60} is no name", "give text, as the time of the set")
+    if not isinstance(raw.get("environment", {}), dict | None):
         raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
     n_mode = len(raw["frequency_hz"])
     _refuse_odd_length(where, raw, n_mode, n_channel)

@@ -48,6 +48,11 @@ class Sensor:
 
     def __post_init__(self):
         where = f"sensor {self.channel}"
+        odd = [x for part in (self.position_m, self.direction) if isinstance(part, list) for x in part
+               if isinstance(x, bool | str)]
+        if odd:
+            raise InputError(where, f"position_m or direction holds {odd[0]!r:.40}, which is no number",
+                             "give [x, y, z]")
         try:
             position, direction = frozen_array(self.position_m), frozen_array(self.direction)
         except (TypeError, ValueError):

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
+from probupdate.io.json_rows import from_table
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.io.schema import checked
 from probupdate.updating.identifiability import (
     BLIND,
     DRAWS,
@@ -321,24 +321,11 @@ def _nulls(table: Mapping) -> dict:
     return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in table.items()}
 
 
-def _numbers(table: Mapping) -> dict:
-    return {k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v for k, v in table.items()}
-
-
 def read_comparison(path: str | Path) -> Comparison:
     """Read compare.json; raises InputError where it is none, or its parts do not fit together."""
     path, again = Path(path), "write it again with `probupdate compare`"
     content = read_json_table(path, again, absent="write it with `probupdate compare`")
-    if content.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is no compare.json, or of another version's format", again)
-    with parsing(str(path), "is no compare.json", again):
-        found = Comparison(
-            names=tuple(content["names"]), rows=tuple(ComparisonRow(**_numbers(row)) for row in content["rows"]),
-            correlation=np.array(content["correlation"], float),
-            derived={k: _numbers(v) for k, v in content["derived"].items()}, notes=tuple(content["notes"]),
-            converged=content["converged"], settings=content["settings"],
-        )
-    checked(found, path, again)
+    found = from_table(Comparison, content, path, again, name="compare.json", file_format=FORMAT)
     n = len(found.names)
     if tuple(r.name for r in found.rows) != found.names or found.correlation.shape != (n, n):
         raise InputError(str(path), f"its rows or its correlation do not fit its {n} parameters", again)

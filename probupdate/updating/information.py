@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
-from probupdate.io.json_rows import from_row, row_of
+from probupdate.io.json_rows import from_table, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.io.schema import checked
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.identifiability import BLIND, cov_of, gaussian_width
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.predictive import PredictiveCheck, ResponseCheck, bits_gained
+from probupdate.updating.predictive import PredictiveCheck, bits_gained
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
 
@@ -311,16 +310,7 @@ def read_information(path: str | Path) -> Information:
     """Read information.json; raises InputError where it is none."""
     path, again = Path(path), "write it with `probupdate inform`"
     c = read_json_table(path, again, absent=again)
-    if c.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is no information.json, or of another version's format", again)
-    with parsing(str(path), "is no information.json", again):
-        found = Information(
-            rows=tuple(from_row(ParameterInformation, r) for r in c["rows"]), fisher=frozen_array(c["fisher"]),
-            directions=tuple(from_row(Direction, d) for d in c["directions"]),
-            pairs=tuple(from_row(Compensation, p) for p in c["pairs"]), total_bits=c["total_bits"], cost=c["cost"],
-            settings=c["settings"], check=None if c["check"] is None else from_row(PredictiveCheck, c["check"] | {
-                "responses": [from_row(ResponseCheck, r) for r in c["check"]["responses"]]}),
-        )
+    found = from_table(Information, c, path, again, name="information.json", file_format=FORMAT)
     if found.fisher.shape != (len(found.rows), len(found.rows)):
         raise InputError(f"{path}, fisher", f"is {found.fisher.shape} for {len(found.rows)} parameters", again)
-    return checked(found, path, again)
+    return found

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
-from probupdate.io.json_rows import from_row, row_of
+from probupdate.io.json_rows import from_table, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.io.schema import checked
 from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
@@ -175,14 +174,7 @@ def read_joint(path: str | Path) -> FarmJoint:
     """Read farm_joint.json; raises InputError where it is none."""
     path, again = Path(path), "write it with `probupdate farm` of a farm.toml with [joint]"
     c = read_json_table(path, again, absent=again)
-    if c.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is not a farm_joint.json, or of another version's format", again)
-    with parsing(str(path), "is not a farm_joint.json", again):
-        kinds = {"population": PopulationRow, "rows": TurbineRow, "months": MonthValue, "next": NextRow}
-        tables = {name: tuple(from_row(kind, r) for r in c.pop(name)) for name, kind in kinds.items()}
-        k = c.pop("pareto_k")
-        found = FarmJoint(**tables, pareto_k=float("nan") if k is None else k, turbines=tuple(c.pop("turbines")),
-                          odd_probability=tuple(c.pop("odd_probability")), notes=tuple(c.pop("notes")), **c)
+    found = from_table(FarmJoint, c, path, again, name="farm_joint.json", file_format=FORMAT)
     if len(found.odd_probability) != len(found.turbines):
         raise InputError(str(path), "does not hold one probability for each turbine", again)
-    return checked(found, path, again)
+    return found

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, stats
 
+from probupdate.io.schema import BoolArray
 from probupdate.updating.hierarchical import Population
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
@@ -144,7 +145,7 @@ class LeftOut:
     ids: tuple[str, ...]
     score: dict[str, np.ndarray]
     pareto_k: np.ndarray
-    refitted: np.ndarray
+    refitted: BoolArray
 
     def difference(self, one: str, other: str) -> tuple[float, float]:
         """Sum of score one minus other, and its standard error over the sets."""

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
-from probupdate.io.json_rows import from_row, row_of
+from probupdate.io.json_rows import from_table, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.io.schema import checked
-from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.predictive import LeftOut
 from probupdate.updating.settings import CONSTANTS
 
@@ -227,21 +225,10 @@ def read_views(path: str | Path) -> SetViews:
     """Read sets.json; raises InputError where it is none."""
     path, again = Path(path), "write it with `probupdate sets`"
     c = read_json_table(path, again, absent=again)
-    if c.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is not sets.json, or of another version's format", again)
-    with parsing(str(path), "is not sets.json", again):
-        ids, scores = tuple(c["ids"]), c["scores"]
-        k = [np.nan if v is None else v for v in scores["pareto_k"]]
-        left_out = LeftOut(ids=ids, score={name: frozen_array(v) for name, v in scores["score"].items()},
-                           pareto_k=frozen_array(k), refitted=frozen_array(scores["refitted"], bool))
-        views = SetViews(
-            ids=ids, rows=tuple(from_row(SetsRow, r) for r in c["rows"]),
-            modes=tuple(from_row(ModeScatter, m) for m in c["modes"]), scores=left_out, converged=c["converged"],
-            verdict=c["verdict"], linear_share=frozen_array(c["linear_share"]),
-            correlation=None if c["correlation"] is None else frozen_array(c["correlation"]), notes=tuple(c["notes"]),
-            advice=c["advice"], settings=c["settings"],
-        )
-    checked(views, path, again)
+    if isinstance(scores := c.get("scores"), dict):
+        c["scores"] = {"ids": c.get("ids"), **scores}
+    views = from_table(SetViews, c, path, again, name="sets.json", file_format=FORMAT)
+    left_out, ids = views.scores, views.ids
     if any(np.shape(v) != (len(ids),) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
         raise InputError(str(path), f"does not hold one score for each of its {len(ids)} sets", again)
     return views

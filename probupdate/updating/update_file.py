@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError, of_file, parsing
+from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_json_table, write_json
+from probupdate.io.json_rows import from_table
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.io.schema import checked
+from probupdate.io.schema import BoolArray
 from probupdate.modal.frequency_pairs import common_factor_words
-from probupdate.model.parameters import Parameter, Parameters
-from probupdate.runtime.arrays import frozen_array
+from probupdate.model.parameters import Parameters
 from probupdate.updating import components
 from probupdate.updating.baseline import LearntError
 from probupdate.updating.identifiability import GAUSSIAN, gaussian_width, identifiability, kinds_in_words
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# what an array of numbers, or of true and false, holds in the file
-KINDS: dict[type, set[type]] = {float: {int, float, type(None)}, bool: {bool}}
 BLIND_RESOLUTION = CONSTANTS.blind_resolution
 SHARP, BLUNT, COMMON_FACTOR = CONSTANTS.sharp, CONSTANTS.blunt, CONSTANTS.common_factor
 ACCUSED, FAR = CONSTANTS.accused, CONSTANTS.far
@@ -57,7 +55,7 @@ class SchemeRecord:
     share: np.ndarray
     frequency_hz: np.ndarray
     mac: np.ndarray
-    at_bound: np.ndarray
+    at_bound: BoolArray
     converged: bool
     status: str
     alpha: float
@@ -147,7 +145,7 @@ class UpdateRecord:
     map_theta: np.ndarray
     map_covariance: np.ndarray
     map_resolution: np.ndarray
-    map_at_bound: np.ndarray
+    map_at_bound: BoolArray
     map_misfit: float
     map_hz: np.ndarray
     map_mac: np.ndarray
@@ -424,17 +422,6 @@ def parameters_to_table(parameters: Parameters) -> dict:
     return {"items": items, "correlation": correlation, "held": [list(pair) for pair in parameters.held]}
 
 
-def parameters_from_table(table: Mapping) -> Parameters:
-    items = []
-    for entry in table["items"]:
-        low, high = entry["lower"], entry["upper"]
-        bounds = {"lower": -np.inf if low is None else low, "upper": np.inf if high is None else high}
-        items.append(Parameter(**{**entry, **bounds}))
-    correlation = table.get("correlation")
-    held = tuple((str(name), float(value)) for name, value in table["held"])
-    return Parameters(tuple(items), None if correlation is None else np.array(correlation), held)
-
-
 def write_update(record: UpdateRecord, path: str | Path) -> Path:
     path = Path(path)
     content: dict[str, object] = {"format": FORMAT}
@@ -454,22 +441,19 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
     return write_json(path, content)
 
 
-def _array(value, dtype: type = float):
-    """A list of numbers, null where there is none, or of true and false; anything else stays as it is, for the schema
-    to refuse by its key."""
-    filled = np.array(value, dtype=object)
-    if not filled.ndim or not {type(x) for x in filled.flat} <= KINDS[dtype]:
-        return value
-    return frozen_array(np.where(filled == None, np.nan, filled), dtype)  # noqa: E711
-
-
 def read_update(path: str | Path) -> UpdateRecord:
     """Read update.json; raises InputError where it is none, or its parts do not fit together."""
     again = "write it again with `probupdate update`"
     content = read_json_table(path, again, absent="write it with `probupdate update`")
-    _refuse_format(path, content, again)
-    with of_file(path), parsing(str(path), "is not an update.json", again):
-        record = checked(_record(content), path, again)
+    with parsing(f"{path}, model_error", "is not what the model may miss", again):
+        if (error := content.get("model_error")) is not None:
+            content["model_error"] = LearntError.from_table(error)
+    record = from_table(UpdateRecord, content, path, again, name="update.json", file_format=FORMAT)
+    if (parts := record.components) is not None:
+        # of no rows JSON has no columns
+        empty = {k: getattr(parts, k).reshape(0, len(record.parameters)) for k in ("source_std", "gain")
+                 if not getattr(parts, k).size}
+        record = replace(record, components=replace(parts, **empty))
     for what, found, wanted in _sizes(record):
         if found != wanted:
             raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
@@ -482,56 +466,6 @@ def read_update(path: str | Path) -> UpdateRecord:
     if record.components is not None and not np.all(np.sum(record.components.std**2, axis=0) > 0):
         raise InputError(f"{path}, components", "hold a parameter without any variance", again)
     return record
-
-
-def _refuse_format(path: str | Path, content: dict, again: str) -> None:
-    if content.pop("format", None) != FORMAT:
-        raise InputError(str(path), "is not an update.json, or of another version's format", again)
-
-
-def _record(content: dict[str, Any]) -> UpdateRecord:
-    arrays = ("theta", "distance_to_map", "share", "frequency_hz", "mac")
-    schemes = tuple(
-        SchemeRecord(**(s | {k: _array(s[k]) for k in arrays}
-                        | {"objective": {k: _array(v) for k, v in s["objective"].items()},
-                           "at_bound": _array(s["at_bound"], bool)}))
-        for s in content["schemes"]
-    )
-    sets = content["sets"]
-    if sets is not None:
-        arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
-        sets = ScatterRecord(**(
-            sets | {k: _array(sets[k]) for k in arrays}
-            | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
-               "derived": {k: _array(v) for k, v in sets["derived"].items()}}))
-    path = content.get("alpha_path")
-    if path is not None:
-        arrays = ("alpha", "theta", "misfit", "penalty", "log_evidence")
-        path = AlphaRecord(**(path | {k: _array(path[k]) for k in arrays} | {
-            "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))
-    parts = content.get("components")
-    if parts is not None:
-        arrays = ("std", "source_std", "gain", "chi_square", "expected")
-        n_param = len(content["parameters"]["items"])
-        shaped = {k: _array(parts[k]) for k in arrays}
-        shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")
-                   if isinstance(shaped[k], np.ndarray)}
-        words = {k: tuple(parts[k]) for k in ("names", "source_names", "measures", "responses")}
-        parts = ComponentsRecord(**(parts | shaped | words))
-    gradient, own = content.get("map_gradient"), content["identified_std_hz"]
-    arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
-              "map_covariance", "map_resolution", "map_hz", "map_mac")
-    values: dict[str, Any] = content | {k: _array(content[k]) for k in arrays} | {
-        "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
-        "alpha_path": path, "components": parts, "map_gradient": float("nan") if gradient is None else gradient,
-        "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
-        "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
-        "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
-                    for k, states in content["derived"].items()},
-        "map_at_bound": _array(content["map_at_bound"], bool),
-        "identified_std_hz": None if own is None else _array(own),
-        "model_error": LearntError.from_table(error) if (error := content.get("model_error")) else None}
-    return UpdateRecord(**values)
 
 
 def _sizes(record: UpdateRecord):

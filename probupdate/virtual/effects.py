@@ -31,6 +31,8 @@ COVARIATES = (
     "amplitude",
 )
 SMALLEST_FACTOR = 1e-6
+# of any structure or sensor, by unit; others
+LARGEST_SIZE, LARGEST = MappingProxyType({"-": 1e3, "m": 1e3, "m/m": 1e3, "1/K": 1.0, "kg": 1e9, "deg": 360.0}), 1e15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,9 +178,11 @@ def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping
     size = entry[kind.size]
     if not is_number(size):
         raise InputError(f"{where}, {kind.size}", f"{size!r} is not a number", f"give one in {kind.unit}")
-    if not kind.low <= size <= kind.high or (kind.neutral == 1.0 and size == 0):
+    largest = LARGEST_SIZE.get(kind.unit, LARGEST)
+    low, high = max(kind.low, -largest), min(kind.high, largest)
+    if not low <= size <= high or (kind.neutral == 1.0 and size == 0):
         opening = "(" if kind.neutral == 1.0 and kind.low == 0 else "["
-        raise InputError(f"{where}, {kind.size}", f"{size} is not in {opening}{kind.low:g}, {kind.high:g}]",
+        raise InputError(f"{where}, {kind.size}", f"{size} is not in {opening}{low:g}, {high:g}]",
                          "no number other than zero" if kind.low == -np.inf else "give what is left"
                          if kind.size == "factor" else f"give it in {kind.unit}")
     _check_profile(where, time_profile, entry, kind)

@@ -107,6 +107,47 @@ def test_what_once_failed(name, tmp_path):
     assert not tried(tmp_path, paths, read, {})
 
 
+@pytest.mark.parametrize("case", ["block_poles", "block_deviations"])
+def test_an_array_of_a_block_that_was_changed_is_refused(case, tmp_path):
+    (path, *_), read = CASES[case][0](tmp_path)
+    with np.load(path) as archive:
+        content = dict(archive)
+    damping = content["damping_ratio"].copy()
+    damping[0] = np.nan
+    np.savez(path, **content | {"damping_ratio": damping})
+    with pytest.raises(InputError, match=f"{path.name}: does not hold what was written"):
+        read()
+
+
+@pytest.mark.parametrize(("case", "name", "old", "new", "words"), [
+    ("head", "campaign.toml", "position_m = [0.0", 'position_m = ["0.0"', "which is no number"),
+    ("head", "campaign.toml", "position_m = [0.0", "position_m = [true", "which is no number"),
+    ("head", "campaign.toml", "water_depth_m = 30.0", "water_depth_m = inf", "water_depth_m"),
+    ("head", "campaign.toml", 'channel = "T-x"', 'channel = "T\\n-x"', "channel"),
+    ("head", "campaign.toml", 'level = "T"', 'level = "T\\u0000"', "control character"),
+    ("farm", "farm.toml", 'name = "North"', 'name = "North\\u001b[2J"', "control character"),
+    ("fatigue", "fatigue.toml", 'name = "', 'name = "\\n', "control character"),
+    ("truth", "truth.toml", "depth_m = 2.0", "depth_m = 1e308", "depth_m"),
+    ("modes", "modes.json", '"format": 2', '"format": 0', "format"),
+    ("modes", "modes.json", '"2019-06-03T01:00Z"', "true", "no name"),
+    ("modes", "modes.json", '"SS1"', '"S\\nS1"', "labels"),
+    ("comparison", "compare.json", '"mean":', '"meant":', "rows.0"),
+    ("views", "sets.json", '"p_value": 0.01', '"p_value": 1.01', "p_value"),
+    ("information", "information.json", '"contraction": ', '"contraction": -', "contraction"),
+    ("diagnosis", "diagnosis.json", '"p_value": ', '"p_value": 2, "own": ', "p_value"),
+    ("gauges", "gauges.csv", "1.5", "1e308", "MPa"),
+])
+def test_what_no_such_file_holds_is_refused_by_its_key(case, name, old, new, words, tmp_path):
+    paths, read = CASES[case][0](tmp_path)
+    path = next(p for p in paths if p.name == name)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        read()
+    assert name in str(error.value) and words in str(error.value)
+
+
 def main() -> None:
     """python test_readers_fuzzed.py SEED NUMBER [CASE ...]: a line of JSON a case, each in a process of its own."""
     import subprocess

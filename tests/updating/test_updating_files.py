@@ -10,13 +10,11 @@ from updating_cases import LINEAR_HZ
 from updating_records import PARAMETERS, posterior_of, record
 
 from probupdate.errors import InputError
-from probupdate.model.parameters import Parameter, Parameters
+from probupdate.model.parameters import Parameters
 from probupdate.updating.posterior_file import read_posterior, write_posterior
 from probupdate.updating.update_file import (
     ComponentsRecord,
     fit_sentence,
-    parameters_from_table,
-    parameters_to_table,
     read_update,
     unproven,
 )
@@ -76,14 +74,14 @@ def test_other_maxima_are_said_as_probable_or_less_so(update, others, words):
     assert words in replace(update, other_maxima=others).summary
 
 
-def test_infinite_bounds_and_correlation_of_parameters_survive():
-    parameters = Parameters(
-        (Parameter(name="p", unit="m", initial=1.0, std=0.1, upper=2.0, prior="lognormal", description="a, b"),
-         Parameter(name="q", unit="-", initial=0.0, std=3.0)), np.array([[1.0, 0.2], [0.2, 1.0]]),
-    )
-    table = json.loads(json.dumps(parameters_to_table(parameters), allow_nan=False))
-    again = parameters_from_table(table)
-    assert again.items == parameters.items
+def test_infinite_bounds_and_correlation_of_parameters_survive(update, tmp_path):
+    first, *others = update.parameters.items
+    correlation = np.eye(len(update.parameters))
+    correlation[0, 1] = correlation[1, 0] = 0.2
+    parameters = Parameters((replace(first, lower=-np.inf, upper=np.inf, description="a, b"), *others), correlation,
+                            held=(("q", 2.0),))
+    again = read_update(replace(update, parameters=parameters).write(tmp_path / "u.json")).parameters
+    assert again.items == parameters.items and again.held == parameters.held
     assert np.array_equal(again.correlation, parameters.correlation)
 
 
@@ -215,9 +213,7 @@ def test_a_file_without_one_of_its_keys_is_one_line(update, tmp_path):
     content = json.loads(path.read_text())
     for key in content:
         path.write_text(json.dumps({k: v for k, v in content.items() if k != key}))
-        # these may be missing: no number of the update follows from them
-        if key not in ("settings", "map_gradient", "alpha_path", "components", "suspected", "model_error"):
-            one_line(path)
+        assert f"'{key}'" in one_line(path) or key == "format"
 
 
 def test_values_that_do_not_fit_together_are_one_line(update, tmp_path):
@@ -249,12 +245,39 @@ def test_values_that_do_not_fit_together_are_one_line(update, tmp_path):
     broken(lambda c: c["sets"].update(theta_map=[[1.0]]))
 
 
+@pytest.mark.parametrize(("place", "key"), [
+    (("parameters", "items", 0), "prior"), (("parameters", "items", 0), "description"),
+    (("parameters",), "correlation"), (("schemes", 0), "alpha"), (("sets",), "derived"),
+])
+def test_a_part_of_an_update_without_a_key_is_named(update, tmp_path, place, key):
+    path = update.write(tmp_path / "update.json")
+    content = json.loads(path.read_text())
+    inner = content
+    for part in place:
+        inner = inner[part]
+    del inner[key]
+    path.write_text(json.dumps(content))
+    assert ".".join(str(part) for part in place) in one_line(path) and f"'{key}'" in one_line(path)
+
+
 @pytest.mark.parametrize(("place", "value", "words"), [
     (("schemes", 1, "theta"), None, "schemes.1.theta"),
     (("schemes", 0, "at_bound", 0), 1, "schemes.0.at_bound"),
     (("schemes", 0, "objective"), {}, "step: objective"),
     (("map_covariance", 0, 1), True, "map_covariance"),
     (("measured_hz", 2), {}, "measured_hz"),
+    (("schemes", 1, "theta", 0, 0), None, "schemes.1.theta"),
+    (("map_theta", 0), None, "map_theta"),
+    (("map_covariance", 0, 1), 0.5, "map_covariance"),
+    (("initial_mac", 0), 1.5, "initial_mac"),
+    (("measured_std_hz", 0), -0.1, "measured_std_hz"),
+    (("labels",), ["a"] * 5, "labels"),
+    (("labels", 1), "F\n1", "labels"),
+    (("fingerprint",), "a\0b", "fingerprint"),
+    (("pairs",), {}, "pairs"),
+    (("left_out",), "text", "left_out"),
+    (("parameters", "held"), {}, "parameters.held"),
+    (("format",), True, "format"),
 ])
 def test_a_value_of_another_kind_in_an_update_is_named(update, tmp_path, place, value, words):
     path = update.write(tmp_path / "update.json")
