@@ -46,7 +46,7 @@ def refuse_no_model(model: object) -> None:
 def refuse_other_value(name: str, value: object, kind: type) -> None:
     """Raises InputError where a step is given another value than its settings, such as a word or another step's."""
     if not isinstance(value, kind):
-        raise InputError(name, f"a {type(value).__name__} is not a {kind.__name__}",
+        raise InputError(name, f"a value of type {type(value).__name__}, where {kind.__name__} is expected",
                          f"give probupdate.{kind.__name__}(...)")
 
 

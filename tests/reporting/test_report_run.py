@@ -246,8 +246,8 @@ def test_a_diagnosis_of_another_structure_is_refused(own, full_run):
         ("modes.poles.csv", "time,frequency_hz\n", "has no column 'mac'"),
         ("modes.poles.csv", "time,frequency_hz,mac,mode,criterion\nnoon,1,1,FA1,kept\n", "not a time"),
         ("selection.csv", "", "not a table"),
-        ("update.json", "{}", r"is not an update\.json"),
-        ("compare.json", "{}", r"is no compare\.json"),
+        ("update.json", "{}", r"is not update\.json"),
+        ("compare.json", "{}", r"is not compare\.json"),
     ],
 )
 def test_a_broken_part_is_one_line(own, name, text, message):

@@ -153,9 +153,9 @@ def test_inform_says_where_it_was_evaluated(validation):
 
 def test_what_is_no_settings_value_is_refused_by_name():
     data = measured_chain(noise=0.003, seed=1)
-    with pytest.raises(InputError, match=r"likelihood: a str is no LikelihoodSettings; give probupdate\.Likelihood"):
+    with pytest.raises(InputError, match=r"of type str, where LikelihoodSettings is expected; give probupdate\."):
         verbs.sets(chain_model(), data, likelihood="paper")
-    with pytest.raises(InputError, match="settings: a SamplerSettings is no UpdateSettings"):
+    with pytest.raises(InputError, match="settings: a value of type SamplerSettings, where UpdateSettings is expected"):
         verbs.update(chain_model(), data, settings=SamplerSettings())
     with pytest.raises(TypeError, match="weights"):
         verbs.update(chain_model(), data, weights="paper")

@@ -101,5 +101,5 @@ def test_files_and_points_that_do_not_fit_are_refused(tmp_path):
         information(linear(), theta=np.zeros(2))
     path = tmp_path / "information.json"
     path.write_text("[]")
-    with pytest.raises(InputError, match=r"is (no information\.json|not a JSON table)"):
+    with pytest.raises(InputError, match=r"is not (information\.json|a JSON table)"):
         read_information(path)
