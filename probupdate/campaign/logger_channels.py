@@ -85,7 +85,7 @@ class _Run:
         return found
 
 
-def read_on_one_clock(
+def join_on_one_clock(
     found: Sequence[LoggerChannel], d: Description, rate_hz: float, where: str, *, utc: bool = True
 ) -> Iterator:
     """OwnWords, then pieces of (times or None, data (n, n_channel)) of the channels that convert.toml names.

@@ -16,7 +16,7 @@ import pandas as pd
 
 from probupdate.campaign.array_sources import read_mat, read_npy, read_npz
 from probupdate.campaign.description import Description
-from probupdate.campaign.logger_channels import read_on_one_clock
+from probupdate.campaign.logger_channels import join_on_one_clock
 from probupdate.campaign.logger_files import (
     SAC_HEAD,
     mdf_channels,
@@ -81,11 +81,11 @@ def _logger(kind: str, paths: Sequence[Path], d: Description, rate_hz: float) ->
     where = str(paths[0])
     if kind in ("tdms", "mdf"):
         with (tdms_channels if kind == "tdms" else mdf_channels)(paths[0]) as (found, utc):
-            yield from read_on_one_clock(found, d, rate_hz, where, utc=utc)
+            yield from join_on_one_clock(found, d, rate_hz, where, utc=utc)
         return
     found = (wav_channels(paths[0]) if kind == "wav" else miniseed_channels(paths) if kind == "miniseed" else
              sac_channels(paths))
-    yield from read_on_one_clock(found, d, rate_hz, where)
+    yield from join_on_one_clock(found, d, rate_hz, where)
 
 
 def read_uff(path: Path, d: Description) -> Iterator:

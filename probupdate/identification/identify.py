@@ -141,7 +141,7 @@ def identify(
                                  hand=hand,
                                  every=hand is not None, jobs=runs, progress=progress)
         result = replace(result, data=replace(result.data, choice=picked))
-        return load_factors(result) if store is None else result
+        return hold_factors(result) if store is None else result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -321,7 +321,7 @@ def classify_blocks(
     )
 
 
-def load_factors(identification: Identification) -> Identification:
+def hold_factors(identification: Identification) -> Identification:
     """The same with its covariance factors in memory, before the store goes that they are read from."""
     sets = tuple(s if s.covariance_factors is None else replace(s, covariance_factors=s.covariance_factors.loaded())
                  for s in identification.data.sets)

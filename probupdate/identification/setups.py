@@ -17,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.chosen_poles import SSISettings, pole_stack
 from probupdate.identification.counterparts import MatchedModes, match_modes, records_of
-from probupdate.identification.identify import classify_blocks, load_factors, passed_hz, physical_of
+from probupdate.identification.identify import classify_blocks, hold_factors, passed_hz, physical_of
 from probupdate.identification.physical import (
     Candidates,
     PersistenceSettings,
@@ -94,7 +94,7 @@ def identify_setups(
             result = classify_blocks(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                      progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
-            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in load_factors(result).data.sets),
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in hold_factors(result).data.sets),
                            records=(), labels=found.modes.labels)
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:
@@ -116,7 +116,7 @@ def _merge_along_chain(
     for campaign, name, blocks in zip(campaigns, names, poles, strict=True):
         rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
         found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
-        result = load_factors(classify_blocks(blocks, campaign, found, None, settings=settings, rule=rule, jobs=runs,
+        result = hold_factors(classify_blocks(blocks, campaign, found, None, settings=settings, rule=rule, jobs=runs,
                                               progress=progress))
         setups.append(Setup(name=name, sensors=campaign.sensors, data=replace(result.data, records=())))
         notes += [f"{name}: {text}" for text in found.notes]

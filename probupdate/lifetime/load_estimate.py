@@ -142,7 +142,7 @@ class Driven:
         return found
 
 
-def load_cases(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple[Case, Case]:
+def wind_cases(model: StressModel, state: int, frequency_hz: np.ndarray) -> tuple[Case, Case]:
     """Loads of one of the model's states at these frequencies, along the wind and across it. Of waves the structure's
     loads are taken between nodes: their phase turns by less than half a radian from one to the next."""
     one = model.conditions.model_copy(update={"state": (model.conditions.state[state],)})
@@ -162,7 +162,7 @@ def driven(
     model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
     frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
 ) -> Driven:
-    """`model`, reduced both ways, at theta under the loads `load_cases` of a state. `order` (n_channel,): see
+    """`model`, reduced both ways, at theta under the loads `wind_cases` of a state. `order` (n_channel,): see
     `Driven`; n_modal: modes with a force of their own."""
     model = replace(model, frequency_hz=frequency_hz)
     case, other = cases

@@ -26,7 +26,7 @@ from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, thickness_effects, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
 from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, gauge_comparison, read_gauges
-from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, driven, load_cases, smoother, used_lines
+from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, driven, smoother, used_lines, wind_cases
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
@@ -343,7 +343,7 @@ class _Work:
         return block, whole, lines * self.to_density
 
     def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
-        return load_cases(self.model_at(heading_deg), state, self.frequency_hz)
+        return wind_cases(self.model_at(heading_deg), state, self.frequency_hz)
 
     def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
         found = driven(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)

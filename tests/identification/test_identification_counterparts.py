@@ -144,24 +144,25 @@ def test_records_are_written_read_and_chosen_by(tmp_path):
     assert repr(again.records) == repr(data.records) and again.model_only == data.model_only
     assert again.compared().labels == ("FA1", "T1") and again.compared(True).labels == ("FA1", "T1", "4")
     assert again.compared().set().frequency_hz.tolist() == [1.0, 2.0]
-    said = verbs.unmatched(tmp_path / "modes.json")
+    said = verbs.unmatched_sentences(tmp_path / "modes.json")
     assert [text.split()[0] for text in said["taken"]] == ["T1"] and "MAC 0.65" in said["taken"][0]
     assert len(said["left out"]) == 3 and "has no counterpart in the model" in said["left out"][0]
     assert "--every-mode" in said["left out"][1] and "the model's SS1 (0.3 Hz)" in said["left out"][2]
     # without records all modes are compared, as in files of users' own
     plain = replace(data, records=(), model_only=())
-    assert plain.compared() is plain and verbs.unmatched(plain) == {"left out": (), "taken": ()}
+    assert plain.compared() is plain and verbs.unmatched_sentences(plain) == {"left out": (), "taken": ()}
 
 
 def test_many_further_modes_are_one_line_and_a_double_is_no_stranger():
     first, _, none, alike = records()
     many = tuple(replace(alike, label=str(k), model_label=f"M{k}") for k in (2, 3, 4))
     data = replace(data_of((first, *many)), labels=("FA1", "2", "3", "4"), model_only=())
-    (line,) = verbs.unmatched(data)["left out"]
+    (line,) = verbs.unmatched_sentences(data)["left out"]
     assert line.startswith("3 modes, 2, 3, 4, which are the model's M2, M3, M4: not of interest; --every-mode")
     double = replace(none, alternatives=(("FA1", 0.99),))
     data = replace(data, records=(first, *many[:1], double, *many[2:]))
-    assert "looks like the model's FA1, which another measured mode is" in verbs.unmatched(data)["left out"][0]
+    line, *_ = verbs.unmatched_sentences(data)["left out"]
+    assert "looks like the model's FA1, which another measured mode is" in line
 
 
 @pytest.mark.parametrize(("old", "new", "word"), [

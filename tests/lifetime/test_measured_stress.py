@@ -16,7 +16,7 @@ from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.gauges import Gauges, read_gauges
-from probupdate.lifetime.load_estimate import driven, load_cases, smoother, used_lines
+from probupdate.lifetime.load_estimate import driven, smoother, used_lines, wind_cases
 from probupdate.reporting import built_section
 from probupdate.reporting.values import Run
 from probupdate.structure.description_file import parse_description
@@ -320,7 +320,7 @@ def reduced():
 def structure(reduced):
     """At the lines of a block."""
     _, f = used_lines(int(RATE * 60 * MINUTES), RATE)
-    return driven(reduced, reduced.parameters.initial, {}, load_cases(reduced, 0, f), f, np.zeros(len(SENSORS), int), 6)
+    return driven(reduced, reduced.parameters.initial, {}, wind_cases(reduced, 0, f), f, np.zeros(len(SENSORS), int), 6)
 
 
 def test_stresses_are_those_of_all_modes_and_of_waves_at_every_line(structure, reduced, validation):

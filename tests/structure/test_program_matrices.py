@@ -250,7 +250,7 @@ def test_models_of_one_folder_share_their_parameters(tmp_path, ops):
         model_of_opensees(ops, tmp_path / f"{name}.npz")
     assert load_model(tmp_path / "more.npz").parameters.names == ("stiffness",)
     (tmp_path / "groups.toml").write_text(RUNS_OF_MODELS)
-    with pytest.raises(InputError, match="of other parameters than model.npz would have"):
+    with pytest.raises(InputError, match="with other parameters than model.npz would have"):
         probupdate.matrices(tmp_path / "base.npz", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
 
 
