@@ -475,7 +475,7 @@ def _group_clusters(
             if away <= SAME_MODE and (first.plane or one.plane or _are_apart_in_time(c, one, first)):
                 home = group
                 break
-            if one.weight < 0.5 * first.weight and not one.plane and not _instead(c, first, one):
+            if one.weight < 0.5 * first.weight and not one.plane and not _takes_its_place(c, first, one):
                 twin = first
                 break
         if home is not None:
@@ -540,7 +540,7 @@ def _are_apart_in_time(c: Candidates, light: _Cluster, *heavy: _Cluster) -> bool
     return len(set.intersection(*blocks)) <= 0.2 * len(blocks[0])
 
 
-def _instead(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
+def _takes_its_place(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
     """Whether it comes in some blocks on end in which the heavier one hardly is."""
     blocks, others = np.unique(c.block[light.rows]), np.unique(c.block[heavy.rows])
     between = (others >= blocks[0]) & (others <= blocks[-1])

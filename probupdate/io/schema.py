@@ -167,7 +167,6 @@ WORDS = {
 }
 
 
-
 def _mistake(errors: list, known: list[str], where: str) -> InputError:
     """The first mistake as an error of the user's. Of a field of several kinds, each complains: the words of all."""
     first = errors[0]

@@ -17,7 +17,8 @@ from probupdate.errors import InputError
 from probupdate.io.subdyn_file import SubDynFile
 from probupdate.lifetime.conditions import Conditions, Girth, MemberEnd, Site
 from probupdate.lifetime.details import ONE_PLANE, REACH_M, SAME_POINT_M, Detail, HotSpot, hot_spots, refuse_tables
-from probupdate.lifetime.stress import LEAST_POINTS, POINT_EVERY_M, StressModel, Waves, frequency_grid, placed_blocks
+from probupdate.lifetime.stress import StressModel, frequency_grid
+from probupdate.lifetime.wave_loads import LEAST_POINTS, POINT_EVERY_M, Waves, placed_blocks
 from probupdate.modal.modes import Sensor
 from probupdate.modal.sensor_places import place_numbers
 from probupdate.model.parameters import Parameters

@@ -81,8 +81,9 @@ def selected_state_words(run: Run) -> str:
         failed = run.selection["criterion"].astype(object).fillna("")
         sets = tuple(s for s, why in zip(sets, failed, strict=True) if not why)
     known = {s.id for s in sets}
-    words = states_words(replace(run.modes, sets=sets, reference_set=None), [one for one in chosen if one in known])
-    return words.split(": ", 1)[-1] if len(sets) > 1 else ""
+    if len(sets) < 2:
+        return ""
+    return states_words(replace(run.modes, sets=sets, reference_set=None), [one for one in chosen if one in known])
 
 
 def state_names(changes: Sequence[Mapping]) -> tuple[str, ...]:

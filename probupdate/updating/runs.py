@@ -248,11 +248,13 @@ def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Approach:
-    """What a chain needs: the problem on a fast model, a Gaussian approximation of the posterior about its highest
-    maximum, a frozen proposal with `solved` points that it was fitted to, and what to say of them."""
+    """What a chain needs: the problem on a fast model, a Gaussian approximation of the posterior about the maximum that
+    was known, the `highest` of all that were found (n_param,), a frozen proposal with `solved` points that it was
+    fitted to, and what to say of them."""
 
     problem: Problem
     surrogate: GaussianApproximation
+    highest: np.ndarray
     proposal: Mixture
     solved: int
     notes: dict[str, Any]
@@ -312,7 +314,9 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximati
     proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress,
                                        everywhere=everywhere)
     notes = notes | {"maxima": len(maxima)}
-    return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, notes=notes)
+    highest = max(maxima, key=lambda one: one.log_posterior).theta
+    return Approach(problem=problem, surrogate=surrogate, highest=highest, proposal=proposal, solved=solved,
+                    notes=notes)
 
 
 def sample_posterior(
@@ -336,6 +340,9 @@ def sample_posterior(
     laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
+    if np.any(prepared.highest != laplace.theta):
+        # of the reduced model, a little beside the full one's
+        laplace = find_maximum(problem, [prepared.highest, laplace.theta])
     # numbers of their own, so that a chain's length changes none of the others
     weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
                                  evaluated=prepared.solved, progress=progress)

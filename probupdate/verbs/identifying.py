@@ -374,7 +374,10 @@ def select(
     )
     passed = [s for s, failed in zip(data.sets, chosen.table["criterion"], strict=True) if not failed]
     states = states_words(replace(data, sets=tuple(passed), reference_set=None), [s.id for s in chosen.data.sets])
-    return replace(chosen, notes=(states, *chosen.notes), summary=f"{states}\n{chosen.summary}") if states else chosen
+    if not states:
+        return chosen
+    states = f"TWO STATES: {states}"
+    return replace(chosen, notes=(states, *chosen.notes), summary=f"{states}\n{chosen.summary}")
 
 
 @names_files("modes")

@@ -18,13 +18,13 @@ from updating_cases import (
 )
 
 import probupdate
-from probupdate import LikelihoodSettings
+from probupdate import LikelihoodSettings, SamplerSettings
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.updating import laplace as laplace_module
-from probupdate.updating import tikhonov
+from probupdate.updating import runs, tikhonov
 from probupdate.updating.laplace import maximum_a_posteriori, prior_residual
 from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.updating.tikhonov import update
@@ -264,6 +264,16 @@ def test_an_update_is_not_left_in_a_lower_maximum_beside_its_start():
     far = optimize.minimize_scalar(lambda t: negative_log_posterior(problem)([t]), bounds=(1.5, 3), method="bounded")
     assert record.map_theta == pytest.approx([far.x], abs=1e-4)
     assert len(record.other_maxima) == 1
+
+
+def test_the_maximum_of_a_chain_is_the_highest_that_its_starts_found(tmp_path, monkeypatch):
+    model, data = bent_sets([2.0], 0.05)
+    highest = probupdate.update(model, data, likelihood=FREQUENCIES_ALONE).map_theta
+    monkeypatch.setattr(runs, "probable_draws", lambda problem: [])
+    assert abs(probupdate.update(model, data, likelihood=FREQUENCIES_ALONE).map_theta[0] - highest[0]) > 1
+    short = SamplerSettings(target_ess=50, max_steps=100, ensembles=2, seed=2)
+    posterior = probupdate.sample(model, data, tmp_path / "p.nc", likelihood=FREQUENCIES_ALONE, settings=short)
+    assert posterior.record["map"] == pytest.approx(highest.tolist(), abs=1e-4)
 
 
 def test_sets_that_are_alike_do_not_part_between_two_maxima():
