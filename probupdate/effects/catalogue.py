@@ -409,8 +409,10 @@ def positions(
     channels = [tuple(s.channel for s in there) for there in found]
     short = [_common(names) for names in channels]
     taken = [*short, *(s.channel for s in placed)]
-    return [(_list_words(names) if len(names) > 1 and taken.count(one) > 1 else one, tuple(row[name] for name in names), there)
-            for one, names, there in zip(short, channels, found, strict=True)]
+    called = [_list_words(names) if len(names) > 1 and taken.count(one) > 1 else one
+              for one, names in zip(short, channels, strict=True)]
+    return [(one, tuple(row[name] for name in names), there)
+            for one, names, there in zip(called, channels, found, strict=True)]
 
 
 def _common(names: tuple[str, ...]) -> str:

@@ -156,6 +156,16 @@ def run_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[st
     return _places(folder, head) | ({} if parameters is None else {"parameters": parameters}) | dict(given)
 
 
+def finished_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[str, Path]:
+    """As `run_places`, of a run that has a model and a posterior. Raises InputError for others."""
+    places = run_places(folder, given)
+    for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
+                         ("posterior.nc", "run `probupdate sample`")):
+        if name not in places:
+            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
+    return places
+
+
 def _refuse_absent(given: Mapping[str, Path]) -> None:
     for name, path in given.items():
         if not path.exists():

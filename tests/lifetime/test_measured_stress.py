@@ -280,6 +280,18 @@ def test_mistakes_are_named_before_the_work(case, capsys, monkeypatch, change, w
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("elsewhere", "words"), [([], "or name it (--model)"),
+                                                  (["--model", "run/model.toml"], "'T99-x' is not a channel")])
+def test_the_model_may_lie_outside_the_run(case, capsys, tmp_path, monkeypatch, elsewhere, words):
+    """What is refused after the model is found says that it is."""
+    folder, _ = case
+    monkeypatch.chdir(folder)
+    shutil.copy(folder / "run" / "posterior.nc", tmp_path)
+    assert main(["stresses", "campaign", "--run", str(tmp_path), "--fatigue", "fatigue.toml", "--out", "new",
+                 "--without", "T99-x", *elsewhere]) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_channels_that_are_not_the_models_are_an_error(case, capsys, tmp_path):
     folder, _ = case
     other = tmp_path / "campaign"
