@@ -237,7 +237,7 @@ def _judge_references(
 ) -> tuple[list[SensorFinding], list[str]]:
     gains: list[dict[str, float]] = [{} for _ in shapes]
     found: list[SensorFinding] = []
-    for group in _alike(_differing(shapes, references)):
+    for group in _setups_of_equal_gain(_references_of_other_gain(shapes, references)):
         for c in group:
             gains[c.setup][c.channel] = c.gain
         channel, where = group[0].channel, ", ".join(shapes[c.setup].name for c in group)
@@ -279,7 +279,7 @@ class _Differs:
             self.channel, *(c for c in self.alternatives if c != channel)))
 
 
-def _alike(cases: list[_Differs]) -> list[list[_Differs]]:
+def _setups_of_equal_gain(cases: list[_Differs]) -> list[list[_Differs]]:
     """Setups in which one reference has one gain, the reference that may explain most of them first."""
     left, groups = list(cases), []
     while left:
@@ -292,7 +292,7 @@ def _alike(cases: list[_Differs]) -> list[list[_Differs]]:
     return groups
 
 
-def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list[_Differs]:
+def _references_of_other_gain(shapes: Sequence[SetupShapes], references: Sequence[str]) -> list[_Differs]:
     """References whose gain in a setup is not that of most setups: one after the other, in the setup where it is most
     probable. Of two that explain as much the one whose correction makes rigid parts rigid, if they show it."""
     found: list[_Differs] = []
@@ -414,7 +414,7 @@ def _constant(
         if share < 0.5 or wrong:
             judged |= {s.channel for s, o in zip(sensors, owner, strict=True) if o < 0 and len(setups) > 1}
         for one in wrong:
-            finding = _finding(one, sensors, owner, references)
+            finding = _setup_finding(one, sensors, owner, references)
             found.setdefault(finding.channel, finding)
     missing = [c for c in references if c not in judged]
     notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be found: no rover shares a "
@@ -422,7 +422,7 @@ def _constant(
     return list(found.values()), notes
 
 
-def _finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Sequence[str]) -> SensorFinding:
+def _setup_finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Sequence[str]) -> SensorFinding:
     owners = {owner[i] for i in one.members}
     alone = len(owners) == 1 and -1 not in owners and sum(o in owners for o in owner) == len(one.members)
     wrong = "scale and direction are" if one.gain < 0 and abs(abs(one.gain) - 1) > SIGMA * one.std else (

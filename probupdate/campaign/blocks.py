@@ -155,7 +155,7 @@ def read_block(
     pieces, read = [], []
     n = round(length.total_seconds() * campaign.sampling_rate_hz)
     for file in files:
-        first, source = _placing(file, start, campaign.sampling_rate_hz)
+        first, source = _row_offsets(file, start, campaign.sampling_rate_hz)
         read.append((file, source, source + n - first))
         file.refuse_changed(*read[-1][1:])
         begins, rows = _stored_rows(campaign, *read[-1])
@@ -200,7 +200,7 @@ def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
     return pd.Timedelta(microseconds=round(6e7 * minutes))
 
 
-def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int, int]:
+def _row_offsets(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int, int]:
     """Row of the block at which the file begins, and row of the file that goes there; to the nearest sample."""
     offset = round((file.start - start).total_seconds() * rate_hz)
     return max(offset, 0), max(-offset, 0)

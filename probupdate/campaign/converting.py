@@ -112,7 +112,7 @@ def convert(
         outputs, count, said, own, left = _read_source(paths, name, described, head, folder, key)
         unused.update(left)
         _refuse_changed(paths, before, outputs)
-        joined = _agreeing(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
+        joined = _overlap_sentence(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
                            str(paths[0]))
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
                         "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}
@@ -211,7 +211,7 @@ def _write_record(path: Path, record: dict) -> None:
     write_json(path, dict(sorted(record.items())))
 
 
-def _agreeing(
+def _overlap_sentence(
     own: Sequence[tuple[pd.Timestamp, pd.Timestamp]], outputs: Sequence[Path],
     spans: Sequence[tuple[pd.Timestamp, pd.Timestamp, str]], folder: Path, record: Mapping, overruled: Sequence[str],
     rate_hz: float, source: str,

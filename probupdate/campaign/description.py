@@ -138,10 +138,10 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     same = {f.name: getattr(described, f.name) for f in fields(described)}
     return Description(**(same | {
         "path": path, "zone": _zone(path, described.zone), "columns": columns,
-        "encoding": _encoding(path, described.encoding)}))
+        "encoding": _checked_encoding(path, described.encoding)}))
 
 
-def _encoding(path: Path, text: str) -> str:
+def _checked_encoding(path: Path, text: str) -> str:
     """A text encoding that Python knows; a byte order mark is not a letter."""
     try:
         "a".encode(text)

@@ -93,7 +93,7 @@ def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str
     for sensor in sensors:
         rows = table[table["channel"] == sensor.channel]
         found += _sample_findings(sensor.channel, rows, n_block, common)
-    return found + _wandering(table, sensors, n_block) + _compare_neighbours(table, sensors)
+    return found + _wandering_means(table, sensors, n_block) + _compare_neighbours(table, sensors)
 
 
 def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
@@ -130,7 +130,7 @@ def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float)
     return found
 
 
-def _wandering(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> list[str]:
+def _wandering_means(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> list[str]:
     """Means that drift within blocks, or jump between them, where vibration alone moves no mean."""
     moving = table["vibration"].where(table["vibration"] > 0)
     table = table.assign(ratio=table["wander"] / moving)

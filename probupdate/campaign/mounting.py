@@ -256,7 +256,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
         across = [i for i in members if _horizontal(sensors[i])]
         plane = np.array([sensors[i].direction[:2] for i in across])
         if len(across) >= 2 and np.linalg.svd(plane, compute_uv=False)[-1] > 0.5:
-            candidates.append(_bending(covariance, sensors, alive, across, plane, level, n_free))
+            candidates.append(_bending_regression(covariance, sensors, alive, across, plane, level, n_free))
     if not candidates:
         return []
     # a level that is wrong itself agrees with few others; among about equal ones the highest, which moves most
@@ -274,7 +274,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
     return [replace(s, ambiguous_with=tuple(dict.fromkeys((*s.ambiguous_with, *own)))) for s in found]
 
 
-def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bending:
+def _bending_regression(covariance, sensors, alive, across, plane, level, n_free) -> _Bending:
     """Regression of every channel on the level's two motions; n_free independent values are in the covariance."""
     back = np.linalg.pinv(plane)
     own = back @ covariance[np.ix_(across, across)] @ back.T

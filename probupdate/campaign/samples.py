@@ -50,7 +50,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
         if flat[c]:
             still[c] = len(values) / rate
             continue
-        still[c] = _still(column, rate)
+        still[c] = _longest_still_s(column, rate)
         counts["spikes"][c] = _spikes(column - middle, rate)
         counts["clipped"][c] = _count_clipped(values)
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
@@ -114,7 +114,7 @@ def _count_clipped(values: np.ndarray) -> int:
     return count
 
 
-def _still(column: np.ndarray, rate_hz: float) -> float:
+def _longest_still_s(column: np.ndarray, rate_hz: float) -> float:
     """Seconds of the longest run of one value, 0 where no longer than STILL_S."""
     starts, ends = runs(np.diff(column) == 0)
     if not len(starts):

@@ -218,7 +218,7 @@ def block_conditions(
         found |= ends
         if column == "pitch_deg":
             found["pitch_deg_range"] = ends["pitch_deg_max"] - ends["pitch_deg_min"]
-    turning = _turning(scada, first, last) if "rotor_speed_rpm" in rows else []
+    turning = _turning_speeds(scada, first, last) if "rotor_speed_rpm" in rows else []
     if turning:
         span = {"min": min(low for low, _ in turning), "max": max(high for _, high in turning)}
         found |= {f"rotor_speed_rpm_turning_{end}": x for end, x in span.items()
@@ -238,7 +238,7 @@ def turning_range(conditions: Mapping[str, float | str]) -> tuple[float, float]:
     return low, high
 
 
-def _turning(scada: pd.DataFrame, first: int, last: int) -> list[tuple[float, float]]:
+def _turning_speeds(scada: pd.DataFrame, first: int, last: int) -> list[tuple[float, float]]:
     """Speeds (lowest, highest) at which the rotor turned, of each row from first to last in which it did. A row of
     starting or stopping that states a mean alone, at which the rotor never turned, takes the speed beside it."""
     before = max(first - 1, 0)

@@ -153,7 +153,7 @@ def _compass_unit(table: pd.DataFrame, rated_power_kw: float | None) -> list[str
         if not other or apart[1] < min(FOLLOWS, apart[0]):
             found.append(f"suspect: {name} in SCADA stays between {np.nanmin(known[name]):.3g} and "
                          f"{np.nanmax(known[name]):.3g}{' beside the other' if other else ''}: is it in radians? "
-                         + _stating(name, 180 / np.pi))
+                         + _factor_remedy(name, 180 / np.pi))
     return found or _heading_beside_wind(table, rated_power_kw)
 
 
@@ -188,7 +188,7 @@ def _runs(table: pd.DataFrame, rated_power_kw: float | None) -> np.ndarray:
         return (rotor > TURNS) & ~(wind < 4.0) if np.isfinite(rotor).any() else (wind > RUNS_ABOVE) & (wind < CUT_OUT)
 
 
-def _stating(column: str, factor: float) -> str:
+def _factor_remedy(column: str, factor: float) -> str:
     return f"if so, state [scada] factor = {{ {column} = {factor:.6g} }} in campaign.toml"
 
 
@@ -218,7 +218,7 @@ def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
         [("MW", 1e3)] if not high else [("W", 1e-3)])
     if not fits:
         return [("power_kw", text + "another unit?")]
-    return [("power_kw", text + f"is it in {fits[0][0]}? {_stating('power_kw', fits[0][1])}")]
+    return [("power_kw", text + f"is it in {fits[0][0]}? {_factor_remedy('power_kw', fits[0][1])}")]
 
 
 def _rotor_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
@@ -242,11 +242,11 @@ def _rotor_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
     units = (("rad/s", 60 / (2 * np.pi)), ("turns a second", 60.0), ("deg/s", 1 / 6))
     fits = [(name, factor) for name, factor in units if TIP_SPEED[0] <= factor * tip <= TIP_SPEED[1]]
     if fits:
-        return [("rotor_speed_rpm", text + f"is it in {fits[0][0]}? {_stating('rotor_speed_rpm', fits[0][1])}")]
+        return [("rotor_speed_rpm", text + f"is it in {fits[0][0]}? {_factor_remedy('rotor_speed_rpm', fits[0][1])}")]
     gear = tip / USUAL_TIP_SPEED
     if gear > 10:
         return [("rotor_speed_rpm", text + f"is it the generator's, with a gear of about {gear:.2g}? "
-                 + _stating("rotor_speed_rpm", 1 / gear) + ", with one over the gear's own ratio")]
+                 + _factor_remedy("rotor_speed_rpm", 1 / gear) + ", with one over the gear's own ratio")]
     return [("rotor_speed_rpm", text + "another unit?")]
 
 
@@ -266,7 +266,7 @@ def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]
     fits = [(name, f) for name, f in units.items() if 6.0 <= f * middle <= 11.5]
     text = (f"wind_speed_mps in SCADA is {middle:.3g} where the turbine gives a part of its power, which "
             f"{PARTIAL_WIND[0]:g} to {PARTIAL_WIND[1]:g} m/s do: ")
-    return [("wind_speed_mps", text + (f"is it in {fits[0][0]}? {_stating('wind_speed_mps', fits[0][1])}" if fits
+    return [("wind_speed_mps", text + (f"is it in {fits[0][0]}? {_factor_remedy('wind_speed_mps', fits[0][1])}" if fits
                                        else "another unit?"))]
 
 
@@ -279,7 +279,7 @@ def _pitch_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
         return []
     middle = float(np.median(pitch[at]))
     return [("pitch_deg", f"pitch_deg in SCADA is {middle:.3g} where the turbine idles, at which blades are feathered: "
-             f"is it in radians? {_stating('pitch_deg', 180 / np.pi)}")]
+             f"is it in radians? {_factor_remedy('pitch_deg', 180 / np.pi)}")]
 
 
 def _temperature_unit(table: pd.DataFrame) -> list[str]:

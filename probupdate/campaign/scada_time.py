@@ -97,7 +97,7 @@ class _AlignedRecord:
         self.heights: dict[float, np.ndarray] = {}
         self.level = np.array([r.level for r in rows])
 
-    def _moved(self, column: str, shift: int) -> np.ndarray:
+    def _shifted_column(self, column: str, shift: int) -> np.ndarray:
         """(n_row,) the column at the records' rows, as it is said of so many rows earlier."""
         k = self.at - shift
         inside = (k >= 0) & (k < self.n)
@@ -108,9 +108,9 @@ class _AlignedRecord:
         beside the motion's size, as both wander slowly."""
         found = []
         if len(self.size) >= LONG_ROWS:
-            found += [(self._moved(c, shift), self.size) for c in DRIVERS[:2] if c in self.columns]
+            found += [(self._shifted_column(c, shift), self.size) for c in DRIVERS[:2] if c in self.columns]
         if "rotor_speed_rpm" in self.columns:
-            rotor = self._moved("rotor_speed_rpm", shift)
+            rotor = self._shifted_column("rotor_speed_rpm", shift)
             turns = rotor > SLOWEST_RPM
             if 0 < turns.sum() < np.isfinite(rotor).sum():
                 usual = float(np.median(rotor[turns]))
@@ -163,7 +163,7 @@ def _log_likelihood_ratio(cause: np.ndarray, effect: np.ndarray) -> float:
     x, y = known
     left = y - (x @ y) / (x @ x) * x
     follow = float(np.clip(left[1:] @ left[:-1] / max(left @ left, 1e-300), 0.0, 0.95))
-    return -0.5 * len(x) * (1 - follow) / (1 + follow) * _rest(x, y)
+    return -0.5 * len(x) * (1 - follow) / (1 + follow) * _log_unexplained_share(x, y)
 
 
 def _effective_log_likelihood(cause: np.ndarray, effect: np.ndarray) -> float:
@@ -174,10 +174,10 @@ def _effective_log_likelihood(cause: np.ndarray, effect: np.ndarray) -> float:
     x, y = known
     follow = [float(np.clip(v[1:] @ v[:-1] / (v @ v), 0.0, 0.999)) for v in (x, y)]
     both = follow[0] * follow[1]
-    return -0.5 * len(x) * (1 - both) / (1 + both) * _rest(x, y)
+    return -0.5 * len(x) * (1 - both) / (1 + both) * _log_unexplained_share(x, y)
 
 
-def _rest(x: np.ndarray, y: np.ndarray) -> float:
+def _log_unexplained_share(x: np.ndarray, y: np.ndarray) -> float:
     """ln of the share of y that a rising line over x leaves."""
     share = max(float(x @ y / np.sqrt((x @ x) * (y @ y))), 0.0)
     return float(np.log(max(1 - share**2, 1e-6)))

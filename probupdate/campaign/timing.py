@@ -268,7 +268,7 @@ class Clock:
         while at < len(data):
             new = None
             if self.anchor is None:
-                self.anchor, self.next_row = self._beginning(moment[at:], sample), 0
+                self.anchor, self.next_row = self._first_row_time(moment[at:], sample), 0
                 new = pd.Timestamp(self.anchor, tz="UTC")
             ahead = (moment[at:] - self.anchor) / sample - (self.next_row + np.arange(len(data) - at))
             leaving = np.abs(ahead) > allowed
@@ -293,7 +293,7 @@ class Clock:
             self.shifts += gap / self.rate <= self.described.fill_seconds
             self.anchor = None
 
-    def _beginning(self, moment: np.ndarray, sample: float) -> int:
+    def _first_row_time(self, moment: np.ndarray, sample: float) -> int:
         """Nanoseconds of a chunk's first row; where times are rounded down, by the row at which they first change."""
         changed = np.flatnonzero(moment != moment[0])
         if not self.grain or not len(changed):

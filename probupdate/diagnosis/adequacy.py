@@ -69,17 +69,17 @@ class Residual:
 
     def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
         """What tolerances add and the fit takes away of the covariance between two sums."""
-        first, second = self._summed(q, share), self._summed(p, other)
-        return (first * self._tolerated**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
+        first, second = self._summed_unknowns(q, share), self._summed_unknowns(p, other)
+        return (first * self._tolerance**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
 
     @cached_property
-    def _tolerated(self) -> np.ndarray:
+    def _tolerance(self) -> np.ndarray:
         """(n_common,) standard deviations of what was not fitted, zero for what was."""
         std = np.array(self.design.prior_std[: self.design.n_common])
         std[self.held] = 0.0
         return std
 
-    def _summed(self, q: int, share: np.ndarray) -> np.ndarray:
+    def _summed_unknowns(self, q: int, share: np.ndarray) -> np.ndarray:
         """(m, n_common) what common unknowns make of a sum over blocks."""
         design = self.design
         share = np.where(design.noise.weight[q] > 0, share, 0.0)
@@ -96,9 +96,9 @@ class Residual:
         there = weight > 0
         value = np.where(there, share, 0.0) @ self.left[q]
         # the diagonal of `spread`
-        summed = self._summed(q, share)
+        summed = self._summed_unknowns(q, share)
         own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self._covariances[q])
-        variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
+        variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerance**2
         held = summed[:, self.held]
         left = variance - np.sum((held @ self.held_cov) * held, axis=1)
         # a group of which no block shows has no variance

@@ -123,16 +123,16 @@ def size_by_secant(
         if then == size or abs(more) < SETTLED * std:
             break
         more_then, std = left(then)
-        slope = _falling((more_then - more) / (then - size))
+        slope = _negative_slope((more_then - more) / (then - size))
         size, more = then, more_then
     if not 0 < std < np.inf:
         return size, std
     # what an error of what is left is of the size, there and not over all the way
     aside = size + std if size + std < upper else size - std
-    return size, std / abs(_falling((left(aside)[0] - more) / (aside - size)))
+    return size, std / abs(_negative_slope((left(aside)[0] - more) / (aside - size)))
 
 
-def _falling(slope: float) -> float:
+def _negative_slope(slope: float) -> float:
     """What grows as more is taken out tells no slope."""
     return slope if slope < -LEAST_SLOPE else -1.0
 

@@ -442,7 +442,7 @@ def update_extended(model: AffineModel, data: ModalData) -> dict:
              "prior_shift": standardised_shift(p, float(laplace.theta[k])), "at_bound": bool(laplace.at_bound[k])}
             for k, p in enumerate(problem.parameters)
         ],
-        "too_alike": _too_alike(problem.parameters.names, laplace.covariance / np.outer(std, std)),
+        "too_alike": _indistinguishable(problem.parameters.names, laplace.covariance / np.outer(std, std)),
     }
 
 
@@ -453,7 +453,7 @@ def standardised_shift(p: Parameter, value: float) -> float:
     return float((value - p.initial) / p.std)
 
 
-def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
+def _indistinguishable(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
     return [{"first": names[i], "second": names[j], "correlation": float(correlation[i, j])}
             for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]
 
@@ -472,7 +472,7 @@ def finding_precision(problem: DiagnosisProblem, fitted: Fit) -> dict:
     return {
         "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}
                      for n, s in zip(free, share[n_own:], strict=True)],
-        "too_alike": _too_alike(names, covariance / np.outer(std, std)),
+        "too_alike": _indistinguishable(names, covariance / np.outer(std, std)),
     }
 
 

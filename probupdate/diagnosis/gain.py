@@ -314,7 +314,7 @@ def predict_held_out_sensors(
     for name, own in levels.items():
         hidden = np.array([channels.index(c) for c in own])
         kept = np.setdiff1d(np.arange(len(channels)), hidden)
-        maps = [_hiding(t, kept, hidden) for t in problem.predictor.axes]
+        maps = [_known_and_hidden_maps(t, kept, hidden) for t in problem.predictor.axes]
         design = with_noise(fitted.design, noise)
         reduced = _map_design(design, [seen for seen, _ in maps])
         blocks = np.arange(len(problem.blocks))
@@ -335,7 +335,7 @@ def predict_held_out_sensors(
     return result
 
 
-def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _known_and_hidden_maps(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two maps on the responses of a group with shapes `target` (n_channel, k): what is known without the
     hidden channels (n_known, n_response), and the hidden channels' error when shapes are aligned by the kept ones
     (n_hidden 2 k, n_response)."""

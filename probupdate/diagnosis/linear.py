@@ -237,7 +237,7 @@ class Design:
         std = self.prior_std.reshape(-1, *[1] * (right.ndim - 1))
         return std * self._factor.solve(std * right)
 
-    def _crossed(self, rows: np.ndarray) -> np.ndarray:
+    def _cross_terms(self, rows: np.ndarray) -> np.ndarray:
         """Cross terms B (n_row, n_unknown) of these candidates with the unknowns."""
         (effects, effect), (profiles, time_profile) = (np.unique(part, return_inverse=True)
                                                        for part in self.which[rows].T)
@@ -265,7 +265,7 @@ class Design:
         taken, everything = np.zeros(len(raw)), np.arange(len(raw))
         for chunk in self._chunks(everything):
             # B C B^T with C = (L L^T)^-1 is the square of L^-1 B^T
-            crossed = self._crossed(chunk)
+            crossed = self._cross_terms(chunk)
             crossed *= self.prior_std
             half = self._factor.half(crossed.T)
             taken[chunk] = np.einsum("uc,uc->c", half, half)
@@ -406,7 +406,7 @@ class Design:
         rows, others = np.asarray(rows, int), np.asarray(others, int)
         (effect, time_profile), (effect2, time_profile2) = self.which[rows].T, self.which[others].T
         if len(np.unique([*effect, *effect2])) == 1:
-            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - self._taken(rows, others)
+            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - self._absorption(rows, others)
         (mine, effect), (their, effect2) = (np.unique(one, return_inverse=True) for one in (effect, effect2))
         at_times, of_effects = np.ix_(time_profile, time_profile2), np.ix_(effect, effect2)
         total = np.zeros((len(rows), len(others)))
@@ -414,19 +414,19 @@ class Design:
             alone = E[:, :, mine].transpose(0, 2, 1) @ (precision @ E[:, :, their])
             for between, time in zip(alone, times, strict=True):
                 total += time[at_times] * between[of_effects]
-        return total - self._taken(rows, others)
+        return total - self._absorption(rows, others)
 
-    def _taken(self, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def _absorption(self, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
         """What the unknowns take of X^T R^-1 X (n_row, n_other) between candidates."""
         if len(rows) < len(others):
-            return self._taken(others, rows).T
-        crossed = self._crossed(others)
+            return self._absorption(others, rows).T
+        crossed = self._cross_terms(others)
         solved = self._solve(crossed.T)
         if np.array_equal(rows, others):
             return crossed @ solved
         result = np.empty((len(rows), len(others)))
         for chunk in self._chunks(rows):
-            result[chunk] = self._crossed(rows[chunk]) @ solved
+            result[chunk] = self._cross_terms(rows[chunk]) @ solved
         return result
 
     @cached_property

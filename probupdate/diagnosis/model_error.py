@@ -83,7 +83,7 @@ def constant(best: Hypothesis, numbers: Sequence[int]) -> bool:
     return all(best.fitted.included[k].time_profile.kind == "constant" for k in numbers)
 
 
-def _rest(problem: DiagnosisProblem, best: Hypothesis, numbers: Sequence[int]) -> tuple[Fit, float]:
+def _fit_without(problem: DiagnosisProblem, best: Hypothesis, numbers: Sequence[int]) -> tuple[Fit, float]:
     """The fit without these effects, and ln of how many times as probable that was before the data."""
     rest = best.fitted
     for k in sorted(numbers, reverse=True):
@@ -112,7 +112,7 @@ def larger_error(
 ) -> tuple[Alternative, float, float]:
     """A larger error of the model in place of these constant effects of the most probable hypothesis: its words by the
     size that is most probable, ln evidence and ln prior relative to theirs."""
-    rest, before = _rest(problem, best, numbers)
+    rest, before = _fit_without(problem, best, numbers)
     instead: list[tuple[float, str]] = []
     evidence = []
     for scales in _scaled_errors(problem, best, numbers):
@@ -130,7 +130,7 @@ def error_without(problem: DiagnosisProblem, best: Hypothesis) -> dict[str, dict
     have, the `least` of LARGER_ERRORS beside which one of them is less probable than none, and which are `lost` there;
     empty where they are more probable beside all."""
     each = [k for k in range(len(best.candidates)) if constant(best, (k,))]
-    rests = {k: _rest(problem, best, (k,)) for k in each}
+    rests = {k: _fit_without(problem, best, (k,)) for k in each}
     for scale in sorted(LARGER_ERRORS):
         factors = error_factors(problem, scale, scale)
         lost = [best.fitted.included[k].effect.name for k, (rest, before) in rests.items()

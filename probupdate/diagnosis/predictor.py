@@ -97,17 +97,17 @@ class ModalPredictor:
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
         marks = "|".join(f"{e.key} {size!r}" for e, size in effects)
         other = replace(self, seen=tuple(effects), state=self.state + marks.encode())
-        same = other._paired(local, local.at_rest)[1] == self._paired(local, local.at_rest)[1]
+        same = other._pair_modes(local, local.at_rest)[1] == self._pair_modes(local, local.at_rest)[1]
         return self if same else other
 
     def group_members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
         their mates."""
-        shape, groups = self._paired(local, modes)
+        shape, groups = self._pair_modes(local, modes)
         return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
 
-    def _paired(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        shape, log = self._searched(local, modes)
+    def _pair_modes(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+        shape, log = self._search_modes(local, modes)
         if not len(shape):
             measured = np.array([expected.mean() for expected in self.log_frequency])
             return shape, [(int(i),) for i in pair_in_order(measured, log)]
@@ -125,7 +125,7 @@ class ModalPredictor:
             groups.append(own)
         return shape, groups
 
-    def _searched(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, np.ndarray]:
+    def _search_modes(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, np.ndarray]:
         """Shapes at the measured channels (n_channel, n_search) and ln f (n_search,) of the modes that are looked
         through."""
         count = min(modes.n_search or local.n_search, modes.frequency_hz.size)
@@ -387,7 +387,7 @@ def expected_frequencies(
     of_model = [j for j, name in enumerate(blocks.labels) if name not in unmatched]
     start = _without_axes(small, blocks, [(j,) for j in of_model])
     modes = small.at(theta).solve()
-    shape, members = start._paired(small.at(theta), modes)
+    shape, members = start._pair_modes(small.at(theta), modes)
     found, seen = {name: float(np.nanmedian(hz)) for name, hz in zip(blocks.labels, blocks.frequency_hz.T, strict=True)
                    if name in unmatched}, _is_seen(shape)
     for name, plane, (i,) in zip((blocks.labels[j] for j in of_model), start.planes, members, strict=True):
@@ -411,7 +411,7 @@ def unit_scores(
     given in a unit of which a hertz is so many."""
     start = _without_axes(small, blocks, [(j,) for j, name in enumerate(blocks.labels) if name not in unmatched])
     local = small.at(theta)
-    shape, log = start._searched(local, local.solve())
+    shape, log = start._search_modes(local, local.solve())
     found = []
     for factor in factors:
         if not blocks.channels:

@@ -240,13 +240,13 @@ class _Sum:
         self._parts = [union_pattern(terms) for terms in (model.stiffness, model.mass)]
 
     def K(self, theta: np.ndarray) -> sparse.csc_array:
-        return self._weighted(0, self.model.coefficients(theta)[0])
+        return self._weighted_sum(0, self.model.coefficients(theta)[0])
 
     def both(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
         cK, cM = self.model.coefficients(theta)
-        return self._weighted(0, cK), self._weighted(1, cM)
+        return self._weighted_sum(0, cK), self._weighted_sum(1, cM)
 
-    def _weighted(self, kind: int, weight: np.ndarray) -> sparse.csc_array:
+    def _weighted_sum(self, kind: int, weight: np.ndarray) -> sparse.csc_array:
         pattern, data = self._parts[kind]
         return sparse.csc_array((weight @ data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
@@ -254,7 +254,7 @@ class _Sum:
         """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
         result = np.empty((*phi.shape, weights.shape[1]))
         for k, weight in enumerate(weights.T):
-            result[:, :, k] = self._weighted(kind, weight) @ phi
+            result[:, :, k] = self._weighted_sum(kind, weight) @ phi
         return result
 
 

@@ -270,9 +270,9 @@ class LocalModel:
     @cached_property
     def at_channels(self) -> np.ndarray:
         """(n_row, n) motion and tilt of the channels here."""
-        return self._padded(rows_moved(self.small.at_channels, self.small.moved, self.theta))
+        return self._padded_rows(rows_moved(self.small.at_channels, self.small.moved, self.theta))
 
-    def _padded(self, rows: np.ndarray) -> np.ndarray:
+    def _padded_rows(self, rows: np.ndarray) -> np.ndarray:
         """(..., n) of rows on the basis (..., r): a tuned mass by itself moves nothing."""
         more = self.size - rows.shape[-1]
         return np.concatenate([rows, np.zeros((*rows.shape[:-1], more))], axis=-1) if more else rows
@@ -311,12 +311,12 @@ class LocalModel:
         bare = self._bare
         if bare is not None:
             return bare.solved(angle_deg)
-        if angle_deg not in self._solved:
-            self._solved[angle_deg] = self.solve(angle_deg)
-        return self._solved[angle_deg]
+        if angle_deg not in self._solved_modes:
+            self._solved_modes[angle_deg] = self.solve(angle_deg)
+        return self._solved_modes[angle_deg]
 
     @cached_property
-    def _solved(self) -> dict[float, SmallModes]:
+    def _solved_modes(self) -> dict[float, SmallModes]:
         return {}
 
     @cached_property

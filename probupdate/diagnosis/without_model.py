@@ -195,7 +195,7 @@ def diagnose_without_model(
     time_profiles = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns)), STEPS)
                      if c.kind != "constant"]
     if not time_profiles:
-        raise _too_few(blocks)
+        raise _too_few_blocks_error(blocks)
     # what changes along the record and constant shapes share the false alarms
     share = NOTHING / (2 if placed else 1)
     changes, blocks, followed, total, left = _remove_changes(
@@ -225,7 +225,7 @@ def diagnose_without_model(
     )
 
 
-def _too_few(blocks: Blocks) -> InputError:
+def _too_few_blocks_error(blocks: Blocks) -> InputError:
     shown = "1 set is" if len(blocks) == 1 else f"{len(blocks)} sets are"
     return InputError("modes", f"{shown} too few to tell a change from chance: without a model sets are compared with "
                       "one another alone",
@@ -253,7 +253,7 @@ def _remove_changes(
         first = first or (followed, odds.total)
         # shapes may still say what is wrong with sensors all through the record, if it is known where they are
         if not number and not (placed or followed.along.usable.any()):
-            raise _too_few(blocks)
+            raise _too_few_blocks_error(blocks)
         if number == MOST_CHANGES or not found:
             break
         step = _step(followed, odds, known, placed)

@@ -472,7 +472,7 @@ def temperature_effect() -> Effect:
 # The model's own parameters ----------------------------------------------------------------------------------------
 
 
-def _of(description: str) -> str:
+def _short_description(description: str) -> str:
     """A parameter's description behind its name, without what it adds after a colon or semicolon."""
     words = re.split("[:;]", description)[0].strip()
     return f" ({words})" if words else ""
@@ -486,7 +486,7 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
             prior_scale=3 * p.std, lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
             time_profiles=("constant", "step", "ramp"),
             signature=p.description or f"that of {p.name}",
-            check=f"inspect what {p.name} stands for{_of(p.description)}",
+            check=f"inspect what {p.name} stands for{_short_description(p.description)}",
         )
         for p in parameters
     )

@@ -420,10 +420,10 @@ def _environment(d: Description) -> Iterator[Effect]:
               low=0.0, high=4e4, tolerance=0.0, prior_scale=5e3, time_profiles=("step", "frost_degc"),
               signature="first bending and torsion fall while it freezes", check="ice detector, power curve")
     if isinstance(d, Offshore):
-        yield from _softening(d)
+        yield from _softening_effect(d)
 
 
-def _softening(d: Offshore) -> Iterator[Effect]:
+def _softening_effect(d: Offshore) -> Iterator[Effect]:
     row, whole = partial(_row, group="environmental"), _soil_part(d)
     for curve, where in (("all", whole), ("py", f"{whole}, lateral"), ("tz", f"{whole}, axial")):
         yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,

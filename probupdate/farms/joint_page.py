@@ -36,7 +36,7 @@ def joint_section(joint: JointRun) -> Section:
     items += [_population(found), _turbines(found), turbine_picture(found)]
     if found.months:
         items.append(month_picture(found.months))
-    items.append(_next(found))
+    items.append(_next_measurement_rows(found))
     lead = f"{len(found.turbines)} turbines, {found.settings['sets']} sets; {found.verdict}."
     return Section(anchor=anchor, title=title, items=tuple(items), lead=lead, shown=len(items))
 
@@ -77,7 +77,7 @@ def _turbines(found: FarmJoint) -> Table:
                  note=f"Marked: unlike the others with a probability of {SURE:g} or more.")
 
 
-def _next(found: FarmJoint) -> Table:
+def _next_measurement_rows(found: FarmJoint) -> Table:
     columns = (Column(name="measurement", number=False), Column(name="turbine", number=False),
                Column(name="about what all share", unit="bit"), Column(name="about that turbine", unit="bit"))
     lines = [(r.measurement, r.turbine or "one without sensors", f"{r.farm_bits:.2f}", f"{r.turbine_bits:.2f}")

@@ -187,7 +187,7 @@ class BlockStore:
         Blocks know nothing of one another: the files are the same for any number of processes that run linear
         algebra in one thread each.
         """
-        todo = self._of_shard(self.pending(), shard)
+        todo = self._shard_blocks(self.pending(), shard)
         tasks = [(self.folder / (self._stem(t) + POLES), *self._task(t)) for t in todo]
         self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)
@@ -199,7 +199,7 @@ class BlockStore:
         """Covariance factors of the poles (model order, index within it) of each block, where those of just these are
         not stored yet: what the spectra say of a mode depends on the modes beside it."""
         tasks = []
-        for start in self._of_shard(list(wanted), shard):
+        for start in self._shard_blocks(list(wanted), shard):
             if set(wanted[start]) != self._factors_there(start):
                 keys = tuple(sorted(wanted[start]))
                 poles, path = (self.folder / (self._stem(start) + ending) for ending in (POLES, FACTORS))
@@ -215,7 +215,7 @@ class BlockStore:
         path = self.folder / (self._stem(start) + FACTORS)
         return _stored_keys(path)
 
-    def _of_shard(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
+    def _shard_blocks(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
         """Those of a shard's share of all blocks, whatever is there already."""
         if shard is None:
             return some
@@ -439,7 +439,7 @@ def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.frombuffer(found.digest(), np.uint8)
 
 
-def _undamaged(path: Path, content: Mapping) -> dict[str, np.ndarray]:
+def _read_undamaged(path: Path, content: Mapping) -> dict[str, np.ndarray]:
     """The arrays of a stored file. Raises InputError where they are not what was written."""
     arrays = {name: content[name] for name in content}
     if CHECKSUM not in arrays or not np.array_equal(arrays[CHECKSUM], _checksum(arrays)):
@@ -512,7 +512,7 @@ def _open_block(path: Path, *, lazy: bool = False) -> Iterator[Mapping]:
     in them is said like what cannot be read."""
     with archive(path, "is not an identified block",
                  "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
-        yield content if lazy else _undamaged(path, content)
+        yield content if lazy else _read_undamaged(path, content)
 
 
 def _read_head(path: Path) -> dict:

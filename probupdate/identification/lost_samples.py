@@ -89,14 +89,14 @@ class LossyRecord:
 
     def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise (`gaps.zero_filled`)."""
-        return self._filled.summed_spectrum()
+        return self._filled_samples.summed_spectrum()
 
     def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise."""
-        return self._filled.singular_spectrum()
+        return self._filled_samples.singular_spectrum()
 
     @cached_property
-    def _filled(self) -> WholeRecord:
+    def _filled_samples(self) -> WholeRecord:
         return WholeRecord(data=resample(zero_filled(self.data), self.rate_hz, self.target_hz),
                            target_hz=self.target_hz)
 
@@ -176,9 +176,9 @@ class _Pairs:
         self.mask = known[:, one].astype("f4")
         every = np.arange(len(kinds))
         # (n_lag, n_kind, n_kind)
-        self.number = np.round(self._sums_both_ways(self._lagged(self.mask), 0, every, every)[0])
+        self.number = np.round(self._sums_both_ways(self._lagged_products(self.mask), 0, every, every)[0])
 
-    def _lagged(self, columns: np.ndarray) -> LaggedProducts:
+    def _lagged_products(self, columns: np.ndarray) -> LaggedProducts:
         return LaggedProducts(columns, self.last, np.array([0, self.n_sample]))
 
     def _sums_both_ways(self, lagged: LaggedProducts, part: int, rows: np.ndarray, references: np.ndarray
@@ -204,7 +204,7 @@ class _Pairs:
 
     def products(self, rows: np.ndarray, references: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n_lag, n_row, n_reference) sums of products, and those with rows and references exchanged."""
-        return self._sums_both_ways(self._lagged(self.value), 0, rows, references)
+        return self._sums_both_ways(self._lagged_products(self.value), 0, rows, references)
 
     def by_channels(self, number: np.ndarray, rows: np.ndarray, references: np.ndarray) -> np.ndarray:
         """Numbers by kinds as numbers by channels and references."""

@@ -58,7 +58,7 @@ def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) 
     for setup in setups:
         _refuse_out_of_phase(setup)
     for first, second in combinations(setups, 2):
-        shared = _shared(first, second, references)
+        shared = _shared_references(first, second, references)
         if len(shared) < 2 or len(pairs := _pairs(first, second, shared)) < 2:
             continue
         one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
@@ -82,7 +82,7 @@ def frequency_shifts(setups: Sequence[SetupModes], references: Sequence[str]) ->
     shift = dict.fromkeys((s.name for s in setups[:1]), 0.0)
     for second in setups[1:]:
         for first in (s for s in setups if s.name in shift):
-            shared = _shared(first, second, references)
+            shared = _shared_references(first, second, references)
             if len(shared) > 1 and len(pairs := _pairs(first, second, shared)) > 1 and not _disagree(
                     first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]):
                 shift[second.name] = shift[first.name] + _ln_shift(first, second, pairs)
@@ -92,14 +92,14 @@ def frequency_shifts(setups: Sequence[SetupModes], references: Sequence[str]) ->
     return {name: away - middle for name, away in shift.items()}
 
 
-def _shared(first: SetupModes, second: SetupModes, references: Sequence[str]) -> list[str]:
+def _shared_references(first: SetupModes, second: SetupModes, references: Sequence[str]) -> list[str]:
     here = [{s.channel for s in one.sensors} for one in (first, second)]
     return [c for c in references if c in here[0] & here[1]]
 
 
 def _disagree(one: np.ndarray, two: np.ndarray) -> bool:
     """Whether shapes at the references, columns, are of two kinds."""
-    unlike = _unlike(one, two)
+    unlike = _mac_deficit(one, two)
     return bool(unlike.mean() > UNLIKE and unlike.max() > MOST_UNLIKE)
 
 
@@ -139,7 +139,7 @@ def _pairs(first: SetupModes, second: SetupModes, shared: Sequence[str]) -> np.n
                      if np.argmax(own[:, j]) == i and abs(away[i, j] - best) <= SAME_MODE], int).reshape(-1, 2)
 
 
-def _unlike(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+def _mac_deficit(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     """(n_mode,) 1 - MAC of columns."""
     return 1 - np.diag(mac(one, two))
 
@@ -229,12 +229,12 @@ def _refuse_explained(
     first: SetupModes, second: SetupModes, references: Sequence[str], one: np.ndarray, two: np.ndarray
 ) -> str:
     """What is said where no change explains it."""
-    before = _unlike(one, two).mean()
+    before = _mac_deficit(one, two).mean()
     n = len(references)
-    found = [(_unlike(one, change.of(two)).mean(), change) for change in _changes(one, two)]
+    found = [(_mac_deficit(one, change.of(two)).mean(), change) for change in _changes(one, two)]
     # one exchange or reversal more is believed where it leaves so much less
     left, change = min(found, key=lambda x: max(x[0], ROUNDING) / BETTER ** (2 * x[1].size))
-    scaled, gain, row = min(((_unlike(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),
+    scaled, gain, row = min(((_mac_deficit(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),
                             key=lambda x: x[0])
     amplified = scaled < BETTER * left and abs(np.log(gain)) > np.log(LEAST_GAIN)
     both = f"setups {first.name} and {second.name}"
@@ -250,7 +250,7 @@ def _refuse_explained(
     # of references some explain it as well as others
     alike = [c for rest, c in found if rest <= 1.01 * left + 1e-12 and c.order == change.order
              and len(c.reversed_) == len(change.reversed_)]
-    chosen, others = _who(first, second, references, alike)
+    chosen, others = _likely_reversals(first, second, references, alike)
     named = [references[c] for c in dict.fromkeys((*sum(chosen.cycles, ()), *chosen.reversed_))]
     instead = f" (or {', or '.join(' and '.join(references[c] for c in o.reversed_) for o in others)} reversed instead)"
     remedy = ["put their [[sensor]] tables in one another's place in the campaign.toml of one of them, or, if its "
@@ -269,7 +269,7 @@ def _times(shape: np.ndarray, row: int, gain: float) -> np.ndarray:
     return scaled
 
 
-def _who(first: SetupModes, second: SetupModes, references: Sequence[str], alike: list[_Change]
+def _likely_reversals(first: SetupModes, second: SetupModes, references: Sequence[str], alike: list[_Change]
          ) -> tuple[_Change, list[_Change]]:
     """Of reversals that explain it alike the one of references that go against the sensors of their direction in one
     setup and with them in the other, in the lowest mode in which they move; no others then."""

@@ -232,13 +232,13 @@ def read_conditions(path: str | Path) -> Conditions:
                 nearest(str(first["loc"][-1]), condition_keys(Conditions))
             ) from None
         raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}",
-                         _meaning(first["loc"]) or "correct it") from None
+                         _key_meaning(first["loc"]) or "correct it") from None
     for key, problem, remedy in _mistakes(conditions, path):
         raise InputError(f"{path}: {key}", problem, remedy)
     return conditions
 
 
-def _meaning(place: tuple) -> str:
+def _key_meaning(place: tuple) -> str:
     """What a key of the file is, where its table says so."""
     table = Conditions
     for part in place:

@@ -503,9 +503,9 @@ class _Group:
         record = record[first : n - first]
         return History(id=read.id, time_s=frozen_array((first + np.arange(len(record))) / rate),
                        stress_mpa=frozen_array(record),
-                       rainflow_over_spectrum=frozen_array(self._counted(record, of_spots, worst, rate)))
+                       rainflow_over_spectrum=frozen_array(self._counted_damage(record, of_spots, worst, rate)))
 
-    def _counted(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
+    def _counted_damage(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
         f = self.of.frequency_hz
         moments = np.array([np.sum(f**k * np.abs(of_spots) ** 2, axis=1) for k in ORDERS]) * (f[1] - f[0])
         ten = round(TEN_MINUTES_S * rate)

@@ -156,7 +156,7 @@ class StressModel:
         slow = self._slow_loads()
         if both_ways:
             slow = np.hstack([slow, self.turned()._slow_loads()])
-        return self._on_shapes([X for theta in thetas for X in self._shapes_under(theta, slow)])
+        return self._projected_on_shapes([X for theta in thetas for X in self._shapes_under(theta, slow)])
 
     def reduced_for_derivatives(self, theta: np.ndarray) -> StressModel:
         """For stresses and their derivatives at theta alone: on its modes, the static shapes under thrust and waves,
@@ -165,7 +165,7 @@ class StressModel:
         read = sum(c * R for c, R in zip(self.coefficients(theta)[0], self.stiffness_rows, strict=True)).toarray().T
         size = np.linalg.norm(read, axis=0)
         unit = read[:, size > 0] / size[size > 0]
-        return self._on_shapes(self._shapes_under(theta, np.hstack([self._slow_loads(), unit])))
+        return self._projected_on_shapes(self._shapes_under(theta, np.hstack([self._slow_loads(), unit])))
 
     def _shapes_under(self, theta: np.ndarray, slow: np.ndarray) -> list[np.ndarray]:
         """The modes at theta, and the static shapes under the loads slow (n_free, n)."""
@@ -176,7 +176,7 @@ class StressModel:
         )
         return [phi, factor.solve(slow)]
 
-    def _on_shapes(self, shapes: Sequence[np.ndarray]) -> StressModel:
+    def _projected_on_shapes(self, shapes: Sequence[np.ndarray]) -> StressModel:
         X = np.hstack(shapes)
         K0 = self.model.matrices(self.parameters.initial)[0]
         X = X / np.sqrt(np.einsum("ij,ij->j", X, K0 @ X))

@@ -177,7 +177,7 @@ def match(
                                                     for j, i in partner.items() if criterion[j, i] >= OWN_MAC])
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     together = _pair_criteria(measured, computed, clusters)
-    partner = _spanning(partner, together, modal_set.frequency_hz, solution.frequency_hz)
+    partner = _pair_partners(partner, together, modal_set.frequency_hz, solution.frequency_hz)
     unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
     known = halves, {j for j in partner if label_across(name[j]) in unmeasured}
     compared = _Comparison(where=modal_set.where, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
@@ -286,7 +286,7 @@ def _pair_criteria(
     return result
 
 
-def _spanning(
+def _pair_partners(
     partner: Mapping[int, int], together: Mapping[tuple[int, ...], np.ndarray], measured_hz: np.ndarray,
     computed_hz: np.ndarray,
 ) -> dict[int, int]:
@@ -304,7 +304,7 @@ def _spanning(
     return result
 
 
-def _alike(
+def _clusters_above_least_mac(
     x: _Comparison, partner: dict[int, int], mates: dict[int, int], criterion: np.ndarray
 ) -> tuple[list[ModeGroup], list[str]]:
     """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
@@ -498,7 +498,7 @@ def _group_partners(x: _Comparison, partner: dict[int, int]) -> _Grouping:
     criterion = np.array(x.criterion)
     for j, k in mates.items():
         criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
-    groups, unlike = _alike(x, partner, mates, criterion)
+    groups, unlike = _clusters_above_least_mac(x, partner, mates, criterion)
     halves = _halves_note(x.where, mates, partner, x.name, x.computed_hz)
     return _Grouping(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
 

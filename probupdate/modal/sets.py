@@ -152,18 +152,18 @@ class StoredFactors:
         return self.read()
 
     def of_modes(self, columns: Sequence[int]) -> StoredFactors:
-        return replace(self, read=partial(_of_modes, self.read, tuple(int(j) for j in columns)))
+        return replace(self, read=partial(_factors_of_modes, self.read, tuple(int(j) for j in columns)))
 
     def of_channels(self, rows: Sequence[int]) -> StoredFactors:
-        return replace(self, read=partial(_of_channels, self.read, tuple(int(k) for k in rows)))
+        return replace(self, read=partial(_factors_of_channels, self.read, tuple(int(k) for k in rows)))
 
 
 # functions of the module, as those of a process go to another by name
-def _of_modes(read: Callable[[], CovarianceFactors], columns: Sequence[int]) -> CovarianceFactors:
+def _factors_of_modes(read: Callable[[], CovarianceFactors], columns: Sequence[int]) -> CovarianceFactors:
     return read().of_modes(columns)
 
 
-def _of_channels(read: Callable[[], CovarianceFactors], rows: Sequence[int]) -> CovarianceFactors:
+def _factors_of_channels(read: Callable[[], CovarianceFactors], rows: Sequence[int]) -> CovarianceFactors:
     return read().of_channels(rows)
 
 

@@ -107,12 +107,12 @@ class Executor(ABC):
         process it runs in. ended: called with the number of tasks that have ended."""
         runs = self if len(tasks) > 1 else SERIAL
         found: dict[int, T] = {}
-        for number, result in runs._numbered(function, tasks, shared, least):
+        for number, result in runs._numbered_tasks(function, tasks, shared, least):
             found[number] = result
             ended(len(found))
         return [found[number] for number in range(len(tasks))]
 
-    def _numbered(
+    def _numbered_tasks(
         self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple, least: int
     ) -> Iterator[tuple[int, T]]:
         numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
@@ -295,19 +295,19 @@ class _DaskCluster(Executor):
                 warnings.warn(f"the scheduler at {self._address} has no worker: waiting up to {NO_WORKER_S} s for one; "
                               f"{START_WORKERS.replace('ADDRESS', self._address)}", stacklevel=2)
             if idle > NO_WORKER_S:
-                raise self._no_worker()
+                raise self._no_worker_error()
 
-    def _no_worker(self) -> InputError:
+    def _no_worker_error(self) -> InputError:
         return InputError("scheduler", f"{self._address} had no worker for {NO_WORKER_S} s; {KEPT}",
                           START_WORKERS.replace("ADDRESS", self._address))
 
-    def _numbered(self, function, tasks, shared, least) -> Iterator[Any]:
+    def _numbered_tasks(self, function, tasks, shared, least) -> Iterator[Any]:
         # a worker keeps once what every task's message would hold; each, as what one alone holds ends with it
         self._wait(lambda: self._workers() > 0)
         try:
             held = self._client.scatter([_Bundle(shared, tasks)], hash=False, broadcast=True, timeout=NO_WORKER_S)[0]
         except TimeoutError:
-            raise self._no_worker() from None
+            raise self._no_worker_error() from None
         return self.completed(_run_bundled, [(number, function, held) for number in range(len(tasks))])
 
     def _workers(self) -> int:

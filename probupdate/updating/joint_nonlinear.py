@@ -221,7 +221,7 @@ class _Moving:
                 self.step, self.exact = np.zeros_like(self.step), True
             return
         if slope is None:
-            slope = self._shown(bend, arrow.moved(trial - self.shift))
+            slope = self._update_derivatives(bend, arrow.moved(trial - self.shift))
         whole = arrow.curved(slope)
         n = bend.shape[1] - 2 - len(arrow.follow)
         self.shift, self.missed, self.bend, self.slope = trial, missed, bend, slope
@@ -237,7 +237,7 @@ class _Moving:
         self.step = np.zeros_like(left) if solved else -np.linalg.solve(whole, left)
         self.length, self.fresh, self.exact = min(1.0, 3 * self.length), self.exact, solved
 
-    def _shown(self, bend: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    def _update_derivatives(self, bend: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Derivatives changed by what a step (n_turbine, n_param) has shown."""
         found = np.array(self.slope)
         for M, after, before, step in zip(found, bend, self.bend, moved, strict=True):

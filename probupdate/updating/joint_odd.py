@@ -74,14 +74,14 @@ def odd_turbines(
         judged: list[tuple[Any, ...]] = [m.judged(share) for m in mixtures]
         found = OddTurbines(**{name: frozen_array([one[k] for one in judged]) for k, name in enumerate(
             ("probability", "share", "shift", "shift_std"))}, limit=found.limit)
-        fresh = _counting(counts, found.probability)
+        fresh = _counted_as_typical(counts, found.probability)
         if np.array_equal(counts, fresh):
             break
         counts = fresh
     return replace(found, limit=frozen_array([m.limits(share) for m in mixtures])) if mixtures else found
 
 
-def _counting(counts: np.ndarray, probability: np.ndarray) -> np.ndarray:
+def _counted_as_typical(counts: np.ndarray, probability: np.ndarray) -> np.ndarray:
     """Those that are alike count again; then the one that is the least alike does not: beside it others may look so,
     too."""
     fresh = counts | (probability < 0.5)

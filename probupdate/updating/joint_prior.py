@@ -20,7 +20,7 @@ from probupdate.model.parameters import Parameters
 FARTHEST = 7.5
 
 
-def _between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _normal_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Probability of a standard normal between low and high, in the tail where it is exact."""
     return np.where(low > 0, special.ndtr(-low) - special.ndtr(-high), special.ndtr(high) - special.ndtr(low))
 
@@ -72,9 +72,9 @@ class NormalScores:
 
     def to(self, theta: np.ndarray) -> np.ndarray:
         x, (low, high) = self._standard(np.asarray(theta, float)), self._ends
-        mass = _between(low, high)
-        below = np.where(self._uniform, x, _between(low, x) / mass)
-        above = np.where(self._uniform, 1 - x, _between(x, high) / mass)
+        mass = _normal_mass(low, high)
+        below = np.where(self._uniform, x, _normal_mass(low, x) / mass)
+        above = np.where(self._uniform, 1 - x, _normal_mass(x, high) / mass)
         with np.errstate(divide="ignore"):
             score = np.where(below < above, special.ndtri(np.clip(below, 0, 1)), -special.ndtri(np.clip(above, 0, 1)))
         whole = np.isinf(low) & np.isinf(high) & ~self._uniform
@@ -91,7 +91,7 @@ class NormalScores:
     def _cut(self, u: np.ndarray) -> np.ndarray:
         """Of the Gaussian before it was cut, from the end that is nearer."""
         low, high = self._ends
-        ln_mass = np.log(_between(low, high))
+        ln_mass = np.log(_normal_mass(low, high))
         # ln of the probability beyond the bound, and of what lies between it and the value
         ends = np.where(u < 0, special.log_ndtr(low), special.log_ndtr(-high))
         x = special.ndtri_exp(np.logaddexp(ends, special.log_ndtr(-np.abs(u)) + ln_mass))
@@ -105,7 +105,7 @@ class NormalScores:
         u = self.to(theta)
         x = np.where(np.isinf(low) & np.isinf(high), u, self._standard(theta))
         density = np.exp(-0.5 * (u**2 - np.where(self._uniform, 0.0, x**2)))
-        density = density * np.where(self._uniform, 1 / np.sqrt(2 * np.pi), _between(low, high))
+        density = density * np.where(self._uniform, 1 / np.sqrt(2 * np.pi), _normal_mass(low, high))
         return scale * density * np.where(self.lognormal, theta, 1.0)
 
     def some(self, numbers: Sequence[int]) -> NormalScores:

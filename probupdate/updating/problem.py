@@ -311,7 +311,7 @@ class Problem:
     def sensitivity(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lambda_M (n_response,) and S (n_response, n_param), Eq. 5, exact, through the alignment of shapes."""
         clusters = self._clusters(self.model.solve(theta, self.matching.n_mode))
-        solution = self.model.solve(theta, self.matching.n_mode, derivatives=True, clusters=self._turning(clusters))
+        solution = self.model.solve(theta, self.matching.n_mode, derivatives=True, clusters=self._rotations(clusters))
         response, slope = self._response_slope(solution, clusters)
         # how equal modes turn into each other has no derivative, what is compared of one of them has
         of_equal = [g.n_mates > 0 and np.ptp(solution.frequency_hz[list(c)]) < EQUAL * solution.frequency_hz[c[0]]
@@ -334,7 +334,7 @@ class Problem:
         members = self._with_mates(computed, solution.frequency_hz[None], solution.shape[None])
         return tuple(tuple(int(i) for i in own[0]) for own in members)
 
-    def _turning(self, clusters: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+    def _rotations(self, clusters: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
         """Those whose rotation into each other no response needs: one of a pair alone needs it."""
         return tuple(c for c, group in zip(clusters, self.groups, strict=True) if group.size > 1)
 
@@ -369,7 +369,7 @@ class Problem:
         clusters = self._clusters(self.model.solve(theta, n_mode))
         # modes above the measured ones are not asked for their derivatives
         n_mode = min(n_mode, max(max(c) for c in clusters) + 1)
-        solution = unknown.changes(theta, n_mode, self._turning(clusters))
+        solution = unknown.changes(theta, n_mode, self._rotations(clusters))
         _, slope = self._response_slope(solution, clusters)
         return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
 

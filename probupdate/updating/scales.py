@@ -102,12 +102,12 @@ def learn_scales(
     axes = grid.scanned()
     for _ in range(ROUNDS):
         value = grid.values(axes)
-        axes = [_about(axis, special.logsumexp(value, axis=_other_axes(k)), grid.number[k])
+        axes = [_about(axis, special.logsumexp(value, axis=_sum_over_other_axes(k)), grid.number[k])
                 for k, axis in enumerate(axes)]
     value = grid.values(axes)
     prior_value = grid.log_prior(axes)
     share = np.exp(value - special.logsumexp(value))
-    marginal = [share.sum(axis=_other_axes(k)) for k in range(N_AXIS)]
+    marginal = [share.sum(axis=_sum_over_other_axes(k)) for k in range(N_AXIS)]
     frequency, shape = (float(np.exp(m @ np.log(axis))) for m, axis in zip(marginal[:NEW], axes[:NEW], strict=True))
     new = frequency, shape
     nodes = [_node(axes, at, float(prior_value[tuple(at)]))
@@ -124,7 +124,7 @@ def _node(axes: Sequence[np.ndarray], at: Sequence[int] | np.ndarray, log_weight
     return Scales(new=(new[0], new[1]), shared=(frequency, shape, mixing), log_weight=log_weight)
 
 
-def _other_axes(axis: int) -> tuple[int, ...]:
+def _sum_over_other_axes(axis: int) -> tuple[int, ...]:
     return tuple(k for k in range(N_AXIS) if k != axis)
 
 

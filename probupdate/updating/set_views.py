@@ -183,7 +183,7 @@ def view_sets(
     found = list(iterate_sets(model, data, weights=reference.weights, clusters=clusters, model_at=model_at,
                               start=start_of_sets(reference), failed=failed, progress=progress))
     if len(found) < 2:
-        raise _too_few(len(found), len(data.sets), failed)
+        raise _too_few_sets_error(len(found), len(data.sets), failed)
     problems, maxima = [p for p, _ in found], [x for _, x in found]
     parameters, coordinates = model.parameters, coordinates_of(model.parameters)
     rng = np.random.default_rng([seed, 31])
@@ -238,7 +238,7 @@ def _spread_of_each(parameters: Parameters, common: Sequence[str], spread: float
     return np.where(np.isin(parameters.names, common), 0.0, spread)
 
 
-def _too_few(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
+def _too_few_sets_error(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
     why = f" ({'; '.join(failed)})" if failed else ""
     return InputError("sets",
                       f"{n_found} of {n_set} can be updated{why}, and views of several sets compare at least two",

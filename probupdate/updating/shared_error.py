@@ -187,7 +187,7 @@ class SharedError:
         return found
 
     @cached_property
-    def _stacked(self) -> tuple[np.ndarray, ...]:
+    def _stacked_rows(self) -> tuple[np.ndarray, ...]:
         """Rows r, J, B of all sets; of each row its own variance, the least, what a discrepancy of one does, its kind,
         and how much it counts; of independent responses."""
         rows, own = [], []
@@ -206,7 +206,7 @@ class SharedError:
         first = self.problems[0]
         if first.weights.covariance or first.weights.shapes == "mac":
             return total(self.each(new))
-        rows, own, least, unit, kind, counted = self._stacked
+        rows, own, least, unit, kind, counted = self._stacked_rows
         std = np.sqrt(np.maximum(own + (np.where(kind > 0, new[1], new[0]) * unit) ** 2, least))
         white = rows / std[:, None]
         return Inner(middle=self.middle, products=white.T @ white, kind=self.kind,

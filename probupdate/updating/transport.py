@@ -45,7 +45,7 @@ class Transport:
     ln_scale: tuple[np.ndarray, ...]
     like: GaussianApproximation
 
-    def _at(self, k: int, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _conditional_scale(self, k: int, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle and ln of the scatter (n,) of the k-th number given those before it (n, k)."""
         straight, bent = self.columns[k](before)
         return bent @ self.middle[k], np.clip(straight @ self.ln_scale[k], *_limits(self.ln_scale[k]))
@@ -54,7 +54,7 @@ class Transport:
         """(n, n_param); draws may lie outside the parameters' bounds. `random` has uniform(size=n)."""
         x = np.empty((n, len(self.mean)))
         for k in range(len(self.mean)):
-            middle, ln = self._at(k, x[:, :k])
+            middle, ln = self._conditional_scale(k, x[:, :k])
             x[:, k] = middle + np.exp(ln) * special.stdtrit(DEGREES, random.uniform(size=n))
         with np.errstate(over="ignore", divide="ignore"):
             return from_coordinates(self.mean + x @ self.root.T, self.like.powers) + self.like.origin
@@ -67,7 +67,7 @@ class Transport:
         constant = special.gammaln(0.5 * (DEGREES + 1)) - special.gammaln(0.5 * DEGREES) - 0.5 * np.log(DEGREES * np.pi)
         total = np.full(len(x), n * constant - np.linalg.slogdet(self.root)[1])
         for k in range(n):
-            middle, ln = self._at(k, x[:, :k])
+            middle, ln = self._conditional_scale(k, x[:, :k])
             t = (x[:, k] - middle) * np.exp(-ln)
             total -= ln + 0.5 * (DEGREES + 1) * np.log1p(t**2 / DEGREES)
         return total - jacobian

@@ -23,15 +23,15 @@ class Once:
     unknowns: np.ndarray
 
     @cached_property
-    def _scaled(self) -> np.ndarray:
+    def _scaled_rows(self) -> np.ndarray:
         return self.unknowns / self.std[:, None]
 
     @cached_property
     def _factor(self) -> tuple[np.ndarray, bool]:
-        return linalg.cho_factor(np.eye(self.unknowns.shape[1]) + self._scaled.T @ self._scaled, lower=True)
+        return linalg.cho_factor(np.eye(self.unknowns.shape[1]) + self._scaled_rows.T @ self._scaled_rows, lower=True)
 
-    def _solved(self, white: np.ndarray) -> np.ndarray:
-        return white - self._scaled @ linalg.cho_solve(self._factor, self._scaled.T @ white)
+    def _solve_noise(self, white: np.ndarray) -> np.ndarray:
+        return white - self._scaled_rows @ linalg.cho_solve(self._factor, self._scaled_rows.T @ white)
 
     @cached_property
     def log_density(self) -> float:
@@ -42,12 +42,12 @@ class Once:
     def misfits(self, others: np.ndarray) -> np.ndarray:
         """(k,) chi-square of other numbers (n, k) with the same unknowns."""
         white = others / self.std[:, None]
-        return np.sum(white * self._solved(white), axis=0)
+        return np.sum(white * self._solve_noise(white), axis=0)
 
     def scores(self, signature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Score (k,) and information (k, k) of effects of these signatures (n, k)."""
         white = signature / self.std[:, None]
-        solved = self._solved(white)
+        solved = self._solve_noise(white)
         return solved.T @ (self.numbers / self.std), white.T @ solved
 
     def log_wider(self, extra: np.ndarray) -> float:
