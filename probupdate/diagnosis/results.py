@@ -13,6 +13,7 @@ import numpy as np
 
 from probupdate.diagnosis import wording
 from probupdate.errors import InputError
+from probupdate.io.checksum import checksum_of_table
 from probupdate.io.files import read_json_table, write_text
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked_table
@@ -191,7 +192,8 @@ class Diagnosis:
     def write(self, out: str | Path) -> list[Path]:
         out = Path(out)
         # a line a table, not a line a number
-        text = json.dumps(self.content(), indent=1, allow_nan=False)
+        content = self.content()
+        text = json.dumps(content | {"checksum": checksum_of_table(content)}, indent=1, allow_nan=False)
         text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
         return [write_text(out, text)]
 
@@ -265,6 +267,7 @@ class DiagnosisTable:
     extension: Mapping[str, object] | None = None
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     format: int = FORMAT
+    checksum: str | None = None
 
 
 def _with_present_keys(table: Mapping) -> dict:
@@ -281,17 +284,20 @@ def _values_with_present_keys(value):
 def read_diagnosis(path: str | Path) -> dict:
     """The content of diagnosis.json; raises InputError where it is none."""
     path = Path(path)
-    again = "write it with `probupdate diagnose`"
-    content = read_json_table(path, again, absent=again)
+    again = "write it again with `probupdate diagnose`"
+    content = read_json_table(path, again, absent="write it with `probupdate diagnose`")
     if "format" not in content:
         content = _with_present_keys(content)
     elif content["format"] != FORMAT:
         raise InputError(f"{path}, format", f"is {content['format']!r}; {FORMAT} is the newest known",
                          "read it with the version of probupdate that wrote it, or write it again")
-    checked_table(DiagnosisTable, content, path, "write it again with `probupdate diagnose`")
+    # the findings may be checked by their kinds, not so all that the page draws
+    if "checksum" in content and content["checksum"] != checksum_of_table(
+            {k: v for k, v in content.items() if k != "checksum"}):
+        raise InputError(str(path), "does not hold what was written: it was damaged or changed", again)
+    checked_table(DiagnosisTable, content, path, again)
     if content["verdict"] not in VERDICTS:
-        raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",
-                         "write it again with `probupdate diagnose`")
+        raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}", again)
     return content
 
 

@@ -33,6 +33,7 @@ from probupdate.identification.block_poles import (
 )
 from probupdate.identification.order_average import ModePoles, single_pole_key
 from probupdate.identification.ssi import Poles
+from probupdate.io.checksum import checksum_of_arrays
 from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.modal.modes import CovarianceFactors
 from probupdate.runtime.arrays import frozen_array
@@ -430,13 +431,7 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
 
 
 def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Of the arrays' names, kinds, shapes and numbers."""
-    found = hashlib.blake2b(digest_size=16)
-    for name in sorted(n for n in content if n != CHECKSUM):
-        array = np.ascontiguousarray(content[name])
-        found.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        found.update(array.tobytes())
-    return np.frombuffer(found.digest(), np.uint8)
+    return np.frombuffer(checksum_of_arrays({n: array for n, array in content.items() if n != CHECKSUM}), np.uint8)
 
 
 def _read_undamaged(path: Path, content: Mapping) -> dict[str, np.ndarray]:

@@ -7,6 +7,6 @@ files hold sensors and modes and are read in `campaign`.
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "elastodyn_file", "files", "fortran_text", "hdf5_file", "json_rows", "outputs", "program_matrices", "result_table",
-    "schema", "ssi_file", "subdyn_file",
+    "checksum", "elastodyn_file", "files", "fortran_text", "hdf5_file", "json_rows", "outputs", "program_matrices",
+    "result_table", "schema", "ssi_file", "subdyn_file",
 ]

@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.io.checksum import checksum_of_arrays, checksum_of_table
 from probupdate.io.files import path_inside
 from probupdate.io.hdf5_file import new_hdf5, open_hdf5
 from probupdate.modal.sets import CovarianceFactors, ModalSet, StoredFactors
 
-# name -> (number of axes, dtype in the file)
-DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
+# name -> dtype in the file
+DATASETS = {"ln_frequency": np.float32, "damping_ratio": np.float32, "shape": np.complex64}
+# attribute of a group, of its arrays; of the file, of its groups' ids and checksums
+CHECKSUM = "checksum"
 # a file up to that size (bytes) is kept in memory, a larger one read set by set as it is asked for
 KEPT_IN_MEMORY = 8 * 2**20
 AGAIN = "make it again with `probupdate identify`"
@@ -38,18 +41,23 @@ def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
     Whole under another name first: a killed run leaves the old file or the new one.
     """
     path = modes_file.with_name(f"{modes_file.stem}.deviations.h5")
+    whole: dict[str, str] = {}
     with new_hdf5(path) as file:
         for set_id, kept in factors.items():
             covariance_factors = kept.loaded()
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
-            for name, (_, dtype) in DATASETS.items():
-                written = group.create_dataset(name, data=np.asarray(getattr(covariance_factors, name)).astype(dtype))
+            arrays = {name: np.asarray(getattr(covariance_factors, name)).astype(dtype)
+                      for name, dtype in DATASETS.items()}
+            group.attrs[CHECKSUM] = whole[set_id] = checksum_of_arrays(arrays).hex()
+            for name, array in arrays.items():
+                written = group.create_dataset(name, data=array)
                 for k, axis in enumerate(AXES[name]):
                     if axis not in group:
                         group.create_dataset(axis, data=np.arange(written.shape[k], dtype=np.int32)).make_scale(axis)
                     if len(group[axis]) == written.shape[k]:
                         written.dims[k].attach_scale(group[axis])
+        file.attrs[CHECKSUM] = checksum_of_table(whole)
     return path.name
 
 
@@ -64,8 +72,11 @@ def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     path_inside(path, modes_file.parent)
     with _open_store(path) as file:
-        yield FactorsFile(path=path, state=_state(path), file=file,
-                          groups={str(group.attrs["id"]): name for name, group in file.items()})
+        groups = {str(group.attrs["id"]): name for name, group in file.items()}
+        if file.attrs[CHECKSUM] != checksum_of_table({set_id: str(file[name].attrs[CHECKSUM])
+                                                      for set_id, name in groups.items()}):
+            raise _damaged(path)
+        yield FactorsFile(path=path, state=_state(path), file=file, groups=groups)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,9 +117,11 @@ def _open_store(path: Path) -> Any:
 
 
 def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:
-    found = {}
-    for key, (n_axis, _) in DATASETS.items():
-        array = found[key] = group[key][()]
-        if array.ndim != n_axis or array.dtype.kind not in "fc" or np.any(np.isinf(array)):
-            raise InputError(f"{path}, {group.attrs['id']}", f"{key} is not a table of {n_axis} axes of numbers", AGAIN)
+    found = {key: group[key][()] for key in DATASETS}
+    if checksum_of_arrays(found).hex() != group.attrs[CHECKSUM]:
+        raise _damaged(path)
     return found
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(str(path), "does not hold what was written: it was damaged or changed", AGAIN)

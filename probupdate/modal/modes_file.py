@@ -302,12 +302,6 @@ def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factor
     _refuse_exact(where, frequency, std["frequency_std_hz"])
     set_id = str(raw.get("id", number))
     arrays = None if factors is None else factors.read(set_id)
-    for key, array in (arrays or {}).items():
-        # of a mode all columns are known, or none
-        known = np.isfinite(array)
-        if np.any(known.any(axis=-1) != known.all(axis=-1)):
-            raise InputError(f"{path}, its covariance factors, {set_id}",
-                             f"{key} has columns that are not numbers", "make it again with `probupdate identify`")
     found = ModalSet(
         id=set_id,
         frequency_hz=frequency,

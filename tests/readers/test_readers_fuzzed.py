@@ -10,11 +10,13 @@ import time
 import traceback
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from mutations import spoilt
 from reader_cases import CASES, readers_in_the_code
 
+from probupdate.diagnosis.results import Diagnosis, read_diagnosis
 from probupdate.errors import InputError
 
 SEED = 1
@@ -117,6 +119,47 @@ def test_an_array_of_a_block_that_was_changed_is_refused(case, tmp_path):
     np.savez(path, **content | {"damping_ratio": damping})
     with pytest.raises(InputError, match=f"{path.name}: does not hold what was written"):
         read()
+
+
+@pytest.mark.parametrize(("case", "name", "fewest"), [
+    ("poles_csv", "poles.csv", 30), ("gauges", "gauges.csv", 20), ("lifetime_table", "draws.csv", 7),
+    ("run", "modes.poles.csv", 30), ("calculix", "job.sti", 10), ("elastodyn", "tower.dat", 20),
+])
+def test_a_table_that_is_cut_within_its_last_row_is_refused(case, name, fewest, tmp_path):
+    """At every byte of it; a cut between two rows does not show."""
+    paths, read = CASES[case][0](tmp_path)
+    path = next(p for p in paths if p.name == name)
+    whole = path.read_bytes().rstrip()
+    row = whole.rindex(b"\n") + 1
+    cuts = range(row + 1, len(whole))
+    for end in cuts:
+        path.write_bytes(whole[:end])
+        with pytest.raises(InputError, match=name):
+            read()
+    assert len(cuts) >= fewest
+
+
+@pytest.mark.parametrize("change", [
+    lambda file: file["2019-06-03T01:00Z/damping_ratio"].write_direct(np.full((3, 5), 2.0, np.float32)),
+    lambda file: file.pop("2019-06-03T01:00Z"),
+    lambda file: file["2019-06-03T01:00Z"].attrs.modify("id", "another"),
+])
+def test_covariance_factors_that_were_changed_are_refused(change, tmp_path):
+    (_, path), read = CASES["modes"][0](tmp_path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(InputError, match=f"{path.name}: does not hold what was written"):
+        read()
+
+
+def test_a_number_changed_in_what_a_diagnosis_draws_is_refused(tmp_path):
+    path = tmp_path / "diagnosis.json"
+    Diagnosis(verdict="none", p_value=0.5, findings=(), detectable_sizes=(), threshold=3.0, adequacy_p=0.5, notes=(),
+              parameters=(), details={"residuals": {"time": {"hours": [0.5, 1.25]}}}).write(path)
+    assert read_diagnosis(path)["details"]["residuals"]["time"]["hours"] == [0.5, 1.25]
+    path.write_text(path.read_text().replace("1.25", "1.5"))
+    with pytest.raises(InputError, match=r"diagnosis\.json: does not hold what was written"):
+        read_diagnosis(path)
 
 
 @pytest.mark.parametrize(("case", "name", "old", "new", "words"), [
