@@ -75,11 +75,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     _refuse_target(path)
     with errors_named(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_remains(path.parent.absolute())
-        # a name may have 255 bytes
-        short = os.fsdecode(os.fsencode(path.name)[:120])
-        part = path.with_name(f"{short}.{host_name()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
+        part = _temporary_beside(path)
     try:
         with errors_named(path):
             yield part
@@ -92,6 +88,46 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink()
+
+
+def _temporary_beside(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_remains(path.parent.absolute())
+    # a name may have 255 bytes
+    short = os.fsdecode(os.fsencode(path.name)[:120])
+    return path.with_name(f"{short}.{host_name()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """The temporary folder to write into; it takes the place of `path`, which is absent or empty, where the block ends
+    without an error. Errors name what would have been at `path`."""
+    path = Path(path).absolute()
+    refuse_filled(path)
+    with errors_named(path):
+        part = _temporary_beside(path)
+        part.mkdir()
+    try:
+        yield part
+        with errors_named(path):
+            os.replace(part, path)
+            _sync_folder(path.parent)
+    except InputError as error:
+        raise InputError(error.where.replace(str(part), str(path)), error.problem, error.remedy) from None
+    except OSError as error:
+        name = str(error.filename or path).replace(str(part), str(path))
+        raise OSError(error.errno, error.strerror, name) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def refuse_filled(folder: Path) -> None:
+    """Raises InputError where nothing can be at `whole_folder`'s place, before the work is done."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(str(folder), "holds something already", "name a new folder")
+    if folder.is_mount():
+        raise InputError(str(folder), "is where a file system is mounted, and cannot be replaced as a whole",
+                         "name a folder in it")
 
 
 @contextlib.contextmanager
@@ -172,11 +208,11 @@ def holds_nothing(folder: str | Path) -> bool:
 
 
 def remove_stale(folder: str | Path) -> None:
-    """Remove temporary files in a folder whose writer is gone: of this computer and dead, or a week old."""
+    """Remove temporary files and folders in a folder whose writer is gone: of this computer and dead, or a week old."""
     for part in Path(folder).glob(f"*{PART}"):
         with contextlib.suppress(OSError):
             if _is_stale(part):
-                part.unlink()
+                shutil.rmtree(part) if part.is_dir() and not part.is_symlink() else part.unlink()
 
 
 def _is_stale(part: Path) -> bool:
@@ -362,6 +398,14 @@ def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: in
         return read_bytes(path, remedy, largest=largest).decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(_path_words(Path(path)), f"is not a UTF-8 text ({error})", "save it as UTF-8") from None
+
+
+def read_own_text(path: str | Path, remedy: str) -> str:
+    """A text that ends with a line's end, as every one that the program writes. Raises InputError for one cut off."""
+    text = read_text(path, remedy)
+    if not text.endswith("\n"):
+        raise InputError(str(path), f"ends within a line ('...{text[-20:]}'): it was cut off", remedy)
+    return text
 
 
 def read_json(path: str | Path, remedy: str = "correct the file at that place", *, absent: str = "check the path",

@@ -23,7 +23,16 @@ import numpy as np
 from probupdate import __version__
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import referenced_files
-from probupdate.io.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
+from probupdate.io.files import (
+    read_bytes,
+    read_json,
+    read_text,
+    refuse_filled,
+    whole_folder,
+    write_arrays,
+    write_json,
+    write_text,
+)
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
@@ -203,8 +212,7 @@ def refuse_unfit(run: RunResults, out: Path, settings: ExportSettings, *, reliab
     if reliability and n < FEWEST_DRAWS:
         raise InputError("draws", f"{n} shows no scatter of the posterior, which reliability is computed from",
                          f"ask for {FEWEST_DRAWS} at least, 100 as a rule, or leave the fatigue file out")
-    if out.exists() and any(out.iterdir()):
-        raise InputError(str(out), "holds something already", "name a new folder")
+    refuse_filled(out)
 
 
 def export_lifetime(
@@ -216,14 +224,21 @@ def export_lifetime(
     model.toml).
 
     Raises InputError where the run is not fit to be exported and `accept` is not set, where posterior and model differ,
-    or where what is read back is not what was written.
+    or where what is read back is not what was written. Until all is written it lies in a folder beside `out`.
     """
     settings, out = settings or ExportSettings(), Path(out)
     refuse_unfit(run, out, settings, reliability=fatigue is not None)
-    posterior, model, path, status = run.posterior, run.model, run.path, run.status
     if fatigue is not None:
-        _refuse_details(path, fatigue.file)
-    out.mkdir(parents=True, exist_ok=True)
+        _refuse_details(run.path, fatigue.file)
+    with whole_folder(out) as folder:
+        found = _write_export(run, folder, settings, fatigue, progress)
+    return replace(found, folder=out)
+
+
+def _write_export(
+    run: RunResults, out: Path, settings: ExportSettings, fatigue: FatigueInput | None, progress: Progress
+) -> Export:
+    posterior, model, path, status = run.posterior, run.model, run.path, run.status
     rng = np.random.default_rng(settings.seed)
     draws = equal_draws(posterior.draws, settings.n_draw, rng)
     joint = joint_of(posterior.names, posterior.draws)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError
-from probupdate.io.files import write_arrays, write_json, write_table
+from probupdate.io.files import whole_folder, write_arrays, write_json, write_table
 from probupdate.io.result_table import with_units
 from probupdate.lifetime.fatigue import SLOPES
 from probupdate.lifetime.measured_stress import OBSERVABLE, MeasuredStress
@@ -127,9 +126,11 @@ class StressResult:
     def write(self, out: str | Path) -> list[Path]:
         """hot_spots.csv, blocks.csv, all_blocks.npz, history_BLOCK.csv, gauges.csv and gauge_history.csv,
         stresses.json; the folder new or empty."""
-        out = Path(out)
-        refuse_filled(out)
-        out.mkdir(parents=True, exist_ok=True)
+        with whole_folder(out) as folder:
+            names = [path.name for path in self._write_into(folder)]
+        return [Path(out) / name for name in names]
+
+    def _write_into(self, out: Path) -> list[Path]:
         f = self.found
         _, _, measured = f.per_year()
         written = [write_table(out / "hot_spots.csv", self.spots()), write_table(out / "blocks.csv", self.blocks())]
@@ -154,9 +155,3 @@ class StressResult:
 def history_name(block: str) -> str:
     """Of the file of a block's histories."""
     return "history_" + "".join(c if c.isalnum() else "-" for c in block) + ".csv"
-
-
-def refuse_filled(out: Path) -> None:
-    """Raises InputError where a folder holds something, before the work is done."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(str(out), "holds something already", "name a new folder")

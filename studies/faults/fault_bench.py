@@ -21,9 +21,10 @@ from fault_processes import HANGS_S, ORPHAN_S, Ended, Forked, Shell, of_sessions
 
 
 def digest(folder: Path) -> dict[str, str]:
-    """File -> SHA-256 of what it holds; without temporary files."""
+    """File -> SHA-256 of what it holds; without temporary files and folders."""
     return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
-            for p in sorted(folder.rglob("*")) if p.is_file() and not p.name.endswith(".part")}
+            for p in sorted(folder.rglob("*")) if p.is_file()
+            and not any(part.endswith(".part") for part in p.relative_to(folder).parts)}
 
 
 def is_whole(path: Path) -> bool:
@@ -103,7 +104,7 @@ class Bench:
     def prepare(self, finished: bool = False) -> None:
         """An output folder as before the first run, or as after one; an export goes into a new folder only."""
         self.clear()
-        if finished and self.verb != "export":
+        if finished and self.verb not in ("export", "stresses"):
             shutil.copytree(self.finished, self.out)
             return
         self.out.mkdir()
@@ -140,9 +141,6 @@ class Bench:
         long, but where `always` says so."""
         if self.slow and not always:
             return {}
-        if self.verb == "export":
-            # an export goes into a new or empty folder, and says so
-            shutil.rmtree(self.out / "lifetime", ignore_errors=True)
         self.fill()
         ended = self.run()
         found = digest(self.out)

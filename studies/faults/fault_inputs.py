@@ -13,8 +13,9 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-sys.path[:0] = [str(REPOSITORY), str(REPOSITORY / "tests" / "commands")]
+sys.path[:0] = [str(REPOSITORY), *(str(REPOSITORY / "tests" / name) for name in ("commands", "farms"))]
 from command_cases import modes_table, write_building  # noqa: E402
+from farm_cases import write_farm  # noqa: E402
 
 RATE_HZ, SECONDS = 20.0, 480
 # enough blocks for two processes
@@ -22,9 +23,9 @@ MANY = 84
 # the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are
 # tried less often
 LONG = "demo"
-UNTRIED = ("farm", "matrices", "stresses")
+UNTRIED = ("matrices",)
 OF_INPUTS = ("convert", "check", "modes", "select", "update")
-SELDOM = ("sample", "sets", "report", "simulate, 2 processes", "identify, 2 processes")
+SELDOM = ("sample", "sets", "report", "farm", "stresses", "simulate, 2 processes", "identify, 2 processes")
 
 
 def inputs(folder: Path, *, of_steps: bool = True) -> None:
@@ -68,6 +69,8 @@ def inputs(folder: Path, *, of_steps: bool = True) -> None:
 
 def steps(folder: Path) -> None:
     """What commands read that other commands write; enough sets for a regression."""
+    write_farm(folder / "farm")
+    of_stresses(folder / "stresses")
     rows = modes_table(n_set=30)
     for k, one in enumerate(rows["sets"]):
         one["id"] = f"2026-06-{k + 1:02d}T00:00Z"
@@ -78,6 +81,38 @@ def steps(folder: Path) -> None:
                   ["identify", str(folder / "campaign"), "--jobs", "1",
                    "--out", str(folder / "identified" / "modes.json")]):
         subprocess.run(command(words), check=True, capture_output=True)
+
+
+def of_stresses(folder: Path) -> None:
+    """A run of the small turbine with a made-up posterior, noise as its campaign, and fatigue.toml."""
+    from probupdate.structure.load import load_model
+    from probupdate.updating.posterior_file import Posterior, write_posterior
+    from tests.lifetime.test_fatigue_export import toml
+    from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
+    from tests.small_turbine import SENSORS, small_turbine
+
+    raw, run, rng = small_turbine(), folder / "run", np.random.default_rng(5)
+    for p in raw["parameter"]:
+        p["update"] = p["name"] in UPDATED[:3]
+    run.mkdir(parents=True)
+    (run / "model.toml").write_text(toml(raw))
+    (folder / "fatigue.toml").write_text(_toml(CONDITIONS))
+    model, one = load_model(run / "model.toml"), np.ones(1)
+    theta = model.parameters.initial * (1 + 1e-3 * rng.standard_normal((4, 100, len(model.parameters))))
+    write_posterior(Posterior(
+        names=model.parameters.names, theta=theta, log_likelihood=np.zeros((4, 100)), log_posterior=np.zeros((4, 100)),
+        prior=theta[0, :10], response_labels=("f",), measured=one, std=one, predicted=np.ones((2, 1)),
+        frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(theta.shape[2]),
+        ess=np.full(theta.shape[2], 400.0), converged=True, verdict="made up", fingerprint="none"),
+        run / "posterior.nc")
+    (folder / "campaign" / "acceleration").mkdir(parents=True)
+    (folder / "campaign" / "campaign.toml").write_text(
+        'name = "n"\nsampling_rate_hz = 5.0\nblock_minutes = 20\n' + "".join(
+            f'[[sensor]]\nchannel = "{c}"\nlevel = "{level}"\nposition_m = {place}\ndirection = {d}\n'
+            for c, level, place, d in SENSORS))
+    with h5py.File(folder / "campaign" / "acceleration" / "a.h5", "w") as file:
+        file["data"] = 1e-3 * rng.standard_normal((12000, len(SENSORS))).astype(np.float32)
+        file["data"].attrs.update({"start": "2024-03-01T00:00:00Z", "sampling_rate_hz": 5.0})
 
 
 def commands(i: Path, o: Path) -> dict[str, list[str]]:
@@ -101,6 +136,9 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "diagnose": ["diagnose", *problem, "--no-extend", "--no-sampler", "--out", f"{o}/diagnosis.json"],
         "figures": ["figures", f"{i}/identified/modes.json", "--out", f"{o}/figures"],
         "export": ["export", f"{i}/run", "--to", "lifetime", f"{o}/lifetime", "--draws", "5", "--accept"],
+        "farm": ["farm", f"{i}/farm/farm.toml", "--out", f"{o}/farm"],
+        "stresses": ["stresses", f"{i}/stresses/campaign", "--run", f"{i}/stresses/run", "--fatigue",
+                     f"{i}/stresses/fatigue.toml", "--draws", "2", "--worst", "1", "--out", f"{o}/stresses"],
         "report": ["report", f"{i}/run", "--out", f"{o}/report.html"],
         "simulate, 2 processes": ["simulate", f"{o}/campaign", "--days", "0.1", "--seed", "4", "--jobs", "2"],
         "identify, 2 processes": ["identify", f"{i}/many", "--jobs", "2", "--out", f"{o}/modes.json"],

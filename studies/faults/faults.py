@@ -54,8 +54,6 @@ def kill(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     what = Counter(kills=0, met=0, torn=0, orphans=0)
     names: list[str] = []
     for k in range(10 if bench.slow else 3):
-        if bench.verb == "export":
-            shutil.rmtree(bench.out / "lifetime", ignore_errors=True)
         one = bench.start(shell=number == SHELL and k == 0)
         met = bench.moment(rng, one, 0.03, 0.15) if bench.slow else bench.moment(rng, one)
         what.update(kills=1, met=met)

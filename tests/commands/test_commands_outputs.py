@@ -111,6 +111,26 @@ def test_only_the_dead_lose_their_temporary_files(tmp_path):
     assert {name: (tmp_path / name).exists() for name in names} == names
 
 
+def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
+    """What a killed process left beside it is removed, and what goes wrong names the folder that was asked for."""
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    left = tmp_path / f"out.{files.host_name()}.{dead.pid}.0123abcd.part" / "models"
+    left.mkdir(parents=True)
+    (left / "a.json").write_text("{")
+    with pytest.raises(InputError, match=f"^{tmp_path}/out/a.json: not JSON"), files.whole_folder(
+            tmp_path / "out") as folder:
+        (folder / "a.json").write_text("{")
+        files.read_json(folder / "a.json")
+    assert not list(tmp_path.iterdir())
+    with files.whole_folder(tmp_path / "out") as folder:
+        files.write_json(folder / "models" / "a.json", {})
+        assert not (tmp_path / "out").exists()
+    assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.json")] == ["out/models/a.json"]
+    with pytest.raises(InputError, match="holds something already"), files.whole_folder(tmp_path / "out"):
+        pass
+
+
 def test_two_writers_at_once_leave_one_whole_file(tmp_path):
     code = ("import sys, numpy as np\nfrom probupdate.io import files\n"
             "for k in range(60): files.write_arrays(sys.argv[1], {'a': np.full(20000, int(sys.argv[2]))})")
