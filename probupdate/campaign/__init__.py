@@ -6,7 +6,7 @@
 
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
-    "between_setups", "blocks", "checking", "converting", "describing", "findings", "gaps", "heading", "plausible",
-    "pole_tables", "quantity", "reading", "rigid_bodies", "rotor_lines", "samples", "scada", "sensor_findings",
-    "universal", "usable",
+    "between_setups", "blocks", "checking", "converting", "describing", "findings", "gaps", "heading", "last_line",
+    "plausible", "pole_tables", "quantity", "reading", "rigid_bodies", "rotor_lines", "samples", "scada",
+    "sensor_findings", "universal", "usable",
 ]

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.last_line import refuse_unfinished
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import CampaignHead, nearest
 from probupdate.campaign.uff_file import read_uff_modes
@@ -249,6 +250,7 @@ def _order_by_time(blocks: Sequence[BlockOfPoles]) -> list[BlockOfPoles]:
 def _read_text(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
     d, path = s.described, s.path
     with parsing(str(path), "is not a table", "check separator, decimal, skip_rows and encoding in poles.toml"):
+        refuse_unfinished(path, d.encoding, d.separator, d.decimal)
         table = pd.read_csv(path, sep=d.separator, decimal=d.decimal, skiprows=d.skip_rows, encoding=d.encoding,
                             skipinitialspace=True, engine="python" if len(d.separator) > 1 else "c")
         table.columns = [str(c).strip() for c in table.columns]

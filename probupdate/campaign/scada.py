@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.last_line import beginning, unfinished_line
 from probupdate.campaign.scada_columns import COMPASS, ENDINGS, usable_columns
 from probupdate.campaign.stated import NOT_A_NUMBER
 from probupdate.errors import InputError, parsing
@@ -63,13 +64,15 @@ def read_scada(
 ) -> pd.DataFrame:
     """Rows indexed by `time` (UTC, start of the interval), ascending, one a time: of several, the first value of each
     column; `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept; ["notes"]:
-    what of its columns is not used, one sentence each; ["path"]: the file.
+    what of its columns, or of a last line that is cut off, is not used, one sentence each; ["path"]: the file.
 
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
     path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
     with parsing(str(path), "not a table", "write comma-separated columns with a header"):
-        table = pd.read_csv(path, encoding="utf-8", dtype={"time": str}, low_memory=False)
+        size, cut = unfinished_line(path)
+        with beginning(path, "utf-8", size) as stream:
+            table = pd.read_csv(stream, dtype={"time": str}, low_memory=False)
     if "time" not in table:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
         raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each "
@@ -106,7 +109,7 @@ def read_scada(
     kept, contradicted = (_merge_equal_times(table) if again.any() else (table, 0))
     kept.attrs["path"] = str(path)
     kept.attrs["contradicted"] = contradicted
-    kept.attrs["notes"] = found.notes
+    kept.attrs["notes"] = (*found.notes, f"{path.name}: {cut}") if cut else found.notes
     return kept
 
 

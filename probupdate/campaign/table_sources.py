@@ -58,7 +58,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
     said = str(path), "is not a table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
     with parsing(*said):
-        size, note = unfinished_line(path, d)
+        size, note = unfinished_line(path, d.encoding, d.separator, d.decimal, d.lost)
     names, units, skipped = _layout(path, d, head)
     if d.header and names is None:
         _refuse_other_head(path, d, skipped)

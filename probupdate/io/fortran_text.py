@@ -22,7 +22,16 @@ def read_lines(path: str | Path) -> tuple[str, ...]:
     text = read_bytes(path, largest=LARGEST).decode("utf-8", errors="surrogateescape")
     if "\0" in text:
         raise InputError(str(path), "is not a text file", "give OpenFAST's input file")
+    refuse_cut_number(path, text)
     return tuple(line.rstrip("\r") for line in text.removesuffix("\n").split("\n"))
+
+
+def refuse_cut_number(path: str | Path, text: str) -> None:
+    """Raises InputError where a text ends in a number without a line's end, as one that was cut off within it does."""
+    last = re.split(r"[\s,]", text[-40:])[-1]
+    if number(last) is not None:
+        raise InputError(str(path), f"ends in the number {last} without a line's end, so that digits may lack",
+                         "copy it again, or end its last line")
 
 
 def write_lines(path: str | Path, lines: Sequence[str]) -> Path:

@@ -21,6 +21,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_text
+from probupdate.io.fortran_text import refuse_cut_number
 
 # names of a file or variable that mean stiffness or mass
 STIFFNESS, MASS = ("stif", "stiff", "kaa", "kgg", "k0", "k"), ("mass", "maa", "mgg", "m0", "m")
@@ -73,9 +74,15 @@ def read_program_matrices(files: Sequence[Path]) -> ProgramMatrices:
             return _pair(first, second)
 
 
+def _text(path: Path) -> str:
+    text = read_text(path)
+    refuse_cut_number(path, text)
+    return text
+
+
 def _triplets(path: Path, offset: int = 1) -> sparse.csc_array:
     """Rows of 'row column value', from 1."""
-    rows = np.loadtxt(read_text(path).splitlines(), ndmin=2)
+    rows = np.loadtxt(_text(path).splitlines(), ndmin=2)
     if rows.shape[1] != 3:
         raise InputError(str(path), f"has {rows.shape[1]} numbers a line, not row, column and value", "write it again")
     return _assemble_entries(path, rows[:, 0] - offset, rows[:, 1] - offset, rows[:, 2])
@@ -101,7 +108,7 @@ def _calculix(path: Path) -> ProgramMatrices:
         if not other.is_file():
             raise InputError(str(other), "is missing beside the .sti", "run *FREQUENCY, SOLVER=MATRIXSTORAGE again")
     K, M = _triplets(path), _triplets(mass)
-    words = [w.split(".") for w in read_text(rows).split()]
+    words = [w.split(".") for w in _text(rows).split()]
     node, direction = (np.array([int(w[k]) for w in words]) for k in (0, 1))
     n = max(K.shape[0], M.shape[0], len(node))
     if len(node) != n:
@@ -120,7 +127,7 @@ def _deck_nodes(path: Path) -> dict[int, np.ndarray]:
     """Places of the nodes of *NODE cards of a CalculiX or Abaqus deck."""
     found: dict[int, np.ndarray] = {}
     reading = False
-    for line in read_text(path).splitlines():
+    for line in _text(path).splitlines():
         text = line.strip()
         if text.startswith("**") or not text:
             continue
@@ -138,7 +145,7 @@ def _deck_nodes(path: Path) -> dict[int, np.ndarray]:
 
 def _calculix_frequencies(path: Path) -> np.ndarray | None:
     """Cycles per time of the table of eigenvalues, None where there is none."""
-    text = read_text(path)
+    text = _text(path)
     at = text.find("E I G E N V A L U E   O U T P U T")
     if at < 0:
         return None
@@ -166,7 +173,7 @@ def _pair(stiffness: Path, mass: Path) -> ProgramMatrices:
 def _single_matrix(path: Path) -> sparse.csc_array:
     ending = path.suffix.lower()
     if ending == ".mtx":
-        if read_text(path)[:14].lower() == "%%matrixmarket":
+        if _text(path)[:14].lower() == "%%matrixmarket":
             from scipy.io import mmread
 
             return sparse.csc_array(mmread(path, spmatrix=False))
@@ -254,7 +261,7 @@ def _is_abaqus(path: Path) -> bool:
     """Node, direction, node, direction, value: what *MATRIX GENERATE writes as MATRIX INPUT."""
     if path.suffix.lower() != ".mtx":
         return False
-    lines = [x for x in read_text(path)[:4000].splitlines() if x.strip() and not x.startswith(("*", "%"))]
+    lines = [x for x in _text(path)[:4000].splitlines() if x.strip() and not x.startswith(("*", "%"))]
     return bool(lines) and "," in lines[0] and len(lines[0].split(",")) == 5
 
 
@@ -262,7 +269,7 @@ def _abaqus(stiffness: Path, mass: Path) -> ProgramMatrices:
     """Rows named by node and direction; both triangles of each symmetric entry, or one."""
     entries = []
     for path in (stiffness, mass):
-        lines = [x for x in read_text(path).splitlines() if x.strip() and not x.startswith("*")]
+        lines = [x for x in _text(path).splitlines() if x.strip() and not x.startswith("*")]
         entries.append(np.loadtxt(lines, delimiter=",", ndmin=2))
     ends = np.vstack([own[:, pair] for own in entries for pair in ((0, 1), (2, 3))]).astype(int)
     # rows of negative nodes are multipliers or internal ones: what they hold is not free
@@ -354,7 +361,7 @@ def _dmig(path: Path):
     here: the package that reads bulk data does not load beside numpy 2.4."""
     entries: dict[str, list[tuple[tuple[int, int], tuple[int, int], float]]] = {}
     name, column = "", (0, 0)
-    for line in read_text(path).splitlines():
+    for line in _text(path).splitlines():
         fields = _bulk_fields(line)
         if fields is None:
             continue

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.last_line import refuse_unfinished
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import read_text
 from probupdate.lifetime.spectral import rainflow
@@ -80,6 +81,7 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     where nothing was recorded. Raises InputError."""
     where, again = str(path), "give a CSV with the columns time and hot_spot_N_mpa, N as in hot_spots.csv"
     text = read_text(path, again, largest=LARGEST)
+    refuse_unfinished(Path(path))
     with parsing(where, "is not a table of gauges", again):
         table = pd.read_csv(io.StringIO(text), comment="#", dtype={"time": str})
     names = [name for name in table if COLUMN.fullmatch(str(name))]

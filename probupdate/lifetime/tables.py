@@ -7,12 +7,12 @@ import re
 from pathlib import Path
 
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import read_text
+from probupdate.io.files import read_own_text
 
 
 def read_table(path: str | Path) -> dict[str, list]:
     """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
-    lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
+    lines = [line for line in read_own_text(path, "export it again").splitlines() if not line.startswith("#")]
     with parsing(str(path), "is not a table", "export it again"):
         rows = list(csv.reader(lines))
         if not rows or any(len(row) != len(rows[0]) for row in rows):

@@ -228,3 +228,14 @@ def test_a_rotor_that_the_record_knows_nothing_of_has_no_other_time(tmp_path):
     for _ in range(20):
         rotor = np.where(np.cumsum(rng.standard_normal(N)) > 0, 12.0, 0.1)
         assert not time_findings(rows, campaign.scada.assign(rotor_speed_rpm=rotor))
+
+
+@pytest.mark.parametrize(("cut", "words"), [(2, "cut off"), (6, "cut off"), (1, "")])
+def test_a_last_row_that_is_cut_off_is_left_out_and_said(tmp_path, cut, words):
+    """By two characters the temperature has no decimals, by more it is gone; by the line's end nothing lacks."""
+    path = tmp_path / "scada.csv"
+    scada().to_csv(path, index=False)
+    path.write_bytes(path.read_bytes()[:-cut])
+    table = read_scada(path)
+    assert len(table) == N - bool(words) and len(table.attrs["notes"]) == bool(words)
+    assert words in "".join(table.attrs["notes"])
