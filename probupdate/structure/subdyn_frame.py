@@ -251,7 +251,8 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
     joints = sparse.csr_array(sparse.coo_array(
         (np.array([c[2] for c in columns]), ([c[0] for c in columns], [c[1] for c in columns])),
         shape=(n_full, n_column)))
-    links = _rigid_links(node_m, elements, translation, joints)
+    held = {node_of[r.joint]: sum(r.fixed) for r in file.reactions}
+    links = _rigid_links(node_m, elements, translation, joints, held)
     acted = _active_dofs(file, node_of, translation, elements, dofs, n_full)
     keep = _free(file, node_of, translation, joints, links, acted)
     reduction = sparse.csr_array(joints @ links)[:, keep]
@@ -369,8 +370,9 @@ def _turns(file: SubDynFile, joint, axes) -> tuple[np.ndarray, list[tuple[int, .
     return np.hstack([twist, bending]), [(1, 2), (3, 4)]
 
 
-def _rigid_links(node_m, elements, translation, joints) -> sparse.csr_array:
-    """(n_column, n_left): what is left where rigid links join nodes; the first node of each assembly leads it."""
+def _rigid_links(node_m, elements, translation, joints, held: Mapping[int, int]) -> sparse.csr_array:
+    """(n_column, n_left): what is left where rigid links join nodes; of each assembly the node leads that is held in
+    most directions (node -> how many), or the first one."""
     n_column = joints.shape[1]
     links = [e.nodes for e in elements if e.member.kind == "rigid"]
     if not links:
@@ -383,7 +385,7 @@ def _rigid_links(node_m, elements, translation, joints) -> sparse.csr_array:
     for row, column in zip(*sparse.coo_array(joints).coords, strict=True):
         column_of.setdefault(int(row), int(column))
     linked = np.unique(pairs)
-    leader = {int(label[node]): int(node) for node in linked[::-1]}
+    leader = {int(label[node]): node for node in sorted(map(int, linked), key=lambda n: (held.get(n, 0), -n))}
     follower = [int(node) for node in linked if leader[int(label[node])] != node]
     dropped = {column_of[int(d)] for node in follower for d in translation[node]}
     left = [c for c in range(n_column) if c not in dropped]
@@ -417,19 +419,20 @@ def _active_dofs(file: SubDynFile, node_of, translation, elements, dofs, n_full:
 def _free(file: SubDynFile, node_of, translation, joints, links, acted: np.ndarray) -> np.ndarray:
     """The columns that no reaction joint holds and that move anything."""
     moved = sparse.csr_array(joints @ links)
-    held = set()
-    for reaction in file.reactions:
+    held: set[int] = set()
+    # who leads rigid links is held in most directions, and those that follow with it
+    for reaction in sorted(file.reactions, key=lambda r: -sum(r.fixed)):
         node = node_of[reaction.joint]
         where = f"{file.where}, line {reaction.line}"
         if file.joints[node].kind != "cantilever":
             raise InputError(where, f"the reaction joint {reaction.joint} is {file.joints[node].kind}",
                              "hold a rigid joint (type 1)")
         for k in np.flatnonzero(reaction.fixed):
-            row = moved[[int(translation[node, k])]]
-            if row.nnz != 1:
-                raise InputError(where, f"the reaction joint {reaction.joint} follows a rigid link and is held itself",
-                                 "hold the joint that leads the link, or hold all six directions of it there")
-            held.add(int(row.indices[0]))
+            row = set(moved[[int(translation[node, k])]].indices.tolist())
+            if len(row) > 1 and not row <= held:
+                raise InputError(where, f"rigid links join the reaction joint {reaction.joint} to another one, and "
+                                 "neither is held in all six directions", "hold one of them so, or give both soil")
+            held |= row
     moving = abs(moved).T @ acted.astype(float) > 0
     return np.array([c for c in range(moved.shape[1]) if c not in held and moving[c]])
 

@@ -259,3 +259,21 @@ def test_comments_and_numbers_behind_a_row_change_nothing(tmp_path):
         "2.1e11 8.1e10 7850 0.4 0.02", "2.1e11\t8.1e10\t7850\t0.4\t0.02  # upper")
     assert noted != text
     np.testing.assert_array_equal(modes_of(tmp_path, noted, 4).frequency_hz, plain.frequency_hz)
+
+
+def column_on_a_link(folder, reactions, links=("1 4 5 5 3 -1",)):
+    """A column of two members with a rigid link at its foot, joint 1, to joint 4."""
+    return modes_of(folder, subdyn(["0 0 0", "0 0 15", "0 0 30", "3 0 0"], ["1 2 1 1 1 -1", "2 3 1 1 1 -1", *links],
+                                   reactions, circular=["1 2.1e11 8.1e10 7850 2.0 0.03"], rigid=["5 0"]), 4)
+
+
+@pytest.mark.parametrize("reactions", [["4 1 1 1 1 1 1"], [CLAMPED, "4 1 1 1 1 1 1"], [CLAMPED, "4 1 1 0 0 0 0"]])
+def test_a_column_clamped_through_a_rigid_link_is_clamped(tmp_path, reactions):
+    """Whichever joint of the link is held, and whichever comes first in the file."""
+    np.testing.assert_allclose(column_on_a_link(tmp_path, reactions).frequency_hz,
+                               column_on_a_link(tmp_path, [CLAMPED]).frequency_hz, rtol=1e-9)
+
+
+def test_two_partly_held_joints_of_a_rigid_link_are_refused_with_the_remedy(tmp_path):
+    with pytest.raises(InputError, match="neither is held in all six directions; hold one of them so"):
+        column_on_a_link(tmp_path, ["1 1 1 1 0 0 0", "4 1 1 1 0 0 0"])
