@@ -24,7 +24,7 @@ from probupdate.identification.physical import (
     gather_candidates,
     physical_modes,
 )
-from probupdate.identification.selection import scatter_of, shape_scatter
+from probupdate.identification.selection import column_scatter, shape_scatter
 from probupdate.identification.tracking import Choice, JudgedPoles, track
 from probupdate.io.files import write_table
 from probupdate.io.result_table import plural
@@ -133,7 +133,7 @@ def _with_scatter(named: NamedModes, physical: PhysicalModes) -> tuple[tuple[Mod
         return tuple(sets), () if given.all() else (ONE_BLOCK,)
     place = {old: new for new, old in enumerate(named.columns)}
     pairs = [(place[i], place[j]) for i, j in physical.modes.pairs if i in place and j in place]
-    spread = np.array([[scatter_of(v) for v in np.array([getattr(s, key) for s in sets]).T]
+    spread = np.array([column_scatter(np.array([getattr(s, key) for s in sets]))
                        for key in ("frequency_hz", "damping_ratio")])
     of_shapes = shape_scatter(sets, pairs, FEWEST_FOR_SHAPES)
     filled = []

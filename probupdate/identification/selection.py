@@ -24,7 +24,7 @@ from probupdate.io.result_table import with_units
 from probupdate.modal.conditions import COLUMNS, KNOWN_COLUMNS, SIMILAR, find_misnamed, of_turbine
 from probupdate.modal.labels import TURBINE, family, is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
-from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step
+from probupdate.modal.rounding import UNIFORM, robust_std, rounding_std, rounding_step, rounding_steps
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
 # where the standard deviations that a kept set carries come from
@@ -145,8 +145,8 @@ def select(
 def _rounding_notes(sets: Sequence[ModalSet], labels: Sequence[str], share: float = 0.1) -> list[str]:
     """Of the modes whose rounding is this share of their scatter at least."""
     steps: dict[float, list[str]] = {}
-    for label, values in zip(labels, np.array([s.frequency_hz for s in sets]).T, strict=True):
-        step = rounding_step(values)
+    frequency = np.array([s.frequency_hz for s in sets])
+    for label, values, step in zip(labels, frequency.T, rounding_steps(frequency), strict=True):
         if step > 0 and UNIFORM * step >= share * np.nanstd(values):
             steps.setdefault(float(f"{step:.4g}"), []).append(label)
     return [f"frequencies of {', '.join(some)} are rounded to {step:g} Hz: {UNIFORM * step:.2g} Hz is counted as the "
@@ -199,14 +199,14 @@ def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
 
 def _with_rounding(chosen: Sequence[ModalSet], sets: Sequence[ModalSet]) -> list[ModalSet]:
     """What a set states of its frequencies, and their rounding beside it."""
-    rounding = np.array([UNIFORM * rounding_step(f) for f in np.array([s.frequency_hz for s in sets]).T])
+    rounding = UNIFORM * rounding_steps(np.array([s.frequency_hz for s in sets]))
     return [replace(s, frequency_std_hz=np.hypot(s.frequency_std_hz, rounding)) for s in chosen]
 
 
 def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
     """Frequency, damping and shapes with the scatter over the campaign; where it cannot be estimated (one block alone),
     what a set came with stays."""
-    spread = np.array([scatter_of(column) for column in np.array([s.damping_ratio for s in sets]).T])
+    spread = column_scatter(np.array([s.damping_ratio for s in sets]))
     shape = shape_scatter(good, pairs)
     return [replace(
         s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
@@ -275,7 +275,7 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     """
     frequency = np.array([s.frequency_hz[required] for s in sets])
     residual = frequency - np.median(frequency, axis=0)
-    terms = [residual / robust_std(residual, [rounding_std(f) for f in frequency.T])]
+    terms = [residual / robust_std(residual, rounding_std(frequency))]
     for i, j in pairs:
         if i not in required or j not in required:
             continue
@@ -294,19 +294,18 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
 def unlike_the_others(sets: list[ModalSet], required: list[int]) -> np.ndarray:
     """(n_set,) bool: one of its required frequencies is an outlier among theirs (generalised extreme Studentised
     deviate, Rosner 1983); by chance in one of a thousand selections is any."""
-    odd = np.zeros(len(sets), bool)
-    for j in required:
-        odd |= outlying(np.array([s.frequency_hz[j] for s in sets]), FALSE_ODD / len(required))
+    odd, frequency = np.zeros(len(sets), bool), np.array([s.frequency_hz for s in sets])
+    for values, rounding in zip(frequency.T[required], rounding_std(frequency)[required], strict=True):
+        odd |= outlying(values, FALSE_ODD / len(required), rounding)
     return odd
 
 
-def outlying(values: np.ndarray, false_alarm: float) -> np.ndarray:
-    """(n,) bool: which of normally distributed, perhaps rounded, values (n,) are outliers: a third of them at most,
-    however they mask one another."""
+def outlying(values: np.ndarray, false_alarm: float, rounding: float) -> np.ndarray:
+    """(n,) bool: which of normally distributed values (n,), whose rounding has the standard deviation `rounding`, are
+    outliers: a third of them at most, however they mask one another."""
     from scipy import stats
 
-    rounding, left = rounding_std(values), np.arange(len(values))
-    order, found = [], 0
+    left, order, found = np.arange(len(values)), [], 0
     for _ in range(len(values) // 3):
         far = int(np.argmax(np.abs(values[left] - values[left].mean())))
         n, order = len(left), [*order, left[far]]
@@ -326,19 +325,20 @@ def _angle_of_rounding(shapes: np.ndarray) -> float:
     return max(rounding_std(shapes.ravel()) * np.sqrt(shapes.shape[1]) / size, np.sqrt(np.finfo(float).eps))
 
 
-def scatter_of(values: np.ndarray) -> float:
-    """Scatter of values, that of their rounding at least; NaN from fewer than two, and where all are one to the last
-    digit: copies of one number say nothing of its scatter."""
+def scatter_of(values: np.ndarray, step: float) -> float:
+    """Scatter of values rounded to `step`, that of their rounding at least; NaN from fewer than two, and where all are
+    one to the last digit: copies of one number say nothing of its scatter."""
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
     if len(values) < 2:
         return np.nan
-    std = max(float(np.std(values, ddof=1)), UNIFORM * rounding_step(values))
+    std = max(float(np.std(values, ddof=1)), UNIFORM * step)
     return std if std > 1e-12 * np.max(np.abs(values)) else np.nan
 
 
-def _cov(values) -> float:
-    return scatter_of(values) / float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+def column_scatter(columns: np.ndarray) -> np.ndarray:
+    """`scatter_of` each column (n_column,) of what one program wrote (n_row, n_column)."""
+    return np.array([scatter_of(*both) for both in zip(columns.T, rounding_steps(columns), strict=True)])
 
 
 def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray) -> pd.DataFrame:
@@ -348,14 +348,15 @@ def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray) -> pd.DataFrame:
     subsets = {"all": usable, **{name: usable & (states == name) for name in dict.fromkeys(states[usable])},
                "passed": passed & ~odd}
     rows = []
-    for j, label in enumerate(labels):
-        f = np.array([s.frequency_hz[j] for s in sets])
+    frequency = np.array([s.frequency_hz for s in sets])
+    for j, (label, f, step) in enumerate(zip(labels, frequency.T, rounding_steps(frequency), strict=True)):
         own = np.array([s.frequency_std_hz[j] for s in sets]) / f
         for state, chosen in subsets.items():
             some, stated = f[chosen & np.isfinite(f)], own[chosen & np.isfinite(own)]
+            mean = float(np.mean(some)) if len(some) else np.nan
             rows.append({
                 "mode": label, "state": state, "blocks": int(chosen.sum()), "n": len(some),
-                "mean_hz": float(np.mean(some)) if len(some) else np.nan, "cov": _cov(some),
+                "mean_hz": mean, "cov": scatter_of(some, step) / mean,
                 # the median: where an order parts a mode in two, a few blocks state many times the usual
                 "own_cov": float(np.median(stated)) if len(stated) else np.nan,
                 "paper_cov": PAPER_COV.get(label, np.nan),

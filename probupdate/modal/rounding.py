@@ -38,13 +38,26 @@ def rounding_step(values: np.ndarray) -> float:
     return printed
 
 
-def rounding_std(values: np.ndarray) -> float:
-    """Standard deviation of the rounding of `values`, in their unit; that of double precision at least."""
-    values = np.asarray(values, float)
-    some = values[np.isfinite(values)]
-    if not len(some):
-        return 0.0
-    return float(max(UNIFORM * rounding_step(some), np.spacing(np.max(np.abs(some)))))
+def rounding_steps(columns: np.ndarray) -> np.ndarray:
+    """Step (n_column,) of each of `columns` (n_row, n_column), written alike by one program: that of all of them, but
+    where a column's own is coarser by more than chance (significant digits instead of decimals). A column of few
+    different values, or of one, does not show its own."""
+    columns = np.asarray(columns, float)
+    whole, found = rounding_step(columns.ravel()), np.array([rounding_step(column) for column in columns.T])
+    different = np.array([len(np.unique(column[np.isfinite(column)])) for column in columns.T])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_chance = (different < 2) | (len(found) * (whole / found) ** different >= CHANCE)
+    return np.where((whole > 0) & by_chance, whole, found)
+
+
+def rounding_std(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of the rounding of `values` (n,), or (n_column,) of columns (n_row, n_column), in their unit;
+    that of double precision at least."""
+    columns = np.asarray(values, float)
+    columns = columns[:, None] if columns.ndim == 1 else columns
+    largest = np.max(np.abs(np.where(np.isfinite(columns), columns, 0.0)), axis=0, initial=0.0)
+    found = np.maximum(UNIFORM * rounding_steps(columns), np.where(largest > 0, np.spacing(largest), 0.0))
+    return found if np.ndim(values) > 1 else found[0]
 
 
 def robust_std(residual: np.ndarray, rounding: np.ndarray | float) -> np.ndarray:

@@ -321,22 +321,34 @@ def test_like_sets_have_an_outlier_once_in_a_thousand(validation):
     row = validation(what="share of nine numbers of one population with an outlier", reference="0.001, as stated",
                      why="four standard deviations of 2000 draws")
     rng = np.random.default_rng(5)
-    found = sum(outlying(np.round(0.32 + 0.003 * rng.standard_normal(9), 3), 1e-3).any() for _ in range(2000))
+    found = sum(outlying(np.round(0.32 + 0.003 * rng.standard_normal(9), 3), 1e-3, 1e-3 / np.sqrt(12)).any()
+                for _ in range(2000))
     row.error(found / 2000 - 1e-3, below=2.8e-3)
 
 
 def test_equal_printed_frequencies_have_the_rounding_as_their_deviation():
     sets = [replace(s, frequency_hz=np.array([0.32, 0.33, 1.93, 2.0])) for s in printed_sets(12, 0.01, 0).sets]
     kept = select(ModalData(channels=(), sets=tuple(sets)), criteria=preset_criteria("structure"))
-    # uniform within half a step to both sides; two whole hertz are printed so too, as far as one can see
+    # uniform within half a step to both sides; two whole hertz are printed like the others
     for s in kept.data.sets:
-        assert s.frequency_std_hz[:3] == pytest.approx(np.full(3, 0.01 / np.sqrt(12)))
+        assert s.frequency_std_hz == pytest.approx(np.full(4, 0.01 / np.sqrt(12)))
     assert any("are rounded to 0.01 Hz" in note for note in kept.notes)
     assert np.all(kept.data.sets[0].damping_ratio_std > 0)
     stated = [replace(s, frequency_std_hz=np.full(4, 0.004)) for s in sets]
     own = select(ModalData(channels=(), sets=tuple(stated)), criteria=preset_criteria("structure"),
                  std_from="identification")
     assert own.data.sets[0].frequency_std_hz[0] == pytest.approx(np.hypot(0.004, 0.01 / np.sqrt(12)))
+
+
+@pytest.mark.parametrize("step", [0.005, 0.01, 0.1])
+def test_sets_one_step_off_are_like_the_others(step):
+    """The mode's own values do not show the step, those of all modes together do."""
+    rng = np.random.default_rng(2)
+    sets = [replace(s, frequency_hz=np.round(np.append(
+        np.round(np.array([4.0, 11.3, 19.1]) * (1 + 0.01 * rng.standard_normal(3)) / step) * step,
+        0.3 if s.id != "4" else 0.3 + step), 9)) for s in printed_sets(9, 0.01, 0).sets]
+    kept = select(ModalData(channels=(), sets=tuple(sets)), criteria=preset_criteria("structure"))
+    assert len(kept.data.sets) == 9 and not any("unlike" in note for note in kept.notes)
 
 
 # The perpendicular criterion ----------------------------------------------------------------------------------------

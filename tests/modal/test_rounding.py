@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.modal.rounding import robust_std, rounding_std, rounding_step
+from probupdate.modal.rounding import robust_std, rounding_std, rounding_step, rounding_steps
 
 
 @pytest.mark.parametrize("step", [0.01, 0.001, 0.005, 1 / 600, 1 / 256, 1.0, 1e-4])
@@ -33,3 +33,15 @@ def test_a_robust_scale_is_never_zero():
     assert robust_std(values - 0.32, rounding_std(values)) == pytest.approx(0.01 / np.sqrt(12))
     exact = np.array([np.pi / 9] * 7 + [0.45] * 2)
     assert 0 < robust_std(exact - np.pi / 9, rounding_std(exact)) < 1e-15
+
+
+def test_columns_share_a_step_but_for_significant_digits():
+    rng = np.random.default_rng(4)
+    free = np.array([1.3, 2.1, 7.9]) * (1 + 0.02 * rng.standard_normal((9, 3)))
+    # a constant, and two values alone, show the others' step
+    plain = np.column_stack([np.round(free / 0.005) * 0.005, np.full(9, 2.0), np.where(np.arange(9) == 3, 0.325, 0.32)])
+    assert rounding_steps(plain) == pytest.approx(np.full(5, 0.005))
+    three = np.array([[float(f"{x:.3g}") for x in row] for row in 10.0 ** np.arange(3) * free])
+    assert rounding_steps(three) == pytest.approx([0.01, 0.1, 1.0])
+    # what a computer wrote beside a column that is printed
+    assert rounding_steps(np.column_stack([free, np.round(free[:, 0], 2)])) == pytest.approx([0, 0, 0, 0.01])
