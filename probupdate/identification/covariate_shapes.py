@@ -1,5 +1,6 @@
-"""How a response follows a covariate, if not along a line: after a lag, with a bend, up to a saturation, with
-hysteresis; and beside all covariates over the day or by a step. Shapes compete by evidence under errors that last.
+"""How a response follows a covariate, if not along a line: after a lag or with hysteresis, with a bend or up to a
+saturation, or both; and beside all covariates along time, over the day or by a step. Shapes compete by evidence under
+errors that last.
 
 Evidence is the marginal likelihood with coefficients of unit information (the Bayesian information criterion before its
 maximum over the error's size and length, and over a shape's own constant, which are averaged over).
@@ -8,9 +9,10 @@ maximum over the error's size and length, and over a shape's own constant, which
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import linalg
 
 from probupdate.identification.slow_error import whiten_columns
 
@@ -23,13 +25,16 @@ N_PLACES = 1000
 # a bend, a saturation or a step has so large a share of the blocks on each side, and eight at least
 LEAST_SHARE, LEAST_ROWS = 0.05, 8
 DAY_H = 24.0
+# a covariate is followed in one way and bends in one, which may be of what is followed
+FOLLOWED, BENT = "follows", "bends"
+WAYS = {"lag": FOLLOWED, "hysteresis": FOLLOWED, "bend": BENT, "saturation": BENT}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shape:
-    """kind: 'lag', 'bend', 'saturation', 'hysteresis', 'harmonic', 'day' or 'step', of `covariate` ('' of the last
-    two). constant with constant_std: hours of the lag or of the step, or in the covariate's unit; NaN where it has
-    none. ln_odds: of the model with it over that without. names of its columns."""
+    """kind: 'lag', 'bend', 'saturation', 'hysteresis', 'harmonic', 'day', 'drift' or 'step', of `covariate` ('' of the
+    last three). constant with constant_std: hours of the lag or of the step, or in the covariate's unit; NaN where
+    there is none. ln_odds: of the model with it over that without. names of its columns."""
 
     kind: str
     covariate: str
@@ -49,19 +54,28 @@ class _Candidate:
     # columns that hold for what is not known and are no covariate's
     nuisance: int = 0
     adds: bool = False
+    # of a covariate's constant what is followed (n_row,); of what is followed and a constant its columns
+    follow: Callable[[float], np.ndarray] | None = None
+    bend: Callable[[np.ndarray, float], np.ndarray] | None = None
+
+    @property
+    def way(self) -> tuple[str, str]:
+        """What a covariate, or time, has once."""
+        return self.covariate, WAYS.get(self.kind, self.kind)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Chosen:
     """names and columns (n_row,) of all covariates as they are to be fitted, and of nuisances; shapes in the order in
     which they were found; spread (n_name, n_name): covariance of the coefficients of `names` for what is not known of
-    the shapes' constants."""
+    the shapes' constants; followed: of covariates that are followed behind, what is followed (n_row,)."""
 
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
     nuisances: tuple[np.ndarray, ...]
     shapes: tuple[Shape, ...]
     spread: np.ndarray
+    followed: Mapping[str, np.ndarray]
 
 
 def choose_shapes(
@@ -69,54 +83,97 @@ def choose_shapes(
 ) -> Chosen:
     """Shapes of value (n_row,), all known, at time_h (n_row,) ascending with standard deviations noise (n_row,), one by
     one as long as the odds for the best are twenty beyond all others' share. A name 'cos x' has its 'sin x'."""
-    blocks: dict[str, np.ndarray] = {name: column[:, None] for name, column in covariates.items()}
-    names: dict[str, tuple[str, ...]] = {name: (name,) for name in covariates}
-    nuisances: dict[str, np.ndarray] = {}
+    so_far = _Columns(blocks={name: column[:, None] for name, column in covariates.items()},
+                      names={name: (name,) for name in covariates})
     shapes: list[Shape] = []
-    spread: dict[str, np.ndarray] = {}
     for _ in range(MOST_SHAPES):
-        # a structure may step again
-        taken = {s.covariate or s.kind for s in shapes if s.kind != "step"}
-        ahead = [c for c in _candidates(covariates, time_h) if (c.covariate or c.kind) not in taken]
+        ahead = [c for c in _candidates(covariates, time_h, so_far) if c.way not in so_far.taken]
         if not ahead:
             break
         # with the constants found so far as if they were known, as the candidates have them
         nothing = np.zeros((len(value), 0))
-        base = np.hstack([nothing, *blocks.values(), *nuisances.values()])
-        best = _evidence(value, noise, time_h, base, [nothing])[0]
-        found = [_weigh(c, value, noise, time_h, blocks, nuisances) for c in ahead]
-        k = int(np.argmax([f[0] for f in found]))
-        gain = found[k][0] - best - np.log(len(ahead))
+        best = _evidence(value, noise, time_h, so_far.table(value), [nothing])[0]
+        found = [_weigh(c, value, noise, time_h, so_far, best) for c in ahead]
+        k = int(np.argmax([f.gain for f in found]))
+        gain = found[k].gain - np.log(len(ahead))
         if gain < np.log(ODDS):
             break
-        candidate, (_, constant, std, scatter) = ahead[k], found[k]
-        columns, own = candidate.columns(constant), candidate.names(constant)
-        key = candidate.covariate if not candidate.adds else f"{candidate.kind} {candidate.covariate} {constant}"
-        blocks[key], names[key] = columns[:, : len(own)], own
+        shapes.append(Shape(kind=ahead[k].kind, covariate=ahead[k].covariate, constant=found[k].constant,
+                            constant_std=found[k].std, ln_odds=float(gain), names=ahead[k].names(found[k].constant)))
+        so_far.take(ahead[k], found[k])
+    return so_far.chosen(shapes)
+
+
+@dataclass(eq=False)
+class _Columns:
+    """Columns of the model so far, by covariate or by what was added: blocks (n_row, n_name) with names, nuisances,
+    spread of the coefficients for constants that are not known; of a covariate what is `followed` (n_row,), and with
+    which columns that bends; `taken`: ways of candidates that there is no second of."""
+
+    blocks: dict[str, np.ndarray]
+    names: dict[str, tuple[str, ...]]
+    nuisances: dict[str, np.ndarray] = field(default_factory=dict)
+    spread: dict[str, np.ndarray] = field(default_factory=dict)
+    unknown: dict[str, float] = field(default_factory=dict)
+    followed: dict[str, np.ndarray] = field(default_factory=dict)
+    bends: dict[str, tuple[Callable[[np.ndarray], np.ndarray], tuple[str, ...]]] = field(default_factory=dict)
+    taken: set[tuple[str, str]] = field(default_factory=set)
+
+    def table(self, value: np.ndarray, without: str | None = None) -> np.ndarray:
+        """(n_row, n) of all but one covariate."""
+        rest = [block for key, block in self.blocks.items() if key != without]
+        return np.hstack([np.zeros((len(value), 0)), *rest, *self.nuisances.values()])
+
+    def take(self, candidate: _Candidate, found: _Weighed) -> None:
+        u, name = found.constant, candidate.covariate
+        columns, own = candidate.columns(u), candidate.names(u)
+        key, n = f"{candidate.kind} {name} {u}" if candidate.adds else name, len(own)
+        self.blocks[key], self.names[key] = columns[:, :n], own
         if candidate.nuisance:
-            nuisances[key] = columns[:, len(own):]
-        spread[key] = scatter[: len(own), : len(own)]
-        shapes.append(Shape(kind=candidate.kind, covariate=candidate.covariate, constant=constant, constant_std=std,
-                            ln_odds=float(gain), names=own))
-    whole = np.zeros((sum(map(len, names.values())),) * 2)
-    at = 0
-    for key, own in names.items():
-        whole[at: at + len(own), at: at + len(own)] = spread.get(key, 0.0)
-        at += len(own)
-    return Chosen(
-        names=tuple(n for own in names.values() for n in own),
-        columns=tuple(c for block in blocks.values() for c in block.T),
-        nuisances=tuple(c for block in nuisances.values() for c in block.T), shapes=tuple(shapes), spread=whole)
+            self.nuisances[key] = columns[:, n:]
+        # what is not known of an earlier constant changes all coefficients alike
+        size = found.coefficient[:n]
+        self.spread[key] = found.scatter[:n, :n] + np.outer(size, size) * self.unknown.get(key, 0.0)
+        self.unknown[key] = float(np.trace(self.spread[key]) / max(size @ size, 1e-300))
+        if candidate.way[1] == FOLLOWED:
+            self.followed[name] = candidate.follow(u)
+        elif candidate.way[1] == BENT:
+            self.bends[name] = lambda z: candidate.bend(z, u), own
+        # a structure may step again
+        self.taken |= {candidate.way} if candidate.kind != "step" else set()
+
+    def chosen(self, shapes: Sequence[Shape]) -> Chosen:
+        return Chosen(
+            names=tuple(n for own in self.names.values() for n in own),
+            columns=tuple(c for block in self.blocks.values() for c in block.T),
+            nuisances=tuple(c for block in self.nuisances.values() for c in block.T), shapes=tuple(shapes),
+            spread=linalg.block_diag(np.zeros((0, 0)), *(
+                self.spread.get(key, np.zeros((len(own), len(own)))) for key, own in self.names.items())),
+            followed=dict(self.followed))
 
 
-def _weigh(candidate: _Candidate, value, noise, time_h, blocks, nuisances) -> tuple[float, float, float, np.ndarray]:
-    """ln evidence, the constant with its standard deviation, scatter of the candidate's coefficients by it."""
-    rest = [b for key, b in blocks.items() if candidate.adds or key != candidate.covariate]
-    base = np.hstack([np.zeros((len(value), 0)), *rest, *nuisances.values()])
-    grid = candidate.constants
-    whole, each, _ = _evidence(value, noise, time_h, base, [candidate.columns(u) for u in grid])
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """gain: ln evidence beyond the model without it; constant with its standard deviation; coefficient (n_column,) and
+    scatter (n_column, n_column) of it by what is not known of the constant."""
+
+    gain: float
+    constant: float
+    std: float
+    coefficient: np.ndarray
+    scatter: np.ndarray
+
+
+def _weigh(candidate: _Candidate, value, noise, time_h, so_far: _Columns, best: float) -> _Weighed:
+    """best: ln evidence of the model without it."""
+    base, grid = so_far.table(value, None if candidate.adds else candidate.covariate), candidate.constants
+    if candidate.nuisance:
+        # what its nuisances explain alone is none of its own
+        alone = [candidate.columns(u)[:, len(candidate.names(u)) :] for u in grid]
+        best = max(best, _evidence(value, noise, time_h, so_far.table(value), alone)[0])
+    whole, each, coefficient = _evidence(value, noise, time_h, base, [candidate.columns(u) for u in grid])
     if len(grid) == 1:
-        return whole, float(grid[0]), np.nan, np.zeros((8, 8))
+        return _Weighed(whole - best, float(grid[0]), np.nan, coefficient[0], np.zeros((8, 8)))
     share = 1.0
     for _ in range(3):
         # between the neighbours of the best, until the grid is finer than what is known of the constant
@@ -130,10 +187,10 @@ def _weigh(candidate: _Candidate, value, noise, time_h, blocks, nuisances) -> tu
         if np.sum(weight > 0.1) >= 4:
             break
     weight /= weight.sum()
-    mean = float(weight @ grid)
-    apart = coefficient - weight @ coefficient
-    scatter = (apart * weight[:, None]).T @ apart
-    return whole, mean, float(np.sqrt(weight @ (grid - mean) ** 2)), scatter
+    mean, middle = float(weight @ grid), weight @ coefficient
+    apart = coefficient - middle
+    return _Weighed(whole - best, mean, float(np.sqrt(weight @ (grid - mean) ** 2)), middle,
+                    (apart * weight[:, None]).T @ apart)
 
 
 def _evidence(
@@ -184,7 +241,7 @@ def _residuals(x: np.ndarray, y: np.ndarray, n_option: int) -> tuple[np.ndarray,
     return rss, found
 
 
-def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> list[_Candidate]:
+def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray, so_far: _Columns) -> list[_Candidate]:
     found: list[_Candidate] = []
     n, span, step = len(time_h), time_h[-1] - time_h[0], float(np.median(np.diff(time_h)))
     least = max(LEAST_ROWS, int(LEAST_SHARE * n))
@@ -196,28 +253,36 @@ def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray) -> lis
             if name.startswith("cos "):
                 found.append(_second_harmonic(name, x, covariates["sin " + name[4:]], none))
             continue
-        inner = np.sort(x)[least: -least]
+        z = so_far.followed.get(name, x)
+        inner = np.sort(z)[least: -least]
         if inner[-1] > inner[0]:
-            points = np.linspace(inner[0], inner[-1], N_COARSE)
-            found += _hinges(name, x, points)
-            widths = np.linspace(0.05, 0.6, N_COARSE) * np.ptp(x)
-            found.append(_Candidate("hysteresis", name, widths, lambda r, x=x: play(x, r)[:, None],
-                                    lambda r, name=name: (name,)))
-        if span > 8 * step:
-            lags = np.geomspace(step, span / 6, N_COARSE)
-            found.append(_Candidate(
-                "lag", name, lags, lambda tau, x=x: np.column_stack([
-                    lag_covariate(x, time_h, tau), np.exp(-(time_h - time_h[0]) / tau)]),
-                lambda tau, name=name: (name,), nuisance=1))
+            found += _hinges(name, z, np.linspace(inner[0], inner[-1], N_COARSE))
+        found += _followers(name, x, time_h, so_far.bends.get(name, (lambda z: z[:, None], (name,))))
     if span > 2 * DAY_H and step < DAY_H / 4:
         turn = 2 * np.pi * time_h / DAY_H
         found.append(_Candidate("day", "", none, lambda _: np.column_stack([np.cos(turn), np.sin(turn)]),
                                 lambda _: ("cos of the day", "sin of the day"), adds=True))
+    found.append(_Candidate("drift", "", none, lambda _: time_h[:, None] / DAY_H, lambda _: ("days",), adds=True))
     # between each two blocks, as a few on the wrong side of it hide a step
     places = 0.5 * (time_h[least:-least] + time_h[least - 1 : -least - 1])
     places = places[np.unique(np.linspace(0, len(places) - 1, N_PLACES).astype(int))]
     found.append(_Candidate("step", "", places, lambda t: (time_h >= t).astype(float)[:, None],
                             lambda t: (f"step at {t:.4g} h",), adds=True))
+    return found
+
+
+def _followers(name: str, x: np.ndarray, time_h: np.ndarray, bends) -> list[_Candidate]:
+    """x (n_row,) with hysteresis or behind, of either what it bends to, if it does: bends (function, names)."""
+    bend, names = bends
+    span, step = time_h[-1] - time_h[0], float(np.median(np.diff(time_h)))
+    widths = np.linspace(0.05, 0.6, N_COARSE) * np.ptp(x)
+    found = [_Candidate("hysteresis", name, widths, lambda r: bend(play(x, r)), lambda _: names,
+                        follow=lambda r: play(x, r))]
+    if span > 8 * step:
+        found.append(_Candidate(
+            "lag", name, np.geomspace(step, span / 6, N_COARSE), lambda tau: np.column_stack([
+                bend(lag_covariate(x, time_h, tau)), np.exp(-(time_h - time_h[0]) / tau)]), lambda _: names,
+            follow=lambda tau: lag_covariate(x, time_h, tau), nuisance=1))
     return found
 
 
@@ -228,14 +293,14 @@ def _second_harmonic(name: str, cos: np.ndarray, sin: np.ndarray, none: np.ndarr
 
 
 def _hinges(name: str, x: np.ndarray, points: np.ndarray) -> list[_Candidate]:
-    return [
-        _Candidate("bend", name, points, lambda c: np.column_stack([np.minimum(x - c, 0), np.maximum(x - c, 0)]),
-                   lambda c: (f"{name} below {c:.3g}", f"{name} above {c:.3g}")),
-        _Candidate("saturation", name, points, lambda c: np.minimum(x, c)[:, None],
-                   lambda c: (f"{name} below {c:.3g}",)),
-        _Candidate("saturation", name, points, lambda c: np.maximum(x, c)[:, None],
-                   lambda c: (f"{name} above {c:.3g}",)),
-    ]
+    found = []
+    for kind, words, bend in (
+            ("bend", ("below", "above"), lambda z, c: np.column_stack([np.minimum(z - c, 0), np.maximum(z - c, 0)])),
+            ("saturation", ("below",), lambda z, c: np.minimum(z, c)[:, None]),
+            ("saturation", ("above",), lambda z, c: np.maximum(z, c)[:, None])):
+        found.append(_Candidate(kind, name, points, lambda c, bend=bend: bend(x, c),
+                                lambda c, words=words: tuple(f"{name} {word} {c:.3g}" for word in words), bend=bend))
+    return found
 
 
 def lag_covariate(x: np.ndarray, time_h: np.ndarray, tau_h: float) -> np.ndarray:

@@ -109,6 +109,10 @@ def regress(
     table[rows] = np.column_stack([np.ones(int(rows.sum())), *chosen.columns, *chosen.nuisances])
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
+    seen = dict(zip(names, plain[:, 1:].T, strict=True))
+    for name, behind in chosen.followed.items():
+        seen[f"what it follows of {name}"] = np.full(len(value), np.nan)
+        seen[f"what it follows of {name}"][rows] = behind
     fit, rows = _without_outliers(table, value, noise, time_h, rows)
     residual = np.full(len(value), np.nan)
     residual[rows] = value[rows] - table[rows] @ fit.coefficient
@@ -117,7 +121,7 @@ def regress(
     inflation = _inflation(table[rows][:, own])
     joint = _confounded_pairs(chosen.names, table[rows][:, own], inflation, fit, free, notes)
     notes += [_shape_words(shape) for shape in chosen.shapes]
-    notes += _follows_still(names, plain[:, 1:], table, fit, noise, time_h, value, rows)
+    notes += _follows_still(seen, table, fit, noise, time_h, value, rows)
     return Regression(
         response=response, names=chosen.names, coefficient=frozen_array(fit.coefficient[own]),
         std_error=frozen_array(error), p_value=frozen_array(2 * stats.t.sf(np.abs(fit.coefficient[own] / error), free)),
@@ -169,16 +173,17 @@ def _shape_words(shape: Shape) -> str:
         "hysteresis": f"follows {shape.covariate} with hysteresis of width {size} {odds}",
         "harmonic": f"follows {shape.covariate} twice a turn {odds}",
         "day": f"has a daily period that no covariate explains {odds}",
+        "drift": f"drifts steadily, which no covariate explains {odds}",
         "step": f"steps {size} h after the first block {odds}",
     }[shape.kind]
 
 
-def _follows_still(names, columns, table, fit: _Fit, noise, time_h, value, rows) -> list[str]:
-    """Covariates (n_row, n_covariate) whose sixths the residual still differs between: Wald's F in the fit's errors."""
+def _follows_still(columns: Mapping[str, np.ndarray], table, fit: _Fit, noise, time_h, value, rows) -> list[str]:
+    """Covariates {name: (n_row,)} whose sixths the residual still differs between: Wald's F in the fit's errors."""
     from scipy import stats
 
     decay, said = np.exp(-np.diff(time_h[rows]) / fit.hours), []
-    for name, x in zip(names, columns[rows].T, strict=True):
+    for name, x in ((name, column[rows]) for name, column in columns.items()):
         part = np.searchsorted(np.quantile(x, np.linspace(0, 1, SIXTHS + 1)[1:-1]), x)
         marks = (part[:, None] == np.arange(1, SIXTHS)).astype(float)
         white, _ = whiten_columns(np.column_stack([table[rows], value[rows], marks]), noise[rows], fit.ratio, decay)
@@ -190,7 +195,7 @@ def _follows_still(names, columns, table, fit: _Fit, noise, time_h, value, rows)
             continue
         rest = float(np.sum((y - m @ taken) ** 2))
         p = float(stats.f.sf((float(np.sum(y**2)) - rest) / rank / (rest / free), rank, free))
-        if p < 1e-3 / len(names):
+        if p < 1e-3 / len(columns):
             said.append(f"the residual still follows {name} (p = {p:.1g}): in none of the shapes that were tried")
     return said
 
@@ -435,7 +440,8 @@ def _fits_of_mode(
     """The regressions of ln f and of damping that can be made, and what is to be said after the mode's label."""
     f, zeta = np.array([s.frequency_hz[j] for s in sets]), np.array([s.damping_ratio[j] for s in sets])
     # of rounded frequencies the rounding is part of what is stated; where nothing is, of what is found
-    f_std = np.hypot([s.frequency_std_hz[j] for s in sets], rounding_std(f)) / f
+    rounding = rounding_std(np.array([s.frequency_hz for s in sets]))[j]
+    f_std = np.hypot([s.frequency_std_hz[j] for s in sets], rounding) / f
     zeta_std = np.array([s.damping_ratio_std[j] for s in sets])
     made, said = [], []
     for response, value, std in (("ln frequency", np.log(f), f_std), ("damping ratio", zeta, zeta_std)):

@@ -83,6 +83,24 @@ def test_a_step_beside_a_lag_is_dated_and_both_keep_their_sizes():
         assert abs(value - true) < 3 * std
 
 
+def test_what_lags_bends_too():
+    """One slope of -1.7e-3 before, and no word."""
+    fit = drawn(lambda t, air, _: np.where(behind(t, air) < 0, -3e-3, -0.5e-3) * behind(t, air), 5)
+    assert {s.kind for s in fit.shapes} == {"lag", "bend"} and not any("still follows" in note for note in fit.notes)
+    lag, bend = sorted(fit.shapes, key=lambda s: s.kind == "bend")
+    assert abs(lag.constant - 6) < 3 * lag.constant_std and abs(bend.constant) < 4 * bend.constant_std + 0.05
+    for name, true in zip(bend.names, (-3e-3, -0.5e-3), strict=True):
+        value, std = slope(fit, name)
+        assert abs(value - true) < 4 * std
+
+
+def test_a_drift_is_no_lag_of_anything():
+    fit = drawn(lambda t, air, _: -1e-4 * t, 5)
+    assert [s.kind for s in fit.shapes] == ["drift"]
+    value, std = slope(fit, "days")
+    assert abs(value + 2.4e-3) < 4 * std
+
+
 def test_two_steps_are_two():
     fit = drawn(lambda t, air, _: -1e-3 * air - 0.01 * (t >= 60) + 0.008 * (t >= 140), 12)
     assert [s.kind for s in fit.shapes] == ["step"] * 2 and fit.n_outlier == 0
