@@ -9,8 +9,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -259,12 +259,12 @@ class BlockStore:
         """The hash of a block's stored poles."""
         return _hash_and_sources(self.folder / (self._stem(start) + POLES))[0]
 
-    def read(self, start: pd.Timestamp) -> BlockPoles:
-        return read_block_poles(self.folder / (self._stem(start) + POLES))
+    def read(self, start: pd.Timestamp, *, spectra: bool = True) -> BlockPoles:
+        return read_block_poles(self.folder / (self._stem(start) + POLES), spectra=spectra)
 
     def read_head(self, start: pd.Timestamp) -> BlockPoles:
         """A block without its poles and spectra, which are most of a file."""
-        with _open_block(self.folder / (self._stem(start) + POLES), lazy=True) as content:
+        with _open_block(self.folder / (self._stem(start) + POLES)) as content:
             return _block_of(content, **WITHOUT_ARRAYS)
 
     def read_factors(self, start: pd.Timestamp) -> BlockFactors:
@@ -405,8 +405,8 @@ def read_block_factors(path: Path) -> BlockFactors:
 
 def _stored_keys(path: Path) -> set[tuple[int, int]]:
     """None of a file that is absent or damaged."""
-    whole = _whole(path)
-    return set() if whole is None else {(int(a), int(b)) for a, b in whole["key"]}
+    keys = _whole_array(path, "key")
+    return set() if keys is None else {(int(a), int(b)) for a, b in keys}
 
 
 def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
@@ -434,44 +434,42 @@ def _checksum(content: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.frombuffer(checksum_of_arrays({n: array for n, array in content.items() if n != CHECKSUM}), np.uint8)
 
 
-def _read_undamaged(path: Path, content: Mapping) -> dict[str, np.ndarray]:
-    """The arrays of a stored file. Raises InputError where they are not what was written."""
+def _refuse_damaged(path: Path, content: Mapping) -> None:
+    """Raises InputError where a stored file's arrays are not what was written."""
     arrays = {name: content[name] for name in content}
     if CHECKSUM not in arrays or not np.array_equal(arrays[CHECKSUM], _checksum(arrays)):
         raise InputError(str(path), "does not hold what was written: it was damaged or changed",
                          "run `probupdate identify` again, which makes this block anew")
-    return arrays
 
 
-def _whole(path: Path) -> Mapping | None:
-    """The arrays of a stored file; None where it is absent or damaged: it is made again."""
+def _whole_array(path: Path, name: str) -> np.ndarray | None:
+    """An array of a stored file; None where the file is absent or damaged: it is made again."""
     if not path.exists():
         return None
     try:
         with _open_block(path) as content:
-            return content
+            return content[name]
     except InputError:
         return None
 
 
 def _whole_sources(path: Path) -> list[str] | None:
     """The records that a stored block was made of; None of one that is absent or damaged."""
-    whole = _whole(path)
-    return None if whole is None else list(_store_head(whole)["sources"])
+    head = _whole_array(path, "head")
+    return None if head is None else list(_store_head(head)["sources"])
 
 
-def read_block_poles(path: Path) -> BlockPoles:
+def read_block_poles(path: Path, *, spectra: bool = True) -> BlockPoles:
+    """spectra: with those that a page draws, which no choice among poles needs."""
     with _open_block(path) as content:
         every = _split(content)
-        return _block_of(
-            content, poles=every[0] if every else None, others=tuple(every[1:]),
-            line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
-            # blocks from before these were kept have none
-            singular=frozen_array(content["singular"] if "singular" in content else np.zeros((0, 0))))
+        names = ("line_hz", "spectrum", "singular") if spectra else ()
+        return _block_of(content, **WITHOUT_ARRAYS | {"poles": every[0] if every else None, "others": tuple(every[1:])}
+                         | {name: frozen_array(content[name]) for name in names})
 
 
 def _block_of(content: Mapping, **arrays: Any) -> BlockPoles:
-    head = _store_head(content)
+    head = _store_head(content["head"])
     return BlockPoles(
         id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
         excluded=head["excluded"], notes=tuple(head["notes"]), rms=np.nan if head["rms"] is None else head["rms"],
@@ -492,22 +490,20 @@ def _join_arrays(arrays: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.zeros(0)
 
 
-def _store_head(content: Mapping) -> dict:
-    return json.loads(content["head"].tobytes().decode())
+def _store_head(head: np.ndarray) -> dict:
+    return json.loads(head.tobytes().decode())
 
 
 def _hash_and_sources(path: Path) -> tuple[str, list[str]]:
-    with _open_block(path, lazy=True) as content:
-        return content[CHECKSUM].tobytes().hex(), list(_store_head(content)["sources"])
+    with _open_block(path) as content:
+        return content[CHECKSUM].tobytes().hex(), list(_store_head(content["head"])["sources"])
 
 
-@contextmanager
-def _open_block(path: Path, *, lazy: bool = False) -> Iterator[Mapping]:
-    """The arrays of one block's file, all read and as they were written, or each as it is asked for; what is missing
-    in them is said like what cannot be read."""
-    with archive(path, "is not an identified block",
-                 "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
-        yield content if lazy else _read_undamaged(path, content)
+def _open_block(path: Path) -> AbstractContextManager[Mapping]:
+    """The arrays of one block's file as they were written, each read as it is asked for; what is missing in them is
+    said like what cannot be read."""
+    return archive(path, "is not an identified block", "delete it: it is identified again", largest=LARGEST_BLOCK,
+                   check=_refuse_damaged)
 
 
 def _read_head(path: Path) -> dict:

@@ -69,11 +69,11 @@ class JudgedBlock:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChosenPoles:
-    """What is kept of a block's poles: the choice; of the poles that stand for modes, or of their averages over model
-    orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel, n_mode), NaN where none does; kurtosis (n_mode,) of
-    their amplitudes, where it was asked (`steadiness`); by_likelihood (n_mode,): those whose values
-    are of `refinement`; keys: (model order, index within its poles) -> place in the block's stack; key_of: mode -> key;
-    rows of the table of poles, the mode as its number."""
+    """What is kept of a block's poles: the choice, its criterion of the poles in `rows`; of the poles that stand
+    for modes, or of their averages over model orders, frequency_hz, damping_ratio (n_mode,), shape (n_channel,
+    n_mode), NaN where none does; kurtosis (n_mode,) of their amplitudes, where it was asked (`steadiness`);
+    by_likelihood (n_mode,): those whose values are of `refinement`; keys: (model order, index within its poles) ->
+    place in the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
 
     choice: Choice
     frequency_hz: np.ndarray
@@ -114,7 +114,7 @@ def follow(
     found, votes = [], []
     for number, start in enumerate(blocks.starts):
         progress("classifying modes", number, 2 * len(blocks.starts))
-        block = blocks.read(start)
+        block = blocks.read(start, spectra=False)
         slim = replace(block, **WITHOUT_ARRAYS)
         one = StoredBlock(block=slim, environment=environment_of(block, campaign, rule), usable=block.poles is not None)
         found.append(one)
@@ -143,7 +143,7 @@ def _judge_block(
     hand: HandPicked | None, one: StoredBlock, block: BlockPoles | None = None,
 ) -> JudgedBlock:
     """`block` if it was read already."""
-    block = block or blocks.read(one.block.start)
+    block = block or blocks.read(one.block.start, spectra=False)
     stack = pole_stack(block, settings)
     here = turn_reference(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
     like = rules.comparison(stack, here)
@@ -191,9 +191,11 @@ def _pick_poles(
     }
     if hand is not None:
         rows["reason"] = hand.reasons(start, poles)
-    return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
-                       kurtosis=np.full(n_mode, np.nan), by_likelihood=np.zeros(n_mode, bool),
-                       rows={name: value[shown] for name, value in rows.items()})
+    # of a year's blocks no more than is written
+    rows = {name: value[shown] for name, value in rows.items()}
+    choice = replace(choice, criterion=rows["criterion"])
+    return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys, rows=rows,
+                       kurtosis=np.full(n_mode, np.nan), by_likelihood=np.zeros(n_mode, bool))
 
 
 def without_uncertain(

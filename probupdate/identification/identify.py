@@ -222,7 +222,7 @@ def physical_of(
     chosen = even_blocks(states)
     for number, k in enumerate(chosen):
         progress("classifying modes", number, len(chosen))
-        block = blocks.read(usable[k])
+        block = blocks.read(usable[k], spectra=False)
         environment = environment_of(block, campaign, rule)
         parts.append(block_candidates(pole_stack(block, settings), number, settings.classifier, persistence))
         bands.append(rules.rotor_bands(environment, settings.classifier))

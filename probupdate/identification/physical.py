@@ -212,19 +212,21 @@ def _clusters(c: Candidates, core: float) -> list[np.ndarray]:
     rising = np.argsort(c.ln_frequency, kind="stable")
     f, shape, share = c.ln_frequency[rising], c.shape[:, rising].astype(np.complex64), c.share[rising]
     end = np.searchsorted(f, f + NEAR_FREQUENCY, side="right")
-    first, second = [], []
+    # millions of pairs
+    pairs = []
     for k in range(0, n, 256):
         rows, last = np.arange(k, min(k + 256, n)), end[min(k + 256, n) - 1]
         alike = np.abs(shape[:, rows].conj().T @ shape[:, k:last]) ** 2 >= NEAR_MAC
         columns = np.arange(k, last)
         alike &= (columns > rows[:, None]) & (columns < end[rows][:, None])
         i, j = np.nonzero(alike)
-        first.append(rows[i]), second.append(columns[j])
-    i, j = np.concatenate(first), np.concatenate(second)
+        pairs.append(np.array([rows[i], columns[j]], np.int32))
+    i, j = np.hstack(pairs)
+    del pairs
     density = share + np.bincount(i, share[j], n) + np.bincount(j, share[i], n)
     dense = density >= core
     both = dense[i] & dense[j]
-    graph = sparse.coo_matrix((np.ones(both.sum()), (i[both], j[both])), shape=(n, n))
+    graph = sparse.coo_matrix((np.ones(both.sum(), bool), (i[both], j[both])), shape=(n, n))
     label = np.where(dense, sparse.csgraph.connected_components(graph, directed=False)[1], -1)
     best = np.full(n, -1.0)
     for a, b in ((i, j), (j, i)):

@@ -74,10 +74,11 @@ class Votes:
 def votes_of(block: JudgedPoles, settings: ClassifierSettings) -> Votes:
     """What `paths` needs of a block, a hundredth of its poles."""
     both = []
-    for swept in (False, True):
+    # where no rotor's multiples passed both are the same
+    for swept in (False, True)[: 1 + bool(len(block.bands))]:
         place, weight = _votes(block, settings, swept=swept)
         both.append(tuple((place[w > 0], w[w > 0]) for w in weight.T))
-    return Votes(clear=both[0], every=both[1])
+    return Votes(clear=both[0], every=both[-1])
 
 
 def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> TrackedModes:

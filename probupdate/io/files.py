@@ -45,6 +45,8 @@ OLD_S = 7 * 86400.0
 INT64 = 2**63
 # names of a folder among which one like a missing file's is looked for
 MOST_NAMES = 1000
+# of a table that is written
+ROWS_AT_ONCE = 2000
 # a cell that a spreadsheet would take for a formula; numbers may begin with a sign
 FORMULA = re.compile(r"\s*[=@]|\s*[+\-](?![\d.]|inf|nan)|[\t\r]", re.IGNORECASE)
 
@@ -188,13 +190,16 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
 
 def write_table(path: str | Path, frame: Any, float_format: str | None = "%.6g") -> Path:
     """A pandas frame as CSV; text that a spreadsheet would take for a formula is preceded by an apostrophe."""
-    safe = frame.copy(deep=False)
-    for column in safe:
-        if safe[column].dtype.kind not in "biufcmM":
-            safe[column] = safe[column].map(_escape_formula)
-    safe.columns = [_escape_formula(c) for c in safe.columns]
-    text = safe.to_csv(index=False, float_format=float_format, lineterminator="\n")
-    return write_text(path, text)
+    with written_whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        # a piece at a time: a year's poles are many rows
+        for first in range(0, max(len(frame), 1), ROWS_AT_ONCE):
+            safe = frame.iloc[first : first + ROWS_AT_ONCE].copy()
+            for column in safe:
+                if safe[column].dtype.kind not in "biufcmM":
+                    safe[column] = safe[column].map(_escape_formula)
+            safe.columns = [_escape_formula(c) for c in safe.columns]
+            safe.to_csv(stream, index=False, header=not first, float_format=float_format, lineterminator="\n")
+    return Path(path)
 
 
 def _escape_formula(cell: Any) -> Any:
@@ -458,31 +463,39 @@ def archive_arrays(path: str | Path, problem: str, remedy: str,
 
 
 # archives that were found good, as they were then: a block is opened a dozen times, and heads are most of its time
-_sound: set[tuple[int, ...]] = set()
+_sound: set[int] = set()
 MOST_KNOWN = 100_000
 
 
 @contextlib.contextmanager
-def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> Iterator[Any]:
+def archive(
+    path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE,
+    check: Callable[[Path, Any], None] | None = None,
+) -> Iterator[Any]:
     """An .npz file, each array read as it is asked for: no objects, none larger than its member, together at most
-    `largest` bytes. What is wrong inside the block is wrong with the file."""
+    `largest` bytes. check: called with the arrays as long as the file has not been found good. What is wrong inside
+    the block is wrong with the file."""
     import numpy as np
 
     path = input_file(path, remedy)
     # opened here: numpy leaves the file open where it turns out to be no archive
     with parsing(str(path), problem, remedy), path.open("rb") as stream:
         now = os.fstat(stream.fileno())
-        state = (now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns, now.st_ctime_ns, largest)
-        if state not in _sound:
+        state = hash((now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns, now.st_ctime_ns, largest, check))
+        known = state in _sound
+        if not known:
             # numpy takes whatever is not an archive for a pickle and advises to load it as one
             if not zipfile.is_zipfile(stream):
                 raise InputError(str(path), f"{problem} (no .npz archive)", remedy)
             _refuse_bomb(path, stream, remedy, largest)
-            if len(_sound) > MOST_KNOWN:
-                _sound.clear()
-            _sound.add(state)
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as opened:
+            if not known:
+                if check is not None:
+                    check(path, opened)
+                if len(_sound) > MOST_KNOWN:
+                    _sound.clear()
+                _sound.add(state)
             yield opened
 
 

@@ -21,9 +21,9 @@ from fault_processes import HANGS_S, ORPHAN_S, Ended, Forked, Shell, of_sessions
 
 
 def digest(folder: Path) -> dict[str, str]:
-    """File -> SHA-256 of what it holds; without temporary files and folders."""
+    """File -> SHA-256 of what it holds; without temporary files and folders, and without what says who writes."""
     return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
-            for p in sorted(folder.rglob("*")) if p.is_file()
+            for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix != ".lock"
             and not any(part.endswith(".part") for part in p.relative_to(folder).parts)}
 
 

@@ -606,7 +606,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
     "started_run": (started_run, ("demonstration.RunState",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
-    "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
+    "lifetime_table": (lifetime_table, ("lifetime.tables.read_table", "io.files.read_own_text")),
     "gauges": (gauges, ("lifetime.gauges.read_gauges",)),
     "joint": (joint, ("lifetime.draws.read_joint",)),
     "farm_joint": (farm_joint, ("updating.joint_file.read_joint",)),
