@@ -34,6 +34,9 @@ LEAST_LOG_N, MOST_LOG_N = 4.0, 11.0
 LEAST_LOG_KNEE, MOST_LOG_KNEE = 5.0, 9.0
 # height over length beyond which a single wave breaks in deep water (Michell); a sea state lies below 1/15
 BREAKING = 0.142
+# standard deviation of thrust over 0.5 rho A V^2: 0.02 to 0.3 of operating turbines, a tenth of it idling; of one in kN
+# 1e-3 of these
+LEAST_THRUST, MOST_THRUST = 5e-4, 3.0
 METRES = "a length in metres"
 STRESS_FACTOR = "a stress concentration factor"
 SHARE = "a share, not per cent"
@@ -42,12 +45,12 @@ TARGET = 3.3
 
 
 class Water(Table):
-    inertia_coefficient: Annotated[Real, bounded_number(4.0, "C_M of a cylinder is 1 to 2", above=0)]
-    drag_coefficient: Annotated[Real, bounded_number(4.0, "C_D of a cylinder is 0.6 to 1.2", least=0)]
+    inertia_coefficient: Annotated[Real, bounded_number(4.0, "a C_M, of a cylinder 1 to 2", above=0)]
+    drag_coefficient: Annotated[Real, bounded_number(4.0, "a C_D, of a cylinder 0.6 to 1.2", least=0)]
 
 
 class Wind(Table):
-    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "air has about 1.2 kg/m3", above=0)]
+    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "a density in kg/m3, of air about 1.2", above=0)]
     rotor_diameter_m: Annotated[Real, bounded_number(400.0, METRES, above=0)]
     # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
     integral_length_m: Annotated[Real, bounded_number(3000.0, METRES, above=0)]
@@ -56,7 +59,7 @@ class Wind(Table):
 class Damping(Table):
     """Of critical, of every mode that modes.json does not state."""
 
-    ratio: Annotated[Real, Field(gt=0, lt=0.3)]
+    ratio: Annotated[Real, bounded_number(0.3, "a share of critical damping, not per cent", above=0)]
 
 
 class Life(Table):
@@ -79,11 +82,11 @@ class State(Table):
     hs_m: Annotated[Real, bounded_number(25.0, "a significant wave height in metres; the highest measured is below 20",
                                          above=0)]
     tp_s: Annotated[Real, bounded_number(30.0, "a peak period in seconds", above=0)]
-    gamma: Annotated[Real, Field(ge=1, le=7)]
+    gamma: Annotated[Real, bounded_number(7.0, "a peakedness, 1 to 7, of the North Sea 3.3", least=1)]
     wind_mps: Annotated[Real, bounded_number(75.0, "a mean wind speed in m/s", above=0)]
     turbulence: Annotated[Real, bounded_number(1.0, SHARE, least=0)]
     # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
-    thrust_coefficient: Annotated[Real, bounded_number(3.0, "of the rotor's area", least=0)]
+    thrust_coefficient: Annotated[Real, bounded_number(3.0, "a coefficient of the rotor's area, near 0.8 below rated wind", least=0)]
     # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
     thrust_spectrum: str | None = None
 
@@ -95,7 +98,7 @@ class Law(Table):
     m2: Annotated[Real, bounded_number(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
     # S times (t / t_ref)^k for walls above t_ref
     reference_thickness_m: Annotated[Real, bounded_number(0.3, "a wall in metres, such as 0.025", above=0)]
-    thickness_exponent: Annotated[Real, bounded_number(1.0, "0 to 0.3 in standards", least=0)]
+    thickness_exponent: Annotated[Real, bounded_number(1.0, "an exponent, 0 to 0.3 in standards", least=0)]
 
 
 class Factors(Table):
@@ -175,7 +178,7 @@ class Uncertainty(Table):
     x_load: Lognormal
     x_scf: Lognormal
     miner: Lognormal
-    log10_a_std: Annotated[Real, bounded_number(2.0, "of log10 N, 0.2 in standards", least=0)]
+    log10_a_std: Annotated[Real, bounded_number(2.0, "a standard deviation of log10 N, 0.2 in standards", least=0)]
 
 
 class Inspection(Table):
@@ -187,7 +190,7 @@ class Inspection(Table):
 
 
 class Target(Table):
-    annual_index: Annotated[Real, bounded_number(8.0, "a reliability index", above=0)] = TARGET
+    annual_index: Annotated[Real, bounded_number(8.0, "an index, not a probability: 3.3 is 5e-4 a year", least=1)] = TARGET
 
 
 class Conditions(Table):
@@ -220,19 +223,15 @@ def read_conditions(path: str | Path) -> Conditions:
     try:
         conditions = Conditions.model_validate(read_toml(path))
     except ValidationError as error:
-        first = error.errors()[0]
+        # a key that is misspelt is missing too
+        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
-        if first["type"] == "missing":
-            raise InputError(
-                f"{path}: {key}", "is missing", "add it; studies/lifetime/fatigue.toml has every key"
-            ) from None
-        if first["type"] == "extra_forbidden":
-            raise InputError(
-                f"{path}: {key}", "is not a key of this file",
-                nearest(str(first["loc"][-1]), condition_keys(Conditions))
-            ) from None
-        raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}",
-                         _key_meaning(first["loc"]) or "correct it") from None
+        problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must')}"
+        problem, remedy = {
+            "missing": ("is missing", "add it; studies/lifetime/fatigue.toml has every key"),
+            "extra_forbidden": ("is not a key of this file", nearest(str(first["loc"][-1]), condition_keys(Conditions))),
+        }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))
+        raise InputError(f"{path}: {key}", problem, remedy) from None
     for key, problem, remedy in _mistakes(conditions, path):
         raise InputError(f"{path}: {key}", problem, remedy)
     return conditions
@@ -379,6 +378,11 @@ def thrust_spectra(c: Conditions, path: Path) -> Mapping[str, tuple[np.ndarray, 
         if len(f) < 2 or not np.all(np.diff(f) > 0) or not np.all(s >= 0):
             raise InputError(str(file), "its frequencies do not rise, or a density is negative or missing",
                              "correct it")
+        mean = 0.5 * c.wind.air_density_kgpm3 * np.pi / 4 * c.wind.rotor_diameter_m**2 * state.wind_mps**2
+        std = float(np.sqrt(np.trapezoid(s, f)))
+        if not LEAST_THRUST < std / mean < MOST_THRUST:
+            raise InputError(f"{file}, n2phz", f"gives a thrust that varies by {std:.3g} N (standard deviation), where "
+                             f"the wind's pressure on the rotor is {mean:.3g} N", "give N^2/Hz over Hz, one-sided")
         found[state.name] = (f, s)
     return found
 

@@ -282,7 +282,8 @@ def hot_spots(
 
     for here, entry, found in chosen:
         if not found:
-            raise InputError(here, "chooses no brace end of the model", "widen what narrows it")
+            raise InputError(here, "chooses no brace end of the model",
+                             "widen what narrows it, or name welds of a structure without braces by [[girth]]")
         for detail in found:
             for side, factors in _factors(entry, detail, ends, here):
                 at = index(detail)

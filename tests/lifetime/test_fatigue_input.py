@@ -38,6 +38,9 @@ def changed(**tables):
     ({"curve": {"T": {**CONDITIONS["curve"]["T"], "log10_a1": 11.764 - 2.515}}}, "one in ksi"),
     ({"curve": {"T": {**CONDITIONS["curve"]["T"], "log10_a2": 17.0}}}, "both slopes of one curve"),
     ({"inspection": {"age_years": 9.0, "detectable_share": 0.5}}, "above the age"),
+    ({"target": {"annual_index": 5e-4}}, "not a probability"),
+    ({"damping": {"ratio": 1.0}}, "not per cent"),
+    ({"life": {"age": 5.0, "years": 30, "reference_cycles": 1e7}}, "life.age: is not a key of this file; did you mean"),
 ])
 def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, words):
     (tmp_path / "fatigue.toml").write_text(_toml(changed(**tables)))

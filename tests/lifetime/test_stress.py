@@ -368,6 +368,9 @@ def test_a_users_spectrum_takes_the_place_of_turbulence(tmp_path):
     (tmp_path / "fatigue.toml").write_text(text)
     with pytest.raises(InputError, match=r"thrust_spectrum.*not a file beside"):
         read_conditions(tmp_path / "fatigue.toml")
+    (tmp_path / "thrust.csv").write_text("frequency_hz,n2phz\n0.01,1e3\n0.1,1e3\n0.2,0\n")
+    with pytest.raises(InputError, match=r"n2phz.*give N\^2/Hz"):
+        fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
     (tmp_path / "thrust.csv").write_text("frequency_hz,n2phz\n0.01,1e9\n0.1,1e9\n0.2,0\n")
     found = fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
     one = found.models[0]
@@ -382,7 +385,8 @@ def test_a_users_spectrum_takes_the_place_of_turbulence(tmp_path):
     [
         ("share = 0.7", "share = 0.6", "direction.share: they add up to 0.9"),
         ('curve = "T"', 'curve = "F"', "is not a .curve. of the file"),
-        ("drag_coefficient", "drag", "drag_coefficient: is missing"),
+        ("drag_coefficient", "drag", "water.drag: is not a key of this file"),
+        ("drag_coefficient = 0.8", "", "drag_coefficient: is missing"),
         ("m2 = 5.0", "m2 = 2.0", "swap the slopes"),
         ('at = "leg"', 'at = "leg"\nbay = [7]', "chooses no brace end"),
         ("z_m = 12.0", "z_m = 14.5", "choose the level of an element's end"),
