@@ -86,7 +86,7 @@ class State(Table):
     wind_mps: Annotated[Real, bounded_number(75.0, "a mean wind speed in m/s", above=0)]
     turbulence: Annotated[Real, bounded_number(1.0, SHARE, least=0)]
     # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
-    thrust_coefficient: Annotated[Real, bounded_number(3.0, "a coefficient of the rotor's area, near 0.8 below rated wind", least=0)]
+    thrust_coefficient: Annotated[Real, bounded_number(3.0, "a coefficient, near 0.8 below rated wind", least=0)]
     # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
     thrust_spectrum: str | None = None
 
@@ -190,7 +190,8 @@ class Inspection(Table):
 
 
 class Target(Table):
-    annual_index: Annotated[Real, bounded_number(8.0, "an index, not a probability: 3.3 is 5e-4 a year", least=1)] = TARGET
+    annual_index: Annotated[Real, bounded_number(8.0, "an index, not a probability: 3.3 is 5e-4 a year",
+                                                 least=1)] = TARGET
 
 
 class Conditions(Table):
@@ -229,7 +230,8 @@ def read_conditions(path: str | Path) -> Conditions:
         problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must')}"
         problem, remedy = {
             "missing": ("is missing", "add it; studies/lifetime/fatigue.toml has every key"),
-            "extra_forbidden": ("is not a key of this file", nearest(str(first["loc"][-1]), condition_keys(Conditions))),
+            "extra_forbidden": ("is not a key of this file",
+                                nearest(str(first["loc"][-1]), condition_keys(Conditions))),
         }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))
         raise InputError(f"{path}: {key}", problem, remedy) from None
     for key, problem, remedy in _mistakes(conditions, path):

@@ -10,11 +10,10 @@ import csv
 import hashlib
 import io
 import json
-import os
-import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,41 +21,27 @@ import numpy as np
 
 from probupdate import __version__
 from probupdate.errors import InputError
-from probupdate.io.elastodyn_file import referenced_files
-from probupdate.io.files import (
-    read_bytes,
-    read_json,
-    read_text,
-    refuse_filled,
-    whole_folder,
-    write_arrays,
-    write_json,
-    write_text,
-)
-from probupdate.io.fortran_text import read_lines, write_lines
+from probupdate.io.files import read_bytes, read_json, refuse_filled, whole_folder, write_json, write_text
 from probupdate.io.result_table import table_of
-from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
+from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.damping import STATES_OF, MeasuredDamping, draw_ratios, measured_ratios
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of, refuse_draws
-from probupdate.lifetime.substructure_file import NAME, differences, write_substructure
+from probupdate.lifetime.model_files import DrawnModels, path_in_draw, write_models
 from probupdate.lifetime.superelement import READ_BACK, Superelement, reduce_model, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
 from probupdate.modal.labels import NEUTRAL, TURBINE, family
 from probupdate.modal.modes import ModalData
-from probupdate.model.interface import ModalSolution, Model
+from probupdate.model.interface import Model
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.description_file import read_description as read_turbine
-from probupdate.structure.frame import Frame
-from probupdate.structure.load import load_model, matrices_file, model_sensors
-from probupdate.structure.matrices import read_archive
+from probupdate.structure.load import model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
-from probupdate.structure.subdyn_values import apply_values, unspeakable
-from probupdate.structure.subdyn_writing import NOT_WRITTEN, NoWord
+from probupdate.structure.subdyn_model import file_beside, is_subdyn
+from probupdate.structure.subdyn_values import unspeakable
 from probupdate.structure.substructure import NothingBelow, turbine_substructures
-from probupdate.structure.turbine_frame import build_frame
 from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.problem import Problem
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,10 +52,6 @@ if TYPE_CHECKING:
 FEWEST_DRAWS = 2
 # draws of the joint distribution that is written, for its check against the posterior's
 RESAMPLED = 200_000
-# of frequencies: what the weight's softening by a draw's own masses may differ from that by the initial ones
-SOFTENED = 5e-3
-# a SubDyn file at a draw; a name of its own, as the user's file may lie beside it
-AT_DRAW = "subdyn_at_draw.dat"
 # what the count of ten-minute records has no cycle of
 SLOW_CYCLES = ("cycles slower than ten minutes (start, stop, another mean wind): not counted; "
                "add them to the damage where they matter")
@@ -170,7 +151,7 @@ class Export:
 class RunResults:
     """What of a run is exported. path: the model's file; diagnosis, findings: verdict and causes of diagnosis.json,
     None and empty without one, changes: those of the structure within the records; source: files of the run by name,
-    whose hashes are kept."""
+    whose hashes are kept; problem: the one that was sampled, None where there are no modes to make it of."""
 
     posterior: Posterior
     model: Model
@@ -181,6 +162,19 @@ class RunResults:
     findings: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
     source: Mapping[str, Path] = field(default_factory=dict)
+    problem: Problem | None = None
+
+    def fitting_problem(self, left_out: list[str]) -> Problem | None:
+        """The problem, where it is the one that was sampled, so that tolerances can be drawn of it."""
+        if self.problem is None:
+            left_out.append("tolerances in models: they are as stated; no modes lie in the run")
+        elif self.problem.fingerprint() != self.posterior.fingerprint:
+            left_out.append("tolerances in models: as stated; posterior.nc was sampled of other modes, or with "
+                            "other settings than `sample` has by default; parts of model factors are of that "
+                            "other problem")
+        else:
+            return self.problem
+        return None
 
     @property
     def status(self) -> RunStatus:
@@ -248,11 +242,15 @@ def _write_export(
                 [[k + 1, *row] for k, row in enumerate(draws.tolist())])
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
-    solved = _models(files, model, path, run.parameters_file, draws, left_out, progress)
-    named = _mode_labels(model, run.modes)
-    damping = _modes(files, named, solved, run.modes, left_out, rng)
-    truncation = _superelements(files, len(draws), path, model.parameters.names, settings.n_mode, left_out, progress)
-    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, named, left_out,
+    drawn = DrawnModels.of(path, run.parameters_file, model, draws, run.fitting_problem(left_out), rng)
+    _write_tolerances(files, drawn, run.problem)
+    solved = write_models(files, drawn, left_out, progress)
+    names = partial(mode_labels, families=_families(run.modes))
+    labels = [names(drawn.model, one) for one in solved]
+    damping = _modes(files, labels, solved, run.modes, left_out, rng)
+    truncation = _superelements(files, drawn, settings.n_mode, left_out, progress)
+    frequency_hz = [one.frequency_hz for one in solved]
+    assessed = _fatigue(files, fatigue, model, drawn, (labels, frequency_hz, partial(names, model)), damping, left_out,
                         settings.seed, progress)
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": status.remark,
@@ -321,6 +319,15 @@ class _Files:
             self.add(path, "one object", "in the schema", schema, media_type=JSON_TYPE)
 
 
+def _write_tolerances(files: _Files, drawn: DrawnModels, problem: Problem | None) -> None:
+    if problem is None or drawn.unknown is None:
+        return
+    columns = [{"name": "draw", "unit": "-"}, *({"name": s.name, "unit": s.unit} for s in problem.error_sources)]
+    files.table("tolerances.csv", columns, [[k + 1, *row] for k, row in enumerate(drawn.differences.tolist())],
+                what="tolerances given the data and the draw of draws.csv, as differences from what is stated; models, "
+                     "superelements and modes.csv have those of the structure; fatigue.csv has parameters alone")
+
+
 def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> None:
     again = joint.sample(RESAMPLED, np.random.default_rng(rng.integers(2**63)))
     shift = float(np.max(np.abs(again.mean(axis=0) - joint.mean) / joint.std))
@@ -334,7 +341,8 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
         "unit": [units[n] for n in joint.names], "mean": joint.mean.tolist(), "std": joint.std.tolist(),
         "level": joint.level.tolist(), "quantile": joint.quantile.T.tolist(),
         "normal_correlation": joint.correlation.tolist(), "rank_correlation": joint.rank_correlation.tolist(),
-        "note": "theta_k = quantile_k(Phi(z_k)), linear between levels; z Gaussian with normal_correlation",
+        "note": "theta_k = quantile_k(Phi(z_k)), linear between levels; z Gaussian with normal_correlation; parameters "
+                "alone, without the tolerances of tolerances.csv",
     }
     numbers = {"type": "array", "items": {"type": "number"}}
     tables = {"type": "array", "items": numbers}
@@ -348,189 +356,6 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
     files.json("joint.json", content, schema)
 
 
-def _models(files: _Files, model: Model, path: Path, parameters_file, draws, left_out, progress) -> list[ModalSolution]:
-    """models/NNN, read back: SubDyn files and the first draw's TOML are solved again, the others' TOML is held against
-    the run's, as it differs by initial values only; returns the modes of every draw."""
-    n, frame = min(10, model.n_available), _frame(path)
-    solved, own, limit = [], 0.0, SOFTENED if _has_gravity_softening(path) else READ_BACK
-    for k, theta in enumerate(draws):
-        progress("writing models", k, len(draws))
-        folder = files.folder / "models" / f"{k + 1:03d}"
-        folder.mkdir(parents=True)
-        solved.append(model.solve(theta, n))
-        expected = solved[-1].frequency_hz
-        written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
-                               files.status.remark, left_out if k == 0 else None, frame)
-        for entry, opened in written.items():
-            if not isinstance(opened, bool):
-                found = opened.solve(opened.parameters.initial, n).frequency_hz
-                error = float(np.max(np.abs(found / expected - 1)))
-                own = max(own, error)
-                if not error < limit:
-                    raise InputError(str(folder / entry),
-                                     f"what was read back has frequencies that differ by {error:.1e}",
-                                     "report this: the model was not written as it is")
-            files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=limit if opened else None)
-    progress("writing models", len(draws), len(draws))
-    if own > READ_BACK:
-        left_out.append("models/*: that their own masses change the weight's softening (mesh.geometric_stiffness) is "
-                        f"in them and not in the run: frequencies differ by up to {own:.1e}")
-    return solved
-
-
-def _frame(path: Path) -> Frame | None:
-    """Of a turbine's model.toml, else None. Parameters' values are no part of it: it is that of every draw."""
-    if path.suffix != ".toml" or is_subdyn(path) or "matrices" in read_toml(path):
-        return None
-    return build_frame(read_turbine(path))
-
-
-def _has_gravity_softening(path: Path) -> bool:
-    """Whether a turbine's weight softens it, which the run has of the initial masses and each draw of its own."""
-    if path.suffix != ".toml" or not isinstance(mesh := read_toml(path).get("mesh"), dict):
-        return False
-    return bool(mesh.get("geometric_stiffness"))
-
-
-def _model_files(
-    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str] | None, frame: Frame | None
-) -> dict[str, Model | bool]:
-    """Write a model at one draw; name of each file -> the model opened again from it, True where its text was compared,
-    False where it is a part of one. `left_out`: of the first draw, where what all of them lack is said."""
-    said: list[str] = [] if left_out is None else left_out
-    if is_subdyn(path):
-        written: dict[str, Model | bool] = {}
-        tower, odd = "tower" in read_toml(path), unspeakable(path)
-        if odd:
-            said.append(f"models as SubDyn files: they cannot represent {', '.join(odd)}; see models/*/model.toml")
-        else:
-            file, above = apply_values(path, values, remark)
-            place = _path_in_draw(path)
-            target = write_subdyn(_with_remark(file, remark), folder / place, folder)
-            for name in file.soil:
-                written[_join_path(place.parent, name)] = False
-            written[place.as_posix()] = False if tower else subdyn_model(target, root=folder)
-            if above:
-                said.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
-        if tower or not written:
-            written |= _toml_model(folder, path, values, remark, left_out is not None)
-        return written
-    if path.suffix == ".npz":
-        _copy_archive(path, folder / "model.npz", remark)
-        usual = (path.with_suffix(".toml"), path.with_name("parameters.toml"))
-        own = parameters_file or next(p for p in usual if p.exists())
-        text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
-        write_text(folder / "parameters.toml", text)
-        return {"parameters.toml": False, "model.npz": load_model(folder / "model.npz")}
-    written = _toml_model(folder, path, values, remark, left_out is not None)
-    return written if frame is None else written | _substructure(folder, remark, left_out, frame)
-
-
-def _substructure(folder: Path, remark: str, left_out: list[str] | None, frame: Frame) -> dict[str, Model | bool]:
-    """SubDyn's file of a turbine's draw; that of the first draw is solved again, for what it says of all."""
-    described = read_turbine(folder / "model.toml")
-    try:
-        paths = write_substructure(described, folder, remark, frame)
-    except (NothingBelow, NoWord) as error:
-        if left_out is not None:
-            left_out.append(f"models as SubDyn files: {error}")
-        return {}
-    if left_out is not None:
-        worst = float(np.abs(differences(described, paths[0])).max())
-        left_out.append(f"in models/*/{NAME}: {'; '.join(NOT_WRITTEN)}; without these, read back below the tower of "
-                        f"the first draw, the turbine's lowest frequencies are the model's within {worst:.1e}")
-    return {p.name: False for p in paths}
-
-
-def _toml_model(folder: Path, path: Path, values, remark: str, first: bool) -> dict[str, Model | bool]:
-    """The user's TOML with the draw as initial values, and the files it names."""
-    raw = read_toml(path)
-    written: dict[str, Model | bool] = {}
-    if "matrices" in raw:
-        source, _ = matrices_file(path)
-        written[raw["matrices"]["file"]] = False
-        _copy_archive(source, folder / raw["matrices"]["file"], remark)
-    if "subdyn" in raw:
-        file = read_subdyn(file_beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
-        target = folder / raw["subdyn"]["file"]
-        target.parent.mkdir(parents=True, exist_ok=True)
-        lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
-        write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target, folder)
-        own = Path(raw["subdyn"]["file"])
-        written |= dict.fromkeys((own.as_posix(), *(_join_path(own.parent, name) for name in file.soil)), False)
-        if "elastodyn" in raw.get("tower", {}):
-            root = path.resolve().parent
-            for source in referenced_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
-                name = source.relative_to(root)
-                written[name.as_posix()] = False
-                _copy_openfast(source, folder / name, remark)
-    text = f"# {remark}\n" + with_initial(read_text(path), values, str(path))
-    target = folder / "model.toml"
-    write_text(target, text)
-    if read_toml(target) != _with_values(raw, values):
-        raise InputError(str(target), "what was read back differs from the run's model by more than initial values",
-                         "report this: the model was not written as it is")
-    return written | {"model.toml": load_model(target) if first or _has_gravity_softening(path) else True}
-
-
-def _with_values(raw: Mapping, values: Mapping[str, float]) -> dict:
-    """A TOML's content with a draw as initial values; `cov` becomes the std it stood for."""
-    def moved(p: Mapping) -> Mapping:
-        if p.get("name") not in values:
-            return p
-        kept = {key: v for key, v in p.items() if key != "cov"}
-        std = {"std": float(p["cov"]) * abs(float(p["initial"]))} if "cov" in p else {}
-        return kept | std | {"initial": float(values[p["name"]])}
-
-    return dict(raw) | ({"parameter": [moved(p) for p in raw["parameter"]]} if "parameter" in raw else {})
-
-
-def _path_in_draw(path: Path) -> Path:
-    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be,
-    so that the names of its soil files mean the same."""
-    return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
-
-
-def _join_path(folder: Path, name: str) -> str:
-    return Path(os.path.normpath(folder / name.replace("\\", "/"))).as_posix()
-
-
-def _with_remark(file: SubDynFile, remark: str) -> SubDynFile:
-    """SSI files with the verdict in a comment."""
-    return replace(file, soil={k: replace(one, lines=(f"! {remark}", *one.lines)) for k, one in file.soil.items()})
-
-
-def _copy_archive(source: Path, target: Path, remark: str) -> None:
-    write_arrays(target, read_archive(source) | {"remark": np.array(remark)})
-
-
-def _copy_openfast(source: Path, target: Path, remark: str) -> None:
-    """OpenFAST's files have a line of free text, the second."""
-    write_lines(target, [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(read_lines(source))])
-
-
-def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
-    """A TOML text with `initial` of its [[parameter]] tables replaced; `cov` becomes the std it stood for, and bounds
-    that the value lies on stay. Raises InputError where a parameter's table is not found."""
-    tables = re.split(r"(?=^\[)", text, flags=re.M)
-    left = dict(values)
-    for k, table in enumerate(tables):
-        name = re.search(r'^name\s*=\s*["\']([^"\']+)["\']', table, flags=re.M)
-        if not table.startswith("[[parameter]]") or name is None or name[1] not in left:
-            continue
-        value, old = float(left.pop(name[1])), re.search(r"^initial\s*=\s*([^\s#]+)", table, flags=re.M)
-        cov = re.search(r"^cov\s*=\s*([^\s#]+)", table, flags=re.M)
-        table = re.sub(r"^initial\s*=\s*[^\s#]+", f"initial = {value!r}", table, count=1, flags=re.M)
-        if cov is not None and old is not None:
-            std = float(cov[1]) * abs(float(old[1]))
-            table = re.sub(r"^cov\s*=\s*[^\s#]+", f"std = {std!r}", table, count=1, flags=re.M)
-        tables[k] = table
-    if left:
-        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found",
-                         "write name = \"...\" on a line")
-    return "".join(tables)
-
-
 def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
@@ -539,22 +364,21 @@ def refuse_without_members(path: Path) -> None:
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved,
-             damping: MeasuredDamping, named, left_out, seed: int, progress: Progress) -> dict | None:
-    """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. named:
-    `_mode_labels`."""
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, drawn: DrawnModels, modes,
+             damping: MeasuredDamping, left_out, seed: int, progress: Progress) -> dict | None:
+    """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. modes: of every
+    draw labels and frequencies, and what names those of a solution."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
-    sensors = model_sensors(path) or None
-    found = assess(given, path, model.parameters, sensors, draws, damping.for_draws(len(draws)), seed=seed,
-                   progress=progress)
-    n = solved[0].frequency_hz.size
-    first = model.solve(model.parameters.initial, n)
-    factors = frequency_factors(given, [named(one) for one in solved], [one.frequency_hz for one in solved],
-                                (named(first), first.frequency_hz), found.gains, named)
+    draws, sensors = drawn.theta[:, : drawn.n_own], model_sensors(drawn.path) or None
+    found = assess(given, drawn.path, model.parameters, sensors, draws, damping.for_draws(len(draws)), seed=seed,
+                   unknown=drawn.unknown, progress=progress)
+    labels, frequency_hz, named = modes
+    first = model.solve(model.parameters.initial, frequency_hz[0].size)
+    factors = frequency_factors(given, labels, frequency_hz, (named(first), first.frequency_hz), found.gains, named)
     assumed = found.model.conditions.damping.ratio
     left_out += damping.notes(assumed)
     left_out.append(SLOW_CYCLES)
@@ -568,15 +392,13 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     return dict(found.summary) | {"conditions": given.file.name, "conditions_sha256": _sha(given.file)}
 
 
-def _mode_labels(model: Model, data: ModalData | None):
-    """ModalSolution -> names of its modes, as those of the measured ones."""
-    families = NEUTRAL if data is not None and {*map(family, data.labels or ())} & {*NEUTRAL[:2]} else TURBINE
-    return lambda one: mode_labels(model, one, families=families)
+def _families(data: ModalData | None) -> tuple[str, ...]:
+    """Of modes' names, as those of the measured ones."""
+    return NEUTRAL if data is not None and {*map(family, data.labels or ())} & {*NEUTRAL[:2]} else TURBINE
 
 
-def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) -> MeasuredDamping:
-    """modes.csv: frequencies of every draw, named by `_mode_labels`; damping ratios as measured."""
-    labels = [named(one) for one in solved]
+def _modes(files: _Files, labels, solved, data: ModalData | None, left_out, rng) -> MeasuredDamping:
+    """modes.csv: frequencies of every draw with their labels; damping ratios as measured."""
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]
     damping, assessed, error, scatter = {}, {}, {}, {}
@@ -626,15 +448,14 @@ def _modes(files: _Files, named, solved, data: ModalData | None, left_out, rng) 
 
 
 def _superelements(
-    files: _Files, count: int, path: Path, names: tuple[str, ...], n_mode: int, left_out: list[str],
-    progress: Progress,
+    files: _Files, drawn: DrawnModels, n_mode: int, left_out: list[str], progress: Progress
 ) -> float | None:
     """superelements/NNN.{guyan,cb}.{npz,dat} of the files that were written; returns the largest truncation error of
     the first two frequencies, None where none were made."""
-    reduce = _reducer(path, names, left_out)
+    reduce = _reducer(drawn, files.folder / "models" / "001", left_out)
     if reduce is None:
         return None
-    folder = files.folder / "superelements"
+    folder, count = files.folder / "superelements", len(drawn.theta)
     worst = 0.0
     for k in range(count):
         progress("writing superelements", k, count)
@@ -651,9 +472,11 @@ def _superelements(
 
 
 def _reducer(
-    path: Path, names: tuple[str, ...], left_out: list[str]
+    drawn: DrawnModels, first: Path, left_out: list[str]
 ) -> Callable[[Path, int], tuple[Superelement, str]] | None:
-    """What makes a superelement, and says where it ends, of a folder of models/ and a number of modes."""
+    """What makes a superelement, and says where it ends, of a folder of models/, as the `first`, and a number of
+    modes."""
+    path, names = drawn.path, drawn.model.parameters.names
     if is_subdyn(path):
         if unspeakable(path):
             left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
@@ -664,7 +487,7 @@ def _reducer(
             return None
 
         def reduce_file(folder: Path, n_mode: int):
-            file = read_subdyn(folder / _path_in_draw(path), folder)
+            file = read_subdyn(folder / path_in_draw(path), folder)
             return superelement(file, n_mode=n_mode), f"interface joints {[i.joint for i in file.interfaces]}"
 
         return reduce_file
@@ -672,9 +495,8 @@ def _reducer(
         left_out.append("superelements: a model of matrices does not say at which node it would be cut")
         return None
 
-    turbine = read_turbine(path)
     try:
-        below = turbine_substructures(turbine, names)
+        below = turbine_substructures(read_turbine(first / "model.toml"), names)
     except NothingBelow as error:
         left_out.append(f"superelements: {error}")
         return None

@@ -105,10 +105,11 @@ def assess(
     dampings: Sequence[StateDamping],
     *,
     seed: int,
+    unknown: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> FatigueResult:
     """Fatigue and reliability at the design (initial parameters, the file's damping), over the prior and over draws
-    (n_draw, n_param) of the posterior with their damping ratios."""
+    (n_draw, n_param) of the posterior with their damping ratios and tolerances `unknown` (n_draw, n_source)."""
     rng = np.random.default_rng(seed)
     full = fatigue_model_of(path, given.file, parameters=parameters, sensors=sensors)
     prior = parameters.draw(rng, PRIOR_DRAWS)
@@ -134,7 +135,9 @@ def assess(
     else:
         parts, direct, gain = _variance_parts(given, path, few, slope, damping, progress)
         if direct is not None:
-            factor = _with_tolerances(factor, direct, given.updated[0], draws, rng)
+            problem = given.updated[0]
+            unknown = tolerance_draws(problem, draws, rng) if unknown is None else unknown
+            factor = _with_tolerances(factor, direct, problem, unknown, rng)
     moments = _moments(factor, None if parts is None else parts["set_to_set"])
     if given.named is not None:
         moments |= _with_causes(given.named, given.file, few, curve, dampings, progress, left_out)
@@ -168,11 +171,10 @@ def _variance_parts(
 
 
 def _with_tolerances(
-    factor: Mapping[str, list[np.ndarray]], direct: np.ndarray, problem: Problem, draws: np.ndarray, rng
+    factor: Mapping[str, list[np.ndarray]], direct: np.ndarray, problem: Problem, unknown: np.ndarray, rng
 ) -> dict[str, list[np.ndarray]]:
     """ln X_dyn of every draw with what tolerances add to it: given the data, of the updated; as stated, of the
     design."""
-    unknown = tolerance_draws(problem, draws, rng)
     updated, design = np.array(factor["updated"]), np.array(factor["design"])
     stated = np.array([s.std for s in problem.error_sources])
     drawn = stated * rng.standard_normal((len(design), len(stated)))

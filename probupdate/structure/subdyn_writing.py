@@ -20,6 +20,8 @@ from probupdate.structure.frame import Beam, Frame, Tie
 
 NOT_WRITTEN = ("added mass, growth and filling of members in water, which HydroDyn computes",
             "the softening by the structure's own weight")
+# kinds of effects it has no word for
+UNSPOKEN = ("hinge", "slip", "shear")
 # of what a connection does not release, over the stiffest beam in it: SubDyn's springs have no rigid directions
 RIGID = 1e4
 SAME_PLACE_M = 1e-9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,9 +26,10 @@ from probupdate.structure.load import load_model, model_files
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.structure.tangent import Tangent, write_tangent
 from probupdate.updating.discrepancy import LikelihoodSettings
-from probupdate.updating.posterior_file import read_posterior
-from probupdate.updating.problem import build_problem
-from probupdate.verbs.estimating import Case, refuse_other_kinds
+from probupdate.updating.joint_set import joint_set
+from probupdate.updating.posterior_file import Posterior, read_posterior
+from probupdate.updating.problem import Problem, build_problem
+from probupdate.verbs.estimating import Case, compared_modes, refuse_other_kinds
 from probupdate.verbs.models import GivenModel, model_path
 
 if TYPE_CHECKING:
@@ -126,7 +127,14 @@ def export(
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.diagnosis.wording import changes_of_structure
-    from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, refuse_unfit
+    from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.export import (
+        ExportSettings,
+        RunResults,
+        export_lifetime,
+        refuse_unfit,
+        refuse_without_members,
+    )
 
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
@@ -140,16 +148,21 @@ def export(
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
     verdict = None if found is None else found["verdict"]
+    settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
     results = RunResults(
         posterior=read_posterior(places["posterior.nc"]), model=load_model(places["model"], parameters=parameters),
         path=places["model"], parameters_file=parameters,
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
         changes=changes_of_structure(found), source=places)
-    settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
     refuse_unfit(results, Path(out), settings, reliability=fatigue is not None)
+    if fatigue is not None:
+        # before minutes of work are spent on the rest
+        read_conditions(fatigue)
+        refuse_without_members(places["model"])
+    results = replace(results, problem=_sampled_problem(folder, places, found, results.posterior, progress))
     return export_lifetime(
         results, Path(out), settings, progress=progress,
-        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress))
+        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, results.problem))
 
 
 def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
@@ -158,29 +171,38 @@ def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | N
     return {name: Path(path) for name, path in given.items() if path is not None}
 
 
-def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
-    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else
-    modes.json; set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are
-    there."""
-    from probupdate.lifetime.conditions import read_conditions
-    from probupdate.lifetime.export import refuse_without_members
+def _sampled_problem(
+    folder: Path, places: Mapping[str, Path], diagnosis: Mapping | None, posterior: Posterior, progress: Progress
+) -> Problem | None:
+    """As `sample` makes it with its default weights, of the set that was sampled: the diagnosis's mean of the blocks in
+    which its findings act, that of nine.json, or of modes.json; None where none of them is there."""
+    likelihood = LikelihoodSettings()
+    mean = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
+    given = [folder / mean] if mean and (folder / mean).is_file() else []
+    given += [places[name] for name in ("nine.json", "modes.json") if name in places]
+
+    def is_sampled(path: Path) -> bool:
+        one = joint_set(compared_modes(path, None, False, likelihood.modes), covariance=likelihood.joint_covariance)
+        return one.data.set().id == posterior.record.get("set_id")
+
+    modes = next((path for path in given if is_sampled(path)), places.get("nine.json", places.get("modes.json")))
+    if modes is None:
+        return None
+    case = Case.of(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
+    return build_problem(case.model, case.joint.data, weights=case.weights)
+
+
+def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Problem | None):
+    """The one model's problem at its maximum; set-wise updates of update.json; and the diagnosis's extended model with
+    its draws, where they are there."""
     from probupdate.lifetime.fatigue_files import FatigueInput, NamedCause
     from probupdate.structure.description_file import read_description
     from probupdate.updating.runs import find_maximum
     from probupdate.updating.update_file import read_update
 
-    # before minutes of work are spent on the rest
-    read_conditions(fatigue)
-    refuse_without_members(places["model"])
-    problem, laplace = None, None
-    modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
-    if modes is not None:
-        case = Case.of(places["model"], modes, LikelihoodSettings(), parameters=places.get("parameters"),
-                       progress=progress)
-        model, weights = case.model, case.weights
-        problem = build_problem(model, case.joint.data, weights=weights)
-        # the maximum was found for the weights already
-        laplace = find_maximum(problem, [model.parameters.initial if weights.at is None else np.array(weights.at)])
+    # the maximum was found for the weights already
+    laplace = None if problem is None else find_maximum(
+        problem, [problem.model.parameters.initial if problem.weights.at is None else np.array(problem.weights.at)])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")

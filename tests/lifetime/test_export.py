@@ -13,7 +13,8 @@ from probupdate.diagnosis.wording import changes_of_structure
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
-from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table, with_initial
+from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table
+from probupdate.lifetime.model_files import with_initial
 from probupdate.lifetime.superelement import frequencies, read_extptfm, superelement
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
