@@ -110,11 +110,13 @@ def variance_shares(
 
 
 def tolerance_draws(
-    problem: Problem, thetas: np.ndarray, rng: np.random.Generator, *, response: np.ndarray | None = None
+    problem: Problem, thetas: np.ndarray, rng: np.random.Generator, *, response: np.ndarray | None = None,
+    lowest: np.ndarray | None = None,
 ) -> np.ndarray:
     """(n, n_source) draws of the tolerances in their units, differences from what is stated, given the data and each of
-    thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it.
-    `response`: the problem's prediction (n, n_response) at thetas, where it is known already."""
+    thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it. What
+    falls below `lowest` (n_source,) is held there, and the others are given that. `response`: the problem's prediction
+    (n, n_response) at thetas, where it is known already."""
     std = np.array([s.std for s in problem.error_sources])
     mean = np.array([s.mean for s in problem.error_sources])
     B = problem.noise_root @ problem.factor
@@ -123,4 +125,18 @@ def tolerance_draws(
     # what a source is expected to do (its mean) is in the prediction
     residual = (problem.measured - response) @ problem.noise_root.T
     unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
-    return mean + std * unit
+    return mean + std * (unit if lowest is None else _held_above(unit, (lowest - mean) / std, root @ root.T))
+
+
+def _held_above(draws: np.ndarray, lowest: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Draws (n, n_source) of a Gaussian with what lies below `lowest` set to it, and the others moved as they follow
+    from that: what the data say of all together stays."""
+    found = np.array(draws)
+    for row, drawn in zip(found, draws, strict=True):
+        held = np.zeros(len(row), bool)
+        while np.any(below := (row < lowest) & ~held):
+            held |= below
+            own = covariance[np.ix_(held, held)]
+            row[:] = drawn + covariance[:, held] @ np.linalg.solve(own, lowest[held] - drawn[held])
+            row[held] = lowest[held]
+    return found

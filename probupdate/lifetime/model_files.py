@@ -65,9 +65,11 @@ class DrawnModels:
         sources = () if problem is None else problem.error_sources
         if problem is None or not sources:
             return cls(path=path, parameters_file=parameters_file, model=model, theta=draws)
-        unknown = tolerance_draws(problem, draws, rng)
         # of a SubDyn model's structure, and of matrices, none are stated
         rows = getattr(getattr(problem.model, "uncertainty", None), "tolerances", ())
+        # no scour below nothing; factors keep above zero by themselves
+        least = {row.source.name: row.effect.lower - row.effect.neutral for row in rows if row.effect.neutral != 1}
+        unknown = tolerance_draws(problem, draws, rng, lowest=np.array([least.get(s.name, -np.inf) for s in sources]))
         if not rows:
             return cls(path=path, parameters_file=parameters_file, model=model, theta=draws, unknown=unknown,
                        differences=unknown)
@@ -105,9 +107,9 @@ class DrawnModels:
 
 
 def _value(effect: EffectParameter, change: np.ndarray) -> np.ndarray:
-    """Of an effect's parameter for changes (n,) that are small: of a factor its logarithm's, as several factors of one
-    soil multiply, and changes that cancel in sum would not; none beyond its bounds, as of scour below nothing."""
-    return np.exp(change) if effect.neutral == 1 else np.clip(effect.neutral + change, effect.lower, effect.upper)
+    """Of an effect's parameter for changes (n,): of a factor they are its logarithm's, as several factors of one soil
+    multiply, and changes that cancel in sum would not."""
+    return np.exp(change) if effect.neutral == 1 else effect.neutral + change
 
 
 def write_models(files, drawn: DrawnModels, left_out: list[str], progress: Progress) -> list[ModalSolution]:

@@ -316,7 +316,7 @@ def test_the_command_names_the_mistake_before_it_works(run, capsys):
     (folder / "bad.toml").write_text((folder / "fatigue.toml").read_text().replace("tp_s", "tp", 1))
     words = ["export", str(folder), "--to", "lifetime", str(folder / "never"), "--fatigue"]
     assert main([*words, str(folder / "bad.toml")]) == 2
-    assert "tp_s: is missing" in capsys.readouterr().err
+    assert "did you mean 'tp_s'?" in capsys.readouterr().err
     assert main([*words, str(folder / "absent.toml")]) == 2
     capsys.readouterr()
     assert main([*words, str(folder / "fatigue.toml"), "--draws", "1"]) == 2
