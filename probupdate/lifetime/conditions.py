@@ -229,7 +229,7 @@ def read_conditions(path: str | Path) -> Conditions:
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
         problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must')}"
         problem, remedy = {
-            "missing": ("is missing", "add it; studies/lifetime/fatigue.toml has every key"),
+            "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
                                 nearest(str(first["loc"][-1]), condition_keys(Conditions))),
         }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 KINDS = ("monopile", "jacket", "tower", "matrices")
+# kinds whose fatigue is assessed
+WITH_WAVES = ("monopile", "jacket")
 # of the matrices' example: floors of a building on a plan, storey stiffness along x and y and in torsion
 N_FLOOR, STOREY_M, PLAN_M = 5, 3.5, (12.0, 8.0)
 FLOOR_KG, ALONG_X_NPM, ALONG_Y_NPM = 6.0e4, 9.0e7, 6.0e7
@@ -49,8 +51,9 @@ class Template:
 
 def template(kind: str, out: str | Path) -> Template:
     """Write a model of a kind ('monopile', 'jacket', 'tower' or 'matrices'): into the folder `out`, with a
-    campaign.toml for its sensors, or where `out` ends in .toml (.npz of matrices) as that file alone. Raises InputError
-    for another kind, or where a file of that name is there already."""
+    campaign.toml for its sensors and, of those at sea, loads and welds for `export --fatigue`; or where `out` ends in
+    .toml (.npz of matrices) as that file alone. Raises InputError for another kind, or where a file of that name is
+    there already."""
     if kind not in KINDS:
         raise InputError("kind", f"'{kind}' is not a template", f"choose from {', '.join(KINDS)}")
     out = Path(out)
@@ -62,7 +65,8 @@ def template(kind: str, out: str | Path) -> Template:
     model = out if alone else out / name
     table = [model.with_name("parameters.toml")] if kind == "matrices" else []
     campaign = () if alone else (out / "campaign" / "campaign.toml",)
-    for path in (model, *table, *campaign):
+    fatigue = [] if alone or kind not in WITH_WAVES else [out / "fatigue.toml"]
+    for path in (model, *table, *fatigue, *campaign):
         if path.exists():
             raise InputError(str(path), "already exists", "name another place")
     if kind == "matrices":
@@ -72,9 +76,11 @@ def template(kind: str, out: str | Path) -> Template:
     else:
         write_text(model, _packaged_text(f"{kind}.toml"))
         sensors = model_sensors(model) or ()
+    for path in fatigue:
+        write_text(path, _packaged_text("fatigue.toml") + _packaged_text(f"details_{kind}.toml"))
     for path in campaign:
         write_text(path, campaign_text(kind, sensors))
-    return Template(kind=kind, files=(model, *table, *campaign))
+    return Template(kind=kind, files=(model, *table, *fatigue, *campaign))
 
 
 def _packaged_text(name: str) -> str:

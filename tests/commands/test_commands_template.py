@@ -10,9 +10,12 @@ from scipy import linalg, signal
 
 import probupdate
 from probupdate.cli import main
-from probupdate.structure.description_file import parse_description
+from probupdate.lifetime.conditions import read_conditions
+from probupdate.lifetime.details import find_details
+from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import turbine_model
 from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.turbine_frame import build_frame
 
 RATE_HZ, MINUTES, SEED = 20.0, 10, 3
 
@@ -28,6 +31,16 @@ def test_each_template_has_its_modes_and_a_campaign(kind, tmp_path, capsys):
     assert {*first, "T1"} <= set(answer["label"]) and not any("implausible" in note for note in answer["notes"])
     campaign = read_toml(tmp_path / "run" / "campaign" / "campaign.toml")
     assert [s["channel"] for s in campaign["sensor"]] == list(probupdate.open_model(model).channels)
+
+
+@pytest.mark.parametrize("kind, sides", [("monopile", {"weld"}), ("jacket", {"weld", "chord", "brace"})])
+def test_loads_and_welds_of_a_template_are_those_of_its_model(kind, sides, tmp_path):
+    probupdate.template(kind, tmp_path / "run")
+    conditions = read_conditions(tmp_path / "run" / "fatigue.toml")
+    description = read_description(tmp_path / "run" / "model.toml")
+    details, spots = find_details(description, build_frame(description), conditions, "fatigue.toml")
+    assert {s.side for s in spots} == sides and len(details) > 3
+    assert {s.curve for s in spots} <= set(conditions.curve)
 
 
 def test_a_template_is_written_over_nothing(tmp_path, capsys):
