@@ -230,7 +230,8 @@ def pair_covariances(
     """
     first_lag, weights = covariance_weights(rate_hz, target_hz, n_lag)
     rest, back = _control(data)
-    pairs = _Pairs(rest, first_lag, first_lag + weights.shape[1] - 1)
+    # in single precision: what is lost leaves far more scatter
+    pairs = _Pairs(rest.astype("f4"), first_lag, first_lag + weights.shape[1] - 1)
     references = pairs.references()
     if not len(references):
         raise InputError("record", "at some time lag no pair of samples of a channel was measured",
