@@ -135,12 +135,12 @@ def prepare(
 def _felt(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
     """Without those that name channels of which the record has none, or the same as another's that is alike in all
     else."""
-    known: set[tuple[frozenset[str], object]] = set()
+    known: set[tuple[object, ...]] = set()
     for e in effects:
         settings = {} if e.adds is None else e.adds.settings
         named = cast(tuple[str, ...], settings.get("channels", ()))
         own = frozenset(named) & frozenset(channels)
-        key = own, settings.get("towards_m")
+        key = own, settings.get("towards_m"), e.cause
         if named and (not own or key in known):
             continue
         known.add(key)
@@ -173,7 +173,7 @@ def of_channels_tried(
         return model, effects
     felt = np.flatnonzero(np.diff(sparse.csr_array(model.tilt_matrix).indptr) > 0)
     stated = [(model.channels[k], bool(model.gravity.share[k] > 0.5)) for k in felt]
-    rows = gravity_effects(stated, model.parameters.names)
+    rows = gravity_effects(stated, sensors, model.parameters.names)
     added = [(e.adds, tuple(e.adds.settings["channels"])) for e in rows if e.adds is not None]
     return with_reversed_gravity(model, [(p.parameter, channels) for p, channels in added]), (*effects, *rows)
 

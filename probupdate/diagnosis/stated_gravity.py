@@ -1,4 +1,4 @@
-"""Whether what is stated of gravity in the readings is right: one question of its own, beside the search for the rest.
+"""Whether what is stated of gravity in all readings is right: one question of its own, beside the search for the rest.
 
 A search through thousands of candidates asks each of them for a score that none reaches by chance; a statement that is
 right or wrong is one candidate, known beforehand, with one size. Its estimate at the final fit, with all that is normal
@@ -15,7 +15,7 @@ from scipy import special, stats
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.engine.verdict import CHANCE, SURE
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding
-from probupdate.effects.gravity import CAUSE
+from probupdate.effects.gravity import ALL, CAUSE
 
 # false alarms of this one test
 FALSE_ALARM = 0.01
@@ -29,8 +29,8 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
     problem, fitted = outcome.problem, outcome.fitted
     design = fitted.design
     named = {f.key for f in found.findings}
-    rows = [k for k, (j, _) in enumerate(design.which) if problem.effects[j].cause == CAUSE
-            and problem.effects[j].key not in named and design.share_left[k] > LEAST_LEFT]
+    asked = [e.cause == CAUSE and ALL in e.location and e.key not in named for e in problem.effects]
+    rows = [k for k, (j, _) in enumerate(design.which) if asked[j] and design.share_left[k] > LEAST_LEFT]
     if not rows:
         return found
     score = design.scores(fitted.centred)

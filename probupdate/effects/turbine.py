@@ -64,7 +64,7 @@ def turbine_effects(d: Description, *, sensors: Sequence[Sensor] | None = None) 
     if isinstance(d, Offshore):
         rows += [*_soil(d), *_water(d)]
     rows += [*_masses(d), *_environment(d), *_heights(d, placed),
-             *gravity_effects(level, [p.name for p in d.parameter])]
+             *gravity_effects(level, placed, [p.name for p in d.parameter])]
     return tuple(rows)
 
 

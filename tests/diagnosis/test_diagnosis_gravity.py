@@ -8,7 +8,7 @@ import pytest
 import probupdate
 from probupdate.diagnosis.prepare import prepare
 from probupdate.effects.gravity import CAUSE, gravity_effects
-from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from tests.structure.test_gravity_readings import beam_arrays
 
 CHANNELS = tuple(f"{axis}{node}" for node in (9, 19, 29, 39) for axis in "xy")
@@ -33,14 +33,15 @@ def beam(tmp_path_factory):
 
 
 def record(beam, *, feel, stated, seed=1, n_set=40):
-    """Sets of the first two pairs as channels read them that feel gravity or not, scattered by 0.1 % and 0.3 %."""
+    """Sets of the first two pairs as channels read them that feel gravity or not (`feel`: all, or one by one),
+    scattered by 0.1 % and 0.3 %."""
     rng = np.random.default_rng(seed)
     # motion and rotation of the channels' places from the basis; what is read of them is put together here
     local = beam.small.at(np.array(beam.small.parameters.initial))
     modes = local.solve(0.0, 4)
     seen = local.at_channels @ modes.vectors[:, :4]
     n, square = len(CHANNELS), (2 * np.pi * modes.frequency_hz[:4]) ** 2
-    shape = seen[:n] + (9.80665 / square * seen[n:] if feel else 0.0)
+    shape = seen[:n] + 9.80665 / square * seen[n:] * np.broadcast_to(feel, n)[:, None]
     shape = shape / np.abs(shape).max(axis=0)
     sets = []
     for k in range(n_set):
@@ -66,6 +67,18 @@ def test_a_wrong_statement_is_found_and_a_right_one_is_none(beam, feel, stated):
     assert f"gravity = {'true' if feel else 'false'}" in first.check or len(found.findings) == 1
 
 
+@pytest.mark.parametrize(("place", "stated"), [(0, True), (1, False), (2, True)])
+def test_one_sensor_of_which_gravity_is_wrongly_stated_is_named(beam, place, stated):
+    feel = np.full(len(CHANNELS), stated)
+    feel[2 * place : 2 * place + 2] = not stated
+    found = probupdate.diagnose(replace(beam, discrepancy=3e-4), record(beam, feel=feel, stated=stated), seed=1,
+                                extend=False, sampler=False)
+    first = found.findings[0]
+    assert (found.verdict, first.cause, len(found.findings)) == ("named", CAUSE, 1), found.findings
+    assert all(name in first.location for name in CHANNELS[2 * place : 2 * place + 2])
+    assert first.size == pytest.approx(1.0, abs=3 * first.size_std)
+
+
 def test_rows_are_by_what_is_stated():
     both = gravity_effects((("a", True), ("b", False)))
     assert [e.location for e in both] == ["horizontal channels that are stated with it",
@@ -73,3 +86,6 @@ def test_rows_are_by_what_is_stated():
     one = gravity_effects((("a", False), ("b", False)))
     assert [(e.location, e.adds.settings["channels"]) for e in one] == [("all horizontal channels", ("a", "b"))]
     assert gravity_effects(()) == ()
+    sensors = [Sensor(channel=c, level="", position_m=(0, 0, z), direction=(1, 0, 0)) for c, z in (("a", 5), ("b", 9))]
+    assert [e.location for e in gravity_effects((("a", True), ("b", True)), sensors)] == [
+        "all horizontal channels", "a", "b"]
