@@ -270,7 +270,8 @@ def runaway_clocks(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
     found = {}
     days = np.array([(b.start - compared[0].start) / pd.Timedelta(days=1) for b in compared])
     for c, name in enumerate(channels):
-        within = [k for k, b in enumerate(compared) if b.drift[c]]
+        # not known of channels that a block could not compare
+        within = [k for k, b in enumerate(compared) if np.nan_to_num(b.drift[c])]
         if within and len(within) >= SHARE * sum(np.isfinite(b.drift[c]) for b in compared):
             found[name] = 86400 * float(np.median([compared[k].drift[c] for k in within])), compared[within[-1]].id
     if len(days) < FEWEST_STEPS + 1:
