@@ -62,13 +62,17 @@ def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) 
         if len(shared) < 2 or len(pairs := _pairs(first, second, shared)) < 2:
             continue
         one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
-        if _disagree(one, two):
+        against = [k for k, c in enumerate(shared) if _sense(first, c) * _sense(second, c) < 0]
+        mended = _Change(order=tuple(range(len(shared))), reversed_=tuple(against)).of(two)
+        # of modes that move along one direction each a reversal changes little, and that as a whole
+        if _disagree(one, two) or _mac_deficit(one, mended).mean() < REMAINING * _mac_deficit(one, two).mean():
             notes.append(_refuse_explained(first, second, shared, one, two))
             continue
-        if all(_sense(first, c) * _sense(second, c) < 0 for c in shared):
-            notes.append(f"{', '.join(shared)} move with the other sensors of their directions in one of the setups "
-                         f"{first.name} and {second.name}, and against them in the other: if no mode does so, all are "
-                         "reversed there, and so is its part of the shapes; turn their directions in its campaign.toml")
+        if against:
+            notes.append(f"{', '.join(shared[k] for k in against)} move with the other sensors of their directions in "
+                         f"one of the setups {first.name} and {second.name}, and against them in the other: if no mode "
+                         "does so, they are reversed there, and so is its part of the shapes; turn their directions in "
+                         "its campaign.toml")
         if away := _ln_shift(first, second, pairs):
             notes.append(f"the frequencies of {second.name} are {100 * abs(away):.2g} % "
                          f"{'above' if away > 0 else 'below'} those of {first.name}, with equal shapes: the "

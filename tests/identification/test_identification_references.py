@@ -53,6 +53,26 @@ def test_a_reversed_reference_is_named_with_what_mends_it(more, row):
         compare_references([one, two], references)
 
 
+@pytest.mark.parametrize("row", [None, 0, 1])
+def test_a_reversal_shows_where_each_mode_moves_along_one_direction(row):
+    """Of a chimney, references at its top: what a reversal changes is a twentieth of the motion, yet of each mode."""
+    height, both = np.arange(1, 7) / 6, []
+    along_x = np.column_stack([height**2, 0.05 * height**2, height * np.sin(4.9 * height), 0.05 * height])
+    along_y = np.column_stack([-0.05 * height**2, height**2, 0.05 * height, height * np.sin(4.7 * height)])
+    for name, levels, seed in (("one", (1, 2, 3), 1), ("two", (4, 5), 2)):
+        rows = [s[k - 1] for k in (6, *levels) for s in (along_x, along_y)]
+        names = [f"T{k}-{d}" for k in (6, *levels) for d in "xy"]
+        noise = 3e-3 * np.random.default_rng(seed).standard_normal((len(rows), 4))
+        sensors = tuple(Sensor(channel=c, level=c[:2], position_m=[0, 0, 10.0], quantity="acceleration", unit="m/s2",
+                               direction=[1, 0, 0] if c.endswith("x") else [0, 1, 0]) for c in names)
+        both.append(SetupModes(name=name, sensors=sensors, frequency_hz=FREQUENCY, shape=np.array(rows) + noise))
+    if row is None:
+        assert compare_references(both, ["T6-x", "T6-y"]) == []
+        return
+    with pytest.raises(InputError, match=f"{['T6-x', 'T6-y'][row]} is reversed between the setups"):
+        compare_references([both[0], changed(both[1], [row], -1.0)], ["T6-x", "T6-y"])
+
+
 def test_exchanged_references_are_named():
     one, two = setup("one", (1, 2), 1, True), changed(setup("two", (3, 4), 2, True), [0, 3], order=[3, 0])
     with pytest.raises(InputError, match="R1-x and R2-y are exchanged between the setups"):
