@@ -89,19 +89,14 @@ class Design:
         return tuple(result)
 
     @cached_property
-    def _aggregators(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_profile + ..., n_bin, n_block): weights that sum blocks up."""
-        onehot = (self.bin_of[None, :] == np.arange(self.n_bin)[:, None]).astype(float)
-        return tuple(
-            h[:, None, :] * onehot[None] * w
-            for h, w in zip(self._profile_values, self.noise.weight, strict=True)
-        )
+    def _blocks_in_bins(self) -> list[np.ndarray]:
+        return [np.flatnonzero(self.bin_of == g) for g in range(self.n_bin)]
 
     @cached_property
     def _times(self) -> tuple[np.ndarray, ...]:
         """Per group (n_bin, n_row, n_row): weighted products of time profiles, summed over a bin's blocks."""
-        return tuple(np.einsum("cgb,db->gcd", A, h, optimize=True)
-                     for A, h in zip(self._aggregators, self._profile_values, strict=True))
+        return tuple(np.array([(h[:, own] * w[own]) @ h[:, own].T for own in self._blocks_in_bins])
+                     for h, w in zip(self._profile_values, self.noise.weight, strict=True))
 
     @cached_property
     def _offsets(self) -> list[slice]:
@@ -181,7 +176,7 @@ class Design:
     def with_error_scale(self, error_scale: float) -> Design:
         """The design with another `error_scale`; what does not depend on it is not worked out again."""
         other = replace(self, error_scale=error_scale)
-        for name in ("_aggregators", "_times", "_by_profile", "_information"):
+        for name in ("_times", "_by_profile", "_information"):
             vars(other)[name] = getattr(self, name)
         return other
 
@@ -287,11 +282,11 @@ class Design:
         raw = self.own_information
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
-    def _sums(self, residuals: Sequence[np.ndarray], first: int = 0) -> list[np.ndarray]:
-        """Per group (..., n_row, n_bin, n_response) of residuals (..., n_block, n_response), rows from `first` on."""
-        return [np.tensordot(A[first:], y, axes=(2, -2)) if y.ndim == 2
-                else np.moveaxis(np.tensordot(A[first:], y, axes=(2, 1)), 2, 0)
-                for A, y in zip(self._aggregators, residuals, strict=True)]
+    def _sums(self, residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Per group (..., n_row, n_bin, n_response) of residuals (..., n_block, n_response), weighted and along the
+        time profiles of what is known, the rows behind the candidates'."""
+        return [np.stack([(h[len(self.time_profiles):, own] * w[own]) @ y[..., own, :] for own in self._blocks_in_bins],
+                         axis=-2) for h, w, y in zip(self._profile_values, self.noise.weight, residuals, strict=True)]
 
     def scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of residuals per group (..., n_block, n_response), zero where not measured."""
@@ -329,7 +324,7 @@ class Design:
 
     def unknowns(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """Most probable c, sizes, offsets and model-error scales (..., n_unknown) when nothing else is wrong."""
-        return self._solve(self._right(self._sums(residuals, len(self.time_profiles))).T).T
+        return self._solve(self._right(self._sums(residuals)).T).T
 
     def misfit(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
@@ -337,7 +332,7 @@ class Design:
 
     def misfits(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> np.ndarray:
         """`misfit` (n,) of residuals (n, n_block, n_response) per group."""
-        right = self._right(self._sums(residuals, len(self.time_profiles)))
+        right = self._right(self._sums(residuals))
         half = self._factor_held(tuple(held)).half((self.prior_std * right).T)
         # searching for the order of so small products costs more than they do
         total = sum(np.sum((y @ P) * y, axis=2) @ w for w, y, P in
@@ -480,7 +475,7 @@ class Design:
             for first in range(0, size, at_once):
                 part = slice(first, first + at_once)
                 noise = [y[part] for y in residuals]
-                right = self._right(self._sums(noise, len(self.time_profiles))) + unknown[part] @ self._information
+                right = self._right(self._sums(noise)) + unknown[part] @ self._information
                 result[start + first : start + min(first + at_once, size)] = self.raw_scores(
                     noise, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)
