@@ -14,7 +14,7 @@ from probupdate.updating.joint_file import FarmJoint, MonthValue, TurbineRow
 from probupdate.updating.settings import CONSTANTS
 
 SURE = CONSTANTS.outlier_sure
-ROW_IN, MOST_NAMED = 0.16, 12
+ROW_IN, MOST_NAMED, LINES = 0.16, 12, 10
 # rows of what to measure next
 SHOWN = 10
 
@@ -107,6 +107,8 @@ def turbine_picture(found: FarmJoint) -> Picture:
                 axes.plot([row.tikhonov], [place], color=style.GREY, marker="|", markersize=6, linestyle="")
             style.label_axes(axes, f"{population.parameter} [{population.unit}]", "")
         panels[0].set_yticks(y, found.turbines)
+        for label, odd in zip(panels[0].get_yticklabels(), found.odd_probability, strict=True):
+            label.set_color(style.RED if odd >= SURE else label.get_color())
         panels[0].set_ylim(-0.6, len(y) - 0.4)
         return figure
 
@@ -129,23 +131,32 @@ def month_picture(months: Sequence[MonthValue]) -> Picture:
         times = sorted({m.month for m in months}, key=natural_order)
         figure = style.new_figure(style.FULL_IN, 0.9 + 1.3 * len(names))
         panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        turbines = list(dict.fromkeys(m.turbine for m in months))
         for axes, name in zip(panels, names, strict=True):
-            for turbine in dict.fromkeys(m.turbine for m in months):
+            ends: dict[str, float] = {}
+            for turbine in turbines:
                 mine = [m for m in months if m.parameter == name and m.turbine == turbine]
-                x = [times.index(m.month) for m in mine]
-                y = [m.value for m in mine]
-                axes.errorbar(x, y, yerr=[m.std for m in mine], linewidth=1.0, elinewidth=0.7, marker=".")
-                if len({m.turbine for m in months}) <= MOST_NAMED:
-                    axes.annotate(turbine, (x[-1], y[-1]), xytext=(5, 0), textcoords="offset points", fontsize=7,
-                                  va="center")
                 far = [m for m in mine if m.changed]
+                x, color = [times.index(m.month) for m in mine], style.RED if far else style.GREY
+                axes.errorbar(x, [m.value for m in mine], yerr=[m.std for m in mine], color=color, linewidth=1.0,
+                              elinewidth=0.7, marker=".", zorder=3 if far else 2)
                 axes.plot([times.index(m.month) for m in far], [m.value for m in far], color=style.RED, marker="X",
-                          linestyle="")
+                          linestyle="", zorder=4)
+                if far or len(turbines) <= MOST_NAMED:
+                    ends[turbine] = mine[-1].value
+            # names that would lie on one another are moved apart
+            least = np.diff(axes.get_ylim())[0] / LINES
+            at = -np.inf
+            for turbine, value in sorted(ends.items(), key=lambda pair: pair[1]):
+                at = max(value, at + least)
+                axes.annotate(turbine, (len(times) - 1, value), xytext=(len(times) - 0.9, at), fontsize=7, va="center",
+                              annotation_clip=False)
             unit = next(m.unit for m in months if m.parameter == name)
             style.label_axes(axes, "", f"{name} [{unit}]")
+        panels[-1].set_xlim(-0.3, len(times) - 0.5)
         panels[-1].set_xticks(range(len(times)), times, rotation=30 if len(times) > 4 else 0)
         return figure
 
     return Picture(svg=style.svg_text(draw(), "months"), alt="Parameters of every turbine over its months",
                    caption="By each month's sets alone, given what all turbines share; one standard deviation. "
-                   "Crosses: changed since the month before.")
+                   "Red, with a name: changed since the month before, at the crosses.")

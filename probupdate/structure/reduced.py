@@ -42,6 +42,8 @@ COUPLING = 1e-7
 # share of the checks that decides which of them are far out
 TYPICAL = 0.9
 MAX_ROUNDS = 8
+# points at which each of several models of one basis is verified, at least
+FEWEST_EACH = 12
 # sizes that are tried: the first, and its growth before the smallest is sought between two
 FIRST_SIZE, GROWTH = 32, 1.3
 
@@ -66,48 +68,79 @@ def reduce_basis(
     BOX_ALLOWANCE times the tolerance. Without points the tolerance holds all over the box. Raises ConvergenceError,
     with the last basis as estimate, where it is not met with `max_size` vectors.
     """
+    return reduce_alike([model], n_mode=n_mode, box=box, frequency_tolerance=frequency_tolerance, points=points,
+                        n_snapshot=n_snapshot, n_verify=n_verify, max_size=max_size, seed=seed, progress=progress)[0]
+
+
+def reduce_alike(
+    models: Sequence[AffineModel],
+    *,
+    n_mode: int,
+    box: tuple[np.ndarray, np.ndarray],
+    frequency_tolerance: float,
+    points: np.ndarray | None = None,
+    n_snapshot: int = 96,
+    n_verify: int = 96,
+    max_size: int = 240,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> list[ReducedModel]:
+    """`reduce_basis` of models of one mesh and the same parameters, such as turbines of a design whose nacelles look
+    elsewhere: one basis for all, of snapshots that they take in turn, each verified at its share of the points."""
+    model = models[0]
     lower, upper = (np.asarray(b, float) for b in box)
     if lower.shape != (len(model.parameters),) or np.any(~np.isfinite(lower + upper)) or np.any(lower >= upper):
         raise InputError(f"{model.name}, reduced basis", "the box is empty or unbounded", "give finite lower < upper")
     extremes, likely = _split_extremes(points, len(lower))
     draw = _PointSource(lower, upper, likely, seed, frequency_tolerance)
+    n_each = max(FEWEST_EACH, -(-n_verify // len(models))) if len(models) > 1 else n_verify
     K, _ = model.matrices(0.5 * (lower + upper) if points is None else np.median(points, axis=0))
     at = _snapshot_points(draw(n_snapshot)[0], extremes, lower, upper)
-    snapshots = _solve_full(model, at, n_mode, "snapshots", progress)
-    checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
-    largest = project(model, *_proper_orthogonal(_unmix_modes(snapshots, K), K, max_size), (lower, upper), n_mode,
-                      frequency_tolerance)
+    snapshots = _solve_full(models, at, n_mode, "snapshots", progress)
+
+    def check(what: str) -> list[_Checks]:
+        return [_Checks.solve(one, *draw(n_each), n_mode, what, progress) for one in models]
+
+    def projected(basis, family) -> list[ReducedModel]:
+        return [project(one, basis, family, (lower, upper), n_mode, frequency_tolerance) for one in models]
+
+    def worst(checks: Sequence[_Checks], reduced: Sequence[ReducedModel]) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [found for c, r in zip(checks, reduced, strict=True) for found in c.worst(r)]
+
+    checks = check("size")
+    largest = projected(*_proper_orthogonal(_unmix_modes(snapshots, K), K, max_size))
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
     typical = _smallest(largest, checks, TYPICAL)
     if typical is not None:
-        snapshots += checks.worst(largest.leading(typical))
+        snapshots += worst(checks, [one.leading(typical) for one in largest])
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(_unmix_modes(snapshots, K), K, max_size)
-        largest = project(model, basis, family, (lower, upper), n_mode, frequency_tolerance)
+        largest = projected(basis, family)
         size = _smallest(largest, checks, 1.0)
         if size is None:
             # what was worst joins the snapshots
-            snapshots += checks.worst(largest)
+            snapshots += worst(checks, largest)
             continue
-        reduced = project(model, basis[:, :size], family[:size], (lower, upper), n_mode, frequency_tolerance)
-        reduced = reduced.with_shares(checks.theta)
-        final = _Checks.solve(model, *draw(n_verify), n_mode, "verification", progress)
-        error, least_mac = final.judge(reduced)
-        if np.all(error <= VERIFIED * final.tolerance) and least_mac >= LEAST_MAC:
-            return replace(reduced, report=ReductionReport(
-                size=size, n_snapshot=len(snapshots), n_verify=n_verify,
-                max_frequency_error=float(error[final.tolerance == frequency_tolerance].max()),
+        reduced = [one.with_shares(c.theta)
+                   for one, c in zip(projected(basis[:, :size], family[:size]), checks, strict=True)]
+        final = check("verification")
+        judged = [c.judge(one) for c, one in zip(final, reduced, strict=True)]
+        if all(np.all(error <= VERIFIED * c.tolerance) and least_mac >= LEAST_MAC
+               for c, (error, least_mac) in zip(final, judged, strict=True)):
+            return [replace(one, report=ReductionReport(
+                size=size, n_snapshot=len(snapshots), n_verify=n_each,
+                max_frequency_error=float(error[c.tolerance == frequency_tolerance].max()),
                 max_box_error=float(error.max()), min_mac=least_mac, frequency_tolerance=frequency_tolerance,
-            ))
+            )) for one, c, (error, least_mac) in zip(reduced, final, judged, strict=True)]
         # points that have decided once decide the size from now on; the next verification takes new ones
-        snapshots += final.worst(reduced)
-        checks = checks.joined(final)
-    error, least_mac = checks.judge(largest)
+        snapshots += worst(final, reduced)
+        checks = [c.joined(other) for c, other in zip(checks, final, strict=True)]
+    error, least_mac = max((c.judge(one) for c, one in zip(checks, largest, strict=True)), key=lambda e: e[0].max())
     raise ConvergenceError(
-        f"{model.name}: a basis of {largest.basis.shape[1]} vectors leaves a relative frequency error of "
+        f"{model.name}: a basis of {largest[0].basis.shape[1]} vectors leaves a relative frequency error of "
         f"{error.max():.1e} and a MAC of {least_mac:.5f} where {frequency_tolerance:.0e} is wanted; narrow the box or "
         "allow more vectors",
-        largest,
+        largest[0],
     )
 
 
@@ -164,10 +197,11 @@ class _PointSource:
         return theta, tolerance
 
 
-def _solve_full(model, theta, n_mode, what, progress):
-    """(lambda, phi) of one mode more than asked for: it shows whether the last ones are a pair cut in two."""
+def _solve_full(models, theta, n_mode, what, progress):
+    """(lambda, phi) of one mode more than asked for: it shows whether the last ones are a pair cut in two; the models
+    take turns."""
     solved = []
-    for row in theta:
+    for row, model in zip(theta, cycle(models), strict=False):
         solved.append(model.solve_full(row, n_mode + 1))
         progress(f"reduced basis: {what}", len(solved), len(theta))
     return solved
@@ -185,7 +219,7 @@ class _Checks:
 
     @classmethod
     def solve(cls, model, theta, tolerance, n_mode, what, progress):
-        solved = _solve_full(model, theta, n_mode, what, progress)
+        solved = _solve_full([model], theta, n_mode, what, progress)
         frequency = np.sqrt([value for value, _ in solved]) / (2 * np.pi)
         return cls(model=model, theta=theta, tolerance=tolerance, frequency_hz=frequency, solved=solved)
 
@@ -237,19 +271,23 @@ class _Checks:
         )
 
 
-def _smallest(largest: ReducedModel, checks: _Checks, share: float) -> int | None:
-    """Size of the smallest leading part of the basis that holds at a share of the checks; from below, as small
+def _smallest(largest: Sequence[ReducedModel], checks: Sequence[_Checks], share: float) -> int | None:
+    """Size of the smallest leading part of the basis that holds at a share of each model's checks; from below, as small
     problems are quickly solved."""
-    low, high = largest.n_mode, FIRST_SIZE
-    size = largest.basis.shape[1]
-    while not checks.held(largest.leading(min(high, size)), share):
+    low, high = largest[0].n_mode, FIRST_SIZE
+    size = largest[0].basis.shape[1]
+
+    def held(size: int) -> bool:
+        return all(c.held(one.leading(size), share) for c, one in zip(checks, largest, strict=True))
+
+    while not held(min(high, size)):
         if high >= size:
             return None
         low, high = high, int(GROWTH * high)
     high = min(high, size)
     while high - low > 4:
         middle = (low + high) // 2
-        low, high = (low, middle) if checks.held(largest.leading(middle), share) else (middle, high)
+        low, high = (low, middle) if held(middle) else (middle, high)
     return high
 
 

@@ -141,16 +141,17 @@ def sentences(found: FarmJoint) -> list[str]:
         if row.role == "own":
             continue
         what = row.parameter if row.role == "common" else f"{row.parameter}, mean over turbines,"
-        text = f"{what} {row.mean:.4g} {row.unit} ({row.low:.4g} to {row.high:.4g}; prior {row.prior_mean:.4g} +- " \
+        unit = "" if row.unit == "-" else f" {row.unit}"
+        text = f"{what} {row.mean:.4g}{unit} ({row.low:.4g} to {row.high:.4g}; prior {row.prior_mean:.4g} +- " \
                f"{row.prior_std:.3g}, Tikhonov {row.tikhonov:.4g} +- {row.tikhonov_std:.2g})"
         if row.role == "varying":
-            scatter = "a share of" if row.tau_relative else row.unit
-            text += f"; scatter between turbines {row.tau:.2g} {scatter}" + (" it" if row.tau_relative else "") + \
+            scatter = " a share of it" if row.tau_relative else unit
+            text += f"; scatter between turbines {row.tau:.2g}{scatter}" \
                     f" ({row.tau_low:.2g} to {row.tau_high:.2g}; hyper-prior's median {row.tau_prior:.2g})"
         lines.append(text)
     lines += found.notes
     lines += [f"{m.turbine}, {m.month}: {m.parameter} has changed since the month before, to {m.value:.4g} +- "
-              f"{m.std:.2g} {m.unit}" for m in found.months if m.changed]
+              f"{m.std:.2g}{'' if m.unit == '-' else ' ' + m.unit}" for m in found.months if m.changed]
     if found.next:
         lines.append("what to measure next, by expected information about what all turbines share: " + "; ".join(
             f"{r.measurement} at {r.turbine or 'a turbine without sensors'} ({r.farm_bits:.2f} bits, "

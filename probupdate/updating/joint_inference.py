@@ -21,6 +21,7 @@ from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import refuse_other_types
 from probupdate.updating.hierarchical import SPREAD
+from probupdate.updating.joint_ascent import ALIKE, ROUNDS, FarmAscent, group_inners
 from probupdate.updating.joint_draws import JointDraws, draw_linear
 from probupdate.updating.joint_nonlinear import FarmModels, LinearSet, TurbineModel, draw_nonlinear
 from probupdate.updating.joint_odd import SHARE, OddTurbines, odd_turbines
@@ -29,12 +30,8 @@ from probupdate.updating.joint_scales import LN_RANGE, ScaleChain, Scales, sampl
 from probupdate.updating.joint_system import FarmSystem, Layout, Roles
 from probupdate.updating.problem import Problem
 from probupdate.updating.scales import hyper_scales, log_half_cauchy
-from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error, total
+from probupdate.updating.shared_error import MIXING, Inner, SharedError, shared_error
 
-# linearisations at most, the move of scores at which the estimate stays where it is, the largest in one round, and from
-# which on the scales are learnt: far from the estimate the misfit of straight lines looks like an error of the model,
-# and once that is taken for large, no data move the estimate any more
-ROUNDS, STAYS, FARTHEST, NEAR = 30, 5e-3, 1.0, 0.3
 # scores between which responses are first made linear, as tangents at a bound lead nowhere; an estimate this near to a
 # bound, in prior standard deviations, is at it
 BEGIN, AT_BOUND = 2.5, 0.05
@@ -125,7 +122,8 @@ class JointEstimate:
         estimate, where all that turbines share is known; number: of each month's turbine."""
         problems = [*self.error.problems, *(p for month in months for p in month.problems)]
         own = np.concatenate([self.scores.back(self.error.centre),
-                              *(np.tile(_move_off_bounds(self.scores, m.theta), (len(m.problems), 1)) for m in months)])
+                              *(np.tile(self.scores.back(np.clip(self.scores.to(m.theta), -BEGIN, BEGIN)),
+                                        (len(m.problems), 1)) for m in months)])
         error = shared_error(problems, own, self.scores)
         # modes and channels that the joint inference does not know follow its own, and pairs that mix follow its pairs
         n_pair, first_pair = np.sum(self.error.kind == MIXING), np.sum(error.kind != MIXING)
@@ -135,7 +133,7 @@ class JointEstimate:
         group = np.concatenate([np.full(len(self.error.problems), len(months)),
                                 np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
         layout = Layout.of(self.roles, self.scores.covariance, error.middle)
-        whole = FarmSystem.of(_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
+        whole = FarmSystem.of(group_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
         system = whole.turned(self.turn, self.system.kind, self.system.form).with_wide(self.system.wide[list(number)])
         shared = self.roles.numbers(self.roles.shared)
         joint = self.system.conditional(self.tau, self.common_std)
@@ -157,12 +155,6 @@ class JointEstimate:
                           turbines=tuple(TurbineModel(sets=tuple(own), scores=self.scores) for own in sets))
 
 
-def _inners(error: SharedError, new: tuple[float, float], group: np.ndarray) -> list[Inner]:
-    """Of each group of sets, by its number (n_set,)."""
-    each = error.each(new)
-    return [total([each[s] for s in np.flatnonzero(group == i)]) for i in range(group.max() + 1)]
-
-
 def _new_scales(
     error: SharedError, set_turbine: np.ndarray, roles: Roles, covariance: np.ndarray, tau: np.ndarray
 ) -> tuple[float, float]:
@@ -178,7 +170,7 @@ def _new_scales(
 
     def descent(x: np.ndarray) -> float:
         scales = hyper * np.exp(x)
-        inners = _inners(part, (float(scales[0]), float(scales[1])), set_turbine[some])
+        inners = group_inners(part, (float(scales[0]), float(scales[1])), set_turbine[some])
         system = FarmSystem.of(inners, layout, part.kind, part.form)
         value = system.log_density(tau[None], system.common_std(scales[None, 2:]))[0]
         return -float(value + np.sum(log_half_cauchy(scales, hyper)))
@@ -202,62 +194,34 @@ def estimate_farm(
                 raise InputError(f"turbine {one.name}", "has other parameters or priors than the first turbine's model",
                                  "give turbines of one joint inference the same parameters")
     roles = Roles(names=first.names, common=tuple(common), varying=tuple(varying))
-    scores = NormalScores(parameters=first)
-    set_turbine = np.repeat(np.arange(len(turbines)), [len(t.problems) for t in turbines])
-    problems = [p for t in turbines for p in t.problems]
-    theta = _move_off_bounds(scores, np.array([t.theta for t in turbines]))
-    u = scores.to(theta)
-    shared = roles.numbers(roles.shared)
-    scales = Scales(spread=np.full(len(roles.varying), settings.spread),
-                    hyper=_hyper(problems[0]), learnt=bool(problems[0].weights.scales))
-    weights = problems[0].weights
-    new = tuple(map(float, scales.hyper[:2])) if weights.scales else weights.part(1 - weights.shared)
-    x, learnt, wide, settled, number, odd, moved = None, False, None, False, 0, None, np.inf
-    step, relaxed = np.zeros_like(u), 1.0
-    odd_wide = np.full(len(shared), settings.odd_wide)
+    scores, problems = NormalScores(parameters=first), [p for t in turbines for p in t.problems]
+    hyper, weights = _hyper(problems[0]), problems[0].weights
+    scales = Scales(spread=np.full(len(roles.varying), settings.spread), hyper=hyper, learnt=bool(weights.scales))
+    new = (float(hyper[0]), float(hyper[1])) if weights.scales else weights.part(1 - weights.shared)
+    ascent = FarmAscent(problems=problems, roles=roles, scores=scores, scales=scales, new=new, progress=progress,
+                        set_turbine=np.repeat(np.arange(len(turbines)), [len(t.problems) for t in turbines]))
+    # far from the estimate the misfit looks like an error of the model: values first, at scales as they are expected
+    start = np.clip(scores.to(np.array([t.theta for t in turbines])), -BEGIN, BEGIN)
+    place, _ = ascent.ascend(ascent.start(start), ALIKE)
+    ascent.learnt = True
+    ascent.new = _new_scales(place.error, ascent.set_turbine, roles, scores.covariance, scales.tau(place.x))
+    place, settled = ascent.ascend(ascent.with_error(place.error, place.u, place.z, place.x))
+    odd_wide = np.full(len(ascent.shared), settings.odd_wide)
     while True:
-        number += 1
-        progress("joint estimate", number - 1, ROUNDS)
-        error = shared_error(problems, theta[set_turbine], scores)
-        layout = Layout.of(roles, scores.covariance, error.middle)
-        if moved < NEAR and not learnt:
-            new, learnt = _new_scales(error, set_turbine, roles, scores.covariance,
-                                      scales.tau(np.zeros(len(scales.spread)))), True
-        inners = _inners(error, new, set_turbine)
-        whole = FarmSystem.of(inners, layout, error.kind, error.form)
-        system, turn = whole.informed(scales.hyper, scales.learnt)
-        if wide is not None:
-            system = system.with_wide(wide)
-        x = scales.maximum(system, x) if learnt else np.zeros(scales.n_x(system))
-        reached, z, e = _solve_system(system, scales, x)
-        step, relaxed = _bound_step(reached + error.middle - u, step, relaxed)
-        moved, theta = float(np.max(np.abs(step))), np.clip(scores.back(u + step), first.lower, first.upper)
-        u = scores.to(theta)
-        if (moved < STAYS or number == ROUNDS) and (odd is None or number < ROUNDS):
-            odd = odd_turbines(system, scales, odd_wide, share=settings.odd_share, seed=settings.seed)
-            before, wide = wide, odd.wide(odd_wide)
-            # who is odd is set apart, and all is solved again
-            if np.array_equal(wide, np.zeros_like(wide) if before is None else before):
-                settled = moved < STAYS
-                break
-        if number == ROUNDS and odd is not None:
+        odd = odd_turbines(place.system, scales, odd_wide, share=settings.odd_share, seed=settings.seed)
+        before, ascent.wide = ascent.wide, odd.wide(odd_wide)
+        # who is odd is set apart, and all is solved again
+        if not settled or np.array_equal(ascent.wide, np.zeros_like(ascent.wide) if before is None else before):
             break
-    progress("joint estimate", ROUNDS, ROUNDS)
+        place, settled = ascent.ascend(ascent.with_error(place.error, place.u, place.z, place.x))
+    progress("joint estimate", ROUNDS + 1, ROUNDS + 1)
+    x = place.next_x
+    reached, z, e = _solve_system(place.system, scales, x)
     return JointEstimate(
-        roles=roles, scores=scores, error=error, set_turbine=set_turbine, new=new, inners=tuple(inners), system=system,
-        turn=turn, scales=scales, x=x, z=z + error.middle[shared], e=e,
-        u=frozen_array(reached + error.middle), odd=odd, rounds=number, settled=settled)
-
-
-def _bound_step(step: np.ndarray, before: np.ndarray, relaxed: float) -> tuple[np.ndarray, float]:
-    """A step (n_turbine, n_param) no farther than FARTHEST for any turbine, and shorter the more often it has turned
-    round: steps to and fro are about the estimate."""
-    relaxed = relaxed / 2 if np.sum(before * step) < 0 else min(1.0, 1.2 * relaxed)
-    return step * relaxed / np.maximum(np.max(np.abs(step), axis=1, keepdims=True) / FARTHEST, 1.0), relaxed
-
-
-def _move_off_bounds(scores: NormalScores, theta: np.ndarray) -> np.ndarray:
-    return scores.back(np.clip(scores.to(theta), -BEGIN, BEGIN))
+        roles=roles, scores=scores, error=place.error, set_turbine=ascent.set_turbine, new=ascent.new,
+        inners=place.inners, system=place.system, turn=place.turn, scales=scales, x=x,
+        z=z + place.error.middle[ascent.shared], e=e, u=frozen_array(reached + place.error.middle), odd=odd,
+        rounds=ascent.rounds, settled=settled)
 
 
 def _hyper(problem: Problem) -> np.ndarray:
@@ -271,7 +235,7 @@ def _hyper(problem: Problem) -> np.ndarray:
 def _solve_system(system: FarmSystem, scales: Scales, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     tau = scales.tau(x)
     joint = system.conditional(tau, system.common_std(scales.shared(x, system)))
-    return system.of_turbines(tau, joint)[0], joint.mean[: system.n_z], joint.mean[system.n_z :]
+    return system.means(tau, joint), joint.mean[: system.n_z], joint.mean[system.n_z :]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -18,16 +18,16 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from probupdate.model.interface import ManySolutions
 from probupdate.runtime.executors import Executor, iterate_completed
 from probupdate.runtime.progress import Progress
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.reduced import reduce_basis
+from probupdate.structure.reduced import reduce_alike
 from probupdate.updating.joint_draws import CHUNK, JointDraws, LinearDraws
 from probupdate.updating.joint_prior import NormalScores
 from probupdate.updating.joint_system import FarmSystem
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.solved_once import SolvedOnce
 
 # points of which a reduced basis of a large model is made; how many times as far from their middle they lie as linear
 # draws, which move
@@ -37,22 +37,6 @@ N_BASIS, WIDER = 200, 2.0
 STEPS, SOLVED, SHORTER = 40, 1e-6, 6
 # step of differences of scores
 DIFFERENCE = 3e-4
-
-
-class _Once:
-    """A model that answers the same parameters once: all sets of a turbine ask for the same."""
-
-    def __init__(self, model):
-        self._model, self._known = model, {}
-
-    def __getattr__(self, name: str):
-        return getattr(self._model, name)
-
-    def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
-        key = theta.tobytes(), n_mode
-        if key not in self._known:
-            self._known = {key: self._model.solve_many(theta, n_mode)}
-        return self._known[key]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +71,7 @@ class TurbineModel:
         """Whitened n(u), what the true responses have beside the straight line, projected on (slope, effect, residual)
         and itself: (n, n_param + n_e + 2)."""
         theta = self.theta(u)
-        models: dict[str, Any] = {key: _Once(model) for key, model in fast.items()}
+        models: dict[str, Any] = {key: SolvedOnce(model) for key, model in fast.items()}
         total = 0.0
         for one in self.sets:
             problem = one.problem.with_model(models[one.problem.model.fingerprint()])
@@ -111,7 +95,7 @@ def turbine_bends(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Arrow:
+class Arrow:
     """The linear system of one draw, in w = (z, scatter over its standard deviation and own parameters of each
     turbine), the common error e eliminated: local (n_turbine, n_param, n_local) from a turbine's part of w, at
     `place` (n_turbine, n_local), to u; precision (n_w, n_w) and its factor; follow (n_e, n_w): -e per unit of w."""
@@ -124,7 +108,7 @@ class _Arrow:
     follow: np.ndarray
 
     @classmethod
-    def of(cls, system: FarmSystem, inner: np.ndarray, spread: np.ndarray, std: np.ndarray) -> _Arrow:
+    def of(cls, system: FarmSystem, inner: np.ndarray, spread: np.ndarray, std: np.ndarray) -> Arrow:
         """inner (n_turbine, n_param + n_e, n_param + n_e): inner products of (slope, effect) of each turbine."""
         layout, c, n_z = system.layout, system.columns, system.n_z
         n_t, n, n_own = len(inner), len(layout.offset), layout.own.shape[1]
@@ -150,6 +134,21 @@ class _Arrow:
     def moved(self, w: np.ndarray) -> np.ndarray:
         """By how much u (n_turbine, n_param) moves with w (n_w,)."""
         return np.einsum("icl,il->ic", self.local, w[self.place])
+
+    def coordinates(self, u: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """w (n_w,) of what moves u (n_turbine, n_param) and z (n_z,)."""
+        # where nothing scatters, least squares give zero
+        return np.concatenate([z, *(
+            np.linalg.lstsq(local[:, len(z) :], own - local[:, : len(z)] @ z, rcond=1e-12)[0]
+            for local, own in zip(self.local, u, strict=True))])
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(n_w, n_w): w^T distance w is the squared distance by which u moves with w."""
+        total = np.zeros_like(self.precision)
+        for at, local in zip(self.place, self.local, strict=True):
+            total[np.ix_(at, at)] += local.T @ local
+        return total
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """Sums at their place in w (n_w, ...) of each turbine's part (n_turbine, n_local, ...)."""
@@ -185,7 +184,7 @@ class _Moving:
     determinants' ratio; derivatives of its bends, by differences where it stays (`exact`, and `fresh` after that), as
     steps show after one (Broyden 1965); `end`: '' while it moves, 'solved' or 'lost'."""
 
-    arrow: _Arrow
+    arrow: Arrow
     shift: np.ndarray
     step: np.ndarray
     error: np.ndarray
@@ -267,7 +266,7 @@ class FarmModels:
         these weigh."""
         begin, spread, n_z = self.linear_scores(draws), self.system.spread(draws.tau), self.system.n_z
         n_w = n_z + begin.shape[1] * (len(self.system.columns) + self.system.layout.own.shape[1])
-        moving = [_Moving(_Arrow.of(self.system, self.inner[:, 1:, 1:], own, std), np.zeros(n_w), np.zeros(n_w),
+        moving = [_Moving(Arrow.of(self.system, self.inner[:, 1:, 1:], own, std), np.zeros(n_w), np.zeros(n_w),
                           np.zeros(draws.e.shape[1])) for own, std in zip(spread, draws.std, strict=True)]
         u = np.array(begin)
         for _ in range(STEPS):
@@ -310,22 +309,14 @@ class FarmModels:
         value = -one.ln_ratio - 0.5 * np.sum((e**2 - e_begin**2) / std**2)
         value -= 0.5 * s[:n_z] @ precision @ (2 * (z - mean) + s[:n_z])
         # of what scatters and own parameters, standard normal each
-        value -= 0.5 * np.sum(s[n_z:] * (2 * self._standard(one.arrow, z, begin) + s[n_z:]))
+        own = one.arrow.coordinates(begin - self.middle - self.system.layout.offset, z)[n_z:]
+        value -= 0.5 * np.sum(s[n_z:] * (2 * own + s[n_z:]))
         ends = u - self.middle, begin - self.middle
         for G, at, before, own in zip(self.inner, *ends, bend, strict=True):
             x, y = np.concatenate([[1.0], -at, -e]), np.concatenate([[1.0], -before, -e_begin])
             across = own[-2] - own[:-2] @ np.concatenate([at, e])
             value -= 0.5 * (x @ G @ x - y @ G @ y - 2 * across + own[-1])
         return float(value)
-
-    def _standard(self, arrow: _Arrow, z: np.ndarray, begin: np.ndarray) -> np.ndarray:
-        """Scatter over its standard deviation and own parameters of a linear draw (n_w - n_z,)."""
-        n_z, found = self.system.n_z, []
-        for local, u in zip(arrow.local, begin, strict=True):
-            rest = u - self.middle - self.system.layout.offset - local[:, :n_z] @ z
-            # where nothing scatters, least squares give zero
-            found.append(np.linalg.lstsq(local[:, n_z:], rest, rcond=1e-12)[0])
-        return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -348,20 +339,28 @@ def fast_models(
             asked.setdefault(one.problem.model.fingerprint(), (one.problem, set()))[1].add(i)
     found: tuple[dict[str, Any], ...] = tuple({} for _ in turbines)
     lower, upper = np.full(theta.shape[1:], -np.inf), np.full(theta.shape[1:], np.inf)
+    # models of one mesh share a basis
+    meshes: dict[tuple, list[str]] = {}
     for key, (problem, of) in asked.items():
         model: Any = problem.model
         if isinstance(model, AffineModel) and model.n_dof >= CONSTANTS.reduce_from:
-            points, p = theta[:, sorted(of)].reshape(-1, theta.shape[2]), problem.parameters
-            middle = np.median(points, axis=0)
-            points = np.clip(middle + WIDER * (points - middle), p.lower, p.upper)
-            chosen, low, high = points[:: max(1, len(points) // N_BASIS)], points.min(axis=0), points.max(axis=0)
-            model = reduce_basis(
-                model, frequency_tolerance=CONSTANTS.frequency_tolerance, n_mode=problem.matching.n_mode, seed=seed,
-                points=chosen, box=(low, high), progress=progress)
-            for i in of:
-                lower[i], upper[i] = np.maximum(lower[i], low), np.minimum(upper[i], high)
+            meshes.setdefault((model.n_dof, problem.parameters.names, problem.matching.n_mode), []).append(key)
         for i in of:
             found[i][key] = model
+    for (_, _, n_mode), keys in meshes.items():
+        some, p = sorted(set.union(*(asked[key][1] for key in keys))), asked[keys[0]][0].parameters
+        points = theta[:, some].reshape(-1, theta.shape[2])
+        # each turbine's own cloud about its own middle
+        middle = np.tile(np.median(theta[:, some], axis=0), (len(theta), 1))
+        points = np.clip(middle + WIDER * (points - middle), p.lower, p.upper)
+        low, high = points.min(axis=0), points.max(axis=0)
+        models = reduce_alike(
+            [asked[key][0].model for key in keys], frequency_tolerance=CONSTANTS.frequency_tolerance, n_mode=n_mode,
+            seed=seed, points=points[:: max(1, len(points) // N_BASIS)], box=(low, high), progress=progress)
+        for key, model in zip(keys, models, strict=True):
+            for i in asked[key][1]:
+                found[i][key] = model
+                lower[i], upper[i] = np.maximum(lower[i], low), np.minimum(upper[i], high)
     return FastModels(models=found, lower=lower, upper=upper)
 
 

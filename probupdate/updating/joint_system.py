@@ -301,9 +301,9 @@ class FarmSystem:
         return replace(self, products=frozen_array(full.T @ self.products @ full), kind=kind, form=form,
                        own_rows=frozen_array(self.own_rows @ full))
 
-    def of_turbines(self, tau: np.ndarray, joint: Conditional) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Given tau: mean (n_turbine, n_param) and covariance (n_turbine, n_param, n_param) of d, its covariance with z
-        (n_turbine, n_param, n_z), and what of the covariance is left where z and e are known."""
+    def _known(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of tau: how d (n_turbine, n_param) follows from (1, -z, -e), (n_turbine, n_param, n_a), and what of its
+        covariance is left where these are known."""
         std, c, n_z = self.spread(tau), self.columns, self.n_z
         among = std[:, :, None] * np.linalg.inv(self._inner(tau)) * std[:, None, :]
         a = among @ self._rows
@@ -313,7 +313,17 @@ class FarmSystem:
         through = self.layout.shared[:, c] - own @ self.own_rows[:, :, 1 + c]
         known = through @ a + own @ self.own_rows
         known[:, :, 1 : 1 + n_z] -= self.layout.shared
-        left = through @ among @ np.swapaxes(through, 1, 2) + own @ self.layout.own.T
+        return known, through @ among @ np.swapaxes(through, 1, 2) + own @ self.layout.own.T
+
+    def means(self, tau: np.ndarray, joint: Conditional) -> np.ndarray:
+        """Of d (n_turbine, n_param), given tau."""
+        known, _ = self._known(tau)
+        return self.layout.offset + known[:, :, 0] - known[:, :, 1:] @ joint.mean
+
+    def of_turbines(self, tau: np.ndarray, joint: Conditional) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Given tau: mean (n_turbine, n_param) and covariance (n_turbine, n_param, n_param) of d, its covariance with z
+        (n_turbine, n_param, n_z), and what of the covariance is left where z and e are known."""
+        (known, left), n_z = self._known(tau), self.n_z
         slope = -known[:, :, 1:]
         mean = self.layout.offset + known[:, :, 0] + slope @ joint.mean
         both = np.array([joint.solve(one.T) for one in slope])

@@ -11,6 +11,7 @@ import numpy as np
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.problem import Problem
+from probupdate.updating.solved_once import solved_once
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,7 +97,7 @@ class SetLikelihoods:
 def linearise(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates) -> SetLikelihoods:
     """Each set's likelihood with its responses linear in u about theta (n_set, n_param)."""
     value, gradient, precision = [], [], []
-    for problem, point in zip(problems, theta, strict=True):
+    for problem, point in zip(solved_once(problems), theta, strict=True):
         response, sensitivity = problem.sensitivity(point)
         slope = problem.weighted((sensitivity * coordinates.rate(point)).T).T
         residual = problem.weighted(problem.measured - response)

@@ -26,6 +26,7 @@ from probupdate.model.uncertainty import ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.problem import Problem
 from probupdate.updating.set_likelihoods import Coordinates, SetLikelihoods
+from probupdate.updating.solved_once import solved_once
 
 if TYPE_CHECKING:
     from probupdate.updating.hierarchical import Population
@@ -347,7 +348,7 @@ def shared_error(
     if len(names) > 1:
         raise InputError("sets", "state different sources of the model's error", "give all sets one model")
     residual, slope = [], []
-    for problem, point in zip(problems, theta, strict=True):
+    for problem, point in zip(solved_once(problems), theta, strict=True):
         response, sensitivity = problem.sensitivity(point)
         residual.append(problem.measured - response)
         slope.append(sensitivity * coordinates.rate(point))

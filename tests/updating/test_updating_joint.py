@@ -8,7 +8,7 @@ import emcee
 import numpy as np
 import pytest
 from joint_cases import HZ, PARAMETERS, ROLES, SLOPE, STD, dense, drawn_farm, farm_problems, linear_model
-from scipy import special, stats
+from scipy import optimize, special, stats
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameter, Parameters
@@ -192,6 +192,28 @@ def test_the_estimate_is_found_from_afar():
                  for off in (np.zeros(3), -3 * PARAMETERS.std))
     assert near.settled and far.settled
     np.testing.assert_allclose(far.u, near.u, atol=0.02)
+
+
+@pytest.mark.parametrize(("bend", "noise", "seed"), [(0.02, 3.0, 4), (0.05, 5.0, 1), (-0.03, 10.0, 2)])
+def test_bent_models_are_estimated_where_their_whole_density_is_largest(bend, noise, seed):
+    """At the scatter that the estimate has: a minimum of plain numpy's by BFGS, from many starts."""
+    y, _ = drawn_farm(3, 2, seed=seed, bend=bend, noise=noise)
+    found = estimate_farm(farm_problems(y, model=linear_model(bend=bend), noise=noise), **ROLES)
+    tau = found.tau[0]
+
+    def surprise(v):
+        steel, mean, soil, scour = v[0], v[1], v[2:5], v[5:]
+        exact = HZ + np.column_stack([np.full(3, steel), 1.5 * soil, 0.8 * scour]) @ SLOPE.T
+        exact += bend * HZ * (1.5 * soil[:, None]) ** 2
+        misfit = np.sum(((y - exact[:, None]) / (noise * STD)) ** 2)
+        return 0.5 * (misfit + steel**2 + mean**2 + np.sum((soil - mean) ** 2) / tau**2 + np.sum(scour**2))
+
+    rng = np.random.default_rng(seed)
+    ends = [optimize.minimize(surprise, rng.standard_normal(8), method="BFGS") for _ in range(8)]
+    best = min(ends, key=lambda end: end.fun)
+    mine = np.concatenate([found.z, found.u[:, 1], found.u[:, 2]])
+    assert found.settled and surprise(mine) - best.fun < 0.02
+    assert np.all(np.abs(mine - best.x) < 0.3 * np.sqrt(np.diag(best.hess_inv)))
 
 
 def test_what_a_survey_says_is_the_ratio_of_dense_variances():
