@@ -98,42 +98,31 @@ def reduce_alike(
     at = _snapshot_points(draw(n_snapshot)[0], extremes, lower, upper)
     snapshots = _solve_full(models, at, n_mode, "snapshots", progress)
 
-    def check(what: str) -> list[_Checks]:
-        return [_Checks.solve(one, *draw(n_each), n_mode, what, progress) for one in models]
-
     def projected(basis, family) -> list[ReducedModel]:
         return [project(one, basis, family, (lower, upper), n_mode, frequency_tolerance) for one in models]
 
-    def worst(checks: Sequence[_Checks], reduced: Sequence[ReducedModel]) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [found for c, r in zip(checks, reduced, strict=True) for found in c.worst(r)]
-
-    checks = check("size")
+    checks = [_Checks.solve(one, *draw(n_each), n_mode, "size", progress) for one in models]
     largest = projected(*_proper_orthogonal(_unmix_modes(snapshots, K), K, max_size))
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
     typical = _smallest(largest, checks, TYPICAL)
     if typical is not None:
-        snapshots += worst(checks, [one.leading(typical) for one in largest])
+        snapshots += _worst(checks, [one.leading(typical) for one in largest])
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(_unmix_modes(snapshots, K), K, max_size)
         largest = projected(basis, family)
         size = _smallest(largest, checks, 1.0)
         if size is None:
             # what was worst joins the snapshots
-            snapshots += worst(checks, largest)
+            snapshots += _worst(checks, largest)
             continue
         reduced = [one.with_shares(c.theta)
                    for one, c in zip(projected(basis[:, :size], family[:size]), checks, strict=True)]
-        final = check("verification")
-        judged = [c.judge(one) for c, one in zip(final, reduced, strict=True)]
-        if all(np.all(error <= VERIFIED * c.tolerance) and least_mac >= LEAST_MAC
-               for c, (error, least_mac) in zip(final, judged, strict=True)):
-            return [replace(one, report=ReductionReport(
-                size=size, n_snapshot=len(snapshots), n_verify=n_each,
-                max_frequency_error=float(error[c.tolerance == frequency_tolerance].max()),
-                max_box_error=float(error.max()), min_mac=least_mac, frequency_tolerance=frequency_tolerance,
-            )) for one, c, (error, least_mac) in zip(reduced, final, judged, strict=True)]
+        final = [_Checks.solve(one, *draw(n_each), n_mode, "verification", progress) for one in models]
+        reports = [c.report(one, frequency_tolerance, len(snapshots)) for c, one in zip(final, reduced, strict=True)]
+        if all(reports):
+            return [replace(one, report=report) for one, report in zip(reduced, reports, strict=True)]
         # points that have decided once decide the size from now on; the next verification takes new ones
-        snapshots += worst(final, reduced)
+        snapshots += _worst(final, reduced)
         checks = [c.joined(other) for c, other in zip(checks, final, strict=True)]
     error, least_mac = max((c.judge(one) for c, one in zip(checks, largest, strict=True)), key=lambda e: e[0].max())
     raise ConvergenceError(
@@ -263,12 +252,26 @@ class _Checks:
         rows = np.flatnonzero(error > MARGIN * self.tolerance)
         return [self.solved[row] for row in (rows if rows.size else [np.argmax(error)])]
 
+    def report(self, reduced: ReducedModel, tolerance: float, n_snapshot: int) -> ReductionReport | None:
+        """None where it does not hold."""
+        error, least_mac = self.judge(reduced)
+        if np.any(error > VERIFIED * self.tolerance) or least_mac < LEAST_MAC:
+            return None
+        return ReductionReport(
+            size=reduced.basis.shape[1], n_snapshot=n_snapshot, n_verify=len(self.theta),
+            max_frequency_error=float(error[self.tolerance == tolerance].max()), max_box_error=float(error.max()),
+            min_mac=least_mac, frequency_tolerance=tolerance)
+
     def joined(self, other: _Checks) -> _Checks:
         return _Checks(
             model=self.model, theta=np.vstack([self.theta, other.theta]),
             tolerance=np.concatenate([self.tolerance, other.tolerance]),
             frequency_hz=np.vstack([self.frequency_hz, other.frequency_hz]), solved=self.solved + other.solved,
         )
+
+
+def _worst(checks: Sequence[_Checks], reduced: Sequence[ReducedModel]) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [found for c, one in zip(checks, reduced, strict=True) for found in c.worst(one)]
 
 
 def _smallest(largest: Sequence[ReducedModel], checks: Sequence[_Checks], share: float) -> int | None:
