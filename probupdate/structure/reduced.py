@@ -255,7 +255,7 @@ class _Checks:
     def report(self, reduced: ReducedModel, tolerance: float, n_snapshot: int) -> ReductionReport | None:
         """None where it does not hold."""
         error, least_mac = self.judge(reduced)
-        if np.any(error > VERIFIED * self.tolerance) or least_mac < LEAST_MAC:
+        if not (np.all(error <= VERIFIED * self.tolerance) and least_mac >= LEAST_MAC):
             return None
         return ReductionReport(
             size=reduced.basis.shape[1], n_snapshot=n_snapshot, n_verify=len(self.theta),
