@@ -16,7 +16,7 @@ from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import nearest
 from probupdate.campaign.stated import UNIT_KEYS, ChannelStatement, OwnWords, keyed_rate, texts_of, unit_in
-from probupdate.campaign.table_sources import PIECE
+from probupdate.campaign.table_sources import COLUMNS, FEWEST, PIECE, ROWS
 from probupdate.errors import InputError, parsing
 from probupdate.io.hdf5_file import open_hdf5
 
@@ -27,9 +27,6 @@ LARGEST_WHOLE = 300 * 2**20
 # kinds of v5 variables that are read: numbers, words on them, and structures of both
 NUMBERS = ("double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 WORDS, STRUCTURES = ("char", "cell"), ("struct",)
-ROWS, COLUMNS = "channels in rows", "channels in columns"
-# fewer samples than this in all are no record
-FEWEST = 20
 # fields of structures that are looked at, and how deep
 MOST_FIELDS, DEEPEST = 10_000, 8
 

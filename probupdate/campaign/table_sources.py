@@ -29,6 +29,9 @@ from probupdate.campaign.table_layout import MOST_LINES, SEPARATORS, TOA5, first
 from probupdate.errors import InputError, parsing
 from probupdate.io.result_table import plural
 
+ROWS, COLUMNS = "channels in rows", "channels in columns"
+# fewer samples than this in all are no record
+FEWEST = 20
 PIECE = 200_000
 # lines of a table of Campbell's loggers
 TOA5_NAMES, TOA5_UNITS, TOA5_HEAD = 1, 2, 4
@@ -74,6 +77,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
                 if names is not None and len(names) == frame.shape[1]:
                     frame.columns = names
                 if not first:
+                    _refuse_channels_in_rows(path, d, frame)
                     words = _table_words(path, d, list(frame.columns), units, _rate_of(head[: d.skip_rows]))
                     yield replace(words, notes=(*words.notes, note)) if note else words
                     first = True
@@ -85,6 +89,15 @@ def read_csv(path: Path, d: Description) -> Iterator:
                 yield _from_frame(path, d, frame)
     if not first:
         yield OwnWords()
+
+
+def _refuse_channels_in_rows(path: Path, d: Description, frame: pd.DataFrame) -> None:
+    """A table of fewer samples than a record has and more channels than that."""
+    n_row, n_column = frame.shape
+    if n_row < FEWEST <= n_column and d.orientation != COLUMNS:
+        raise InputError(str(path), f"has {plural(n_row, 'sample')} of {n_column} channels",
+                         "if a row is a channel, write the table with a row a sample, else orientation = "
+                         f'"{COLUMNS}" in convert.toml')
 
 
 def _refuse_other_head(path: Path, d: Description, skipped: set[int]) -> None:

@@ -222,6 +222,14 @@ def test_another_rate_in_the_file_is_refused_in_each_format(job, kind):
 # Orientation and structures -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("header", [True, False])
+def test_a_table_with_a_row_a_channel_is_refused(job, header):
+    raw, campaign = job(f'files = "*.csv"\nheader = {str(header).lower()}\n{START}[columns]\na = 1\nb = 2\n')
+    np.savetxt(raw / "r.csv", samples().T, delimiter=",")
+    with pytest.raises(InputError, match=r"has [12] samples? of 600 channels.*a row a sample"):
+        convert(raw, campaign)
+
+
 @pytest.mark.parametrize("kind", ["mat", "mat73", "npy", "npz", "npz_fortran"])
 def test_a_row_a_channel_is_refused_until_it_is_stated(job, kind):
     import h5py
