@@ -46,6 +46,7 @@ from probupdate.updating.problem import Problem
 if TYPE_CHECKING:
     import pandas as pd
 
+    from probupdate.lifetime.fatigue import FatigueModel
     from probupdate.lifetime.fatigue_files import FatigueInput
 
 # fewer draws have no standard deviation
@@ -222,15 +223,15 @@ def export_lifetime(
     """
     settings, out = settings or ExportSettings(), Path(out)
     refuse_unfit(run, out, settings, reliability=fatigue is not None)
-    if fatigue is not None:
-        _refuse_details(run.path, fatigue.file)
+    whole = None if fatigue is None else _fatigue_model(run, fatigue.file)
     with whole_folder(out) as folder:
-        found = _write_export(run, folder, settings, fatigue, progress)
+        found = _write_export(run, folder, settings, (fatigue, whole), progress)
     return replace(found, folder=out)
 
 
 def _write_export(
-    run: RunResults, out: Path, settings: ExportSettings, fatigue: FatigueInput | None, progress: Progress
+    run: RunResults, out: Path, settings: ExportSettings, fatigue: tuple[FatigueInput | None, FatigueModel | None],
+    progress: Progress,
 ) -> Export:
     posterior, model, path, status = run.posterior, run.model, run.path, run.status
     rng = np.random.default_rng(settings.seed)
@@ -250,7 +251,7 @@ def _write_export(
     damping = _modes(files, labels, solved, run.modes, left_out, rng)
     truncation = _superelements(files, drawn, settings.n_mode, left_out, progress)
     frequency_hz = [one.frequency_hz for one in solved]
-    assessed = _fatigue(files, fatigue, model, drawn, (labels, frequency_hz, partial(names, model)), damping, left_out,
+    assessed = _fatigue(files, *fatigue, model, drawn, (labels, frequency_hz, partial(names, model)), damping, left_out,
                         settings.seed, progress)
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": status.remark,
@@ -267,12 +268,12 @@ def _write_export(
                   left_out=tuple(left_out), truncation=truncation)
 
 
-def _refuse_details(path: Path, fatigue: Path) -> None:
-    """Raises InputError for details of a fatigue.toml that are nowhere on the model, before anything is written."""
+def _fatigue_model(run: RunResults, fatigue: Path) -> FatigueModel:
+    """Of all details. Raises InputError for those that are nowhere on the model, before anything is written."""
     from probupdate.lifetime.fatigue import fatigue_model_of
 
-    refuse_without_members(path)
-    fatigue_model_of(path, fatigue)
+    refuse_without_members(run.path)
+    return fatigue_model_of(run.path, fatigue, parameters=run.model.parameters, sensors=model_sensors(run.path) or None)
 
 
 def _sha(path: Path) -> str:
@@ -364,18 +365,18 @@ def refuse_without_members(path: Path) -> None:
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, drawn: DrawnModels, modes,
-             damping: MeasuredDamping, left_out, seed: int, progress: Progress) -> dict | None:
+def _fatigue(files: _Files, given: FatigueInput | None, whole: FatigueModel | None, model: Model, drawn: DrawnModels,
+             modes, damping: MeasuredDamping, left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of. modes: of every
     draw labels and frequencies, and what names those of a solution."""
-    if given is None:
+    if given is None or whole is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
-    draws, sensors = drawn.theta[:, : drawn.n_own], model_sensors(drawn.path) or None
-    found = assess(given, drawn.path, model.parameters, sensors, draws, damping.for_draws(len(draws)), seed=seed,
-                   unknown=drawn.unknown, progress=progress)
+    draws = drawn.theta[:, : drawn.n_own]
+    found = assess(given, drawn.path, whole, draws, damping.for_draws(len(draws)), seed=seed, unknown=drawn.unknown,
+                   progress=progress)
     labels, frequency_hz, named = modes
     first = model.solve(model.parameters.initial, frequency_hz[0].size)
     factors = frequency_factors(given, labels, frequency_hz, (named(first), first.frequency_hz), found.gains, named)

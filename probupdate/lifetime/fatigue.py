@@ -65,6 +65,10 @@ class FatigueModel:
         """On a basis for this parameter vector and derivatives at it (`StressModel.reduced_for_derivatives`)."""
         return replace(self, models=tuple(m.reduced_for_derivatives(theta) for m in self.models))
 
+    def labelled_at(self, theta: np.ndarray) -> FatigueModel:
+        """With the modes' names as they are at this parameter vector, at all that are near."""
+        return replace(self, models=tuple(m.labelled_at(theta) for m in self.models))
+
     def picked(self, spots: Sequence[int] | np.ndarray) -> FatigueModel:
         """With these hot spots only, in this order."""
         chosen = sorted({self.spots[k].detail for k in spots})

@@ -29,7 +29,6 @@ from probupdate.lifetime.reliability import (
     survival,
 )
 from probupdate.lifetime.stress import StateDamping
-from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.description_file import read_description
@@ -99,8 +98,7 @@ class FatigueResult:
 def assess(
     given: FatigueInput,
     path: Path,
-    parameters: Parameters,
-    sensors: tuple[Sensor, ...] | None,
+    full: FatigueModel,
     draws: np.ndarray,
     dampings: Sequence[StateDamping],
     *,
@@ -108,10 +106,11 @@ def assess(
     unknown: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> FatigueResult:
-    """Fatigue and reliability at the design (initial parameters, the file's damping), over the prior and over draws
-    (n_draw, n_param) of the posterior with their damping ratios and tolerances `unknown` (n_draw, n_source)."""
+    """Of `full`, the model at `path`: fatigue and reliability at the design (initial parameters, the file's damping),
+    over the prior and over draws (n_draw, n_param) of the posterior with their damping ratios and tolerances `unknown`
+    (n_draw, n_source)."""
     rng = np.random.default_rng(seed)
-    full = fatigue_model_of(path, given.file, parameters=parameters, sensors=sensors)
+    parameters = full.parameters
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
@@ -262,7 +261,8 @@ def tolerance_slopes(
         description, str(path), one, parameters=parameters, sensors=few.models[0].sensors, spectra=few.models[0].spectra
     )
     neutral = np.array([*laplace.theta, *(row.effect.neutral for row in rows)])
-    wide = wide.picked(matching_spots(wide, few)).reduced_for_derivatives(neutral)
+    # steps of a fiftieth of a tolerance change no mode's name
+    wide = wide.picked(matching_spots(wide, few)).reduced_for_derivatives(neutral).labelled_at(neutral)
     std = np.array([row.source.std for row in rows])
     n = len(base)
     found = np.zeros((len(few.spots), len(problem.error_sources)))

@@ -108,7 +108,7 @@ class Response:
 class StressModel:
     """One heading: the turbine's model, its member forces R_K(theta) - omega^2 R_M(theta) as sums of constant matrices
     (3 n_detail, n_free), the hub's rows (n_free,) along the wind and across it, to its left. `basis` (n_free, n_basis),
-    None: all degrees of freedom."""
+    None: all degrees of freedom; labels: of the modes, where they are known for all parameters that are asked for."""
 
     model: AffineModel
     sensors: tuple[Sensor, ...]
@@ -126,6 +126,7 @@ class StressModel:
     frequency_hz: np.ndarray
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]]
     basis: np.ndarray | None = None
+    labels: tuple[str, ...] | None = None
 
     @property
     def parameters(self) -> Parameters:
@@ -175,6 +176,12 @@ class StressModel:
             sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
         )
         return [phi, factor.solve(slow)]
+
+    def labelled_at(self, theta: np.ndarray) -> StressModel:
+        """With the names that modes have at theta (n_param,)."""
+        K, M, _, _ = self._matrices_at(theta)
+        value, U = self._eigen(K, M, LABELLED)
+        return replace(self, labels=self._labels(theta, U, value))
 
     def _projected_on_shapes(self, shapes: Sequence[np.ndarray]) -> StressModel:
         X = np.hstack(shapes)
@@ -308,7 +315,7 @@ class StressModel:
         does, without the rotor's damping."""
         K, M, RK, RM = at = self._matrices_at(theta)
         value, U = self._eigen(K, M, count)
-        labels = self._labels(theta, U, value) if damping else ()
+        labels = () if not damping else self._labels(theta, U, value) if self.labels is None else self.labels
         scale = self.stress_scale(theta)[:, None]
         one = ModalStress(
             value=value, U=U, labels=labels, ratio=np.full(len(value), self.conditions.damping.ratio),

@@ -334,7 +334,7 @@ def _provenance(
     if posterior is not None:
         yield "hash of the posterior's problem", posterior.fingerprint[:16]
         for key, value in posterior.record.items():
-            if key not in ("map", "notes"):
+            if key not in ("map", "notes", "likelihood"):
                 yield from setting_rows(f"posterior: {key}", value)
 
 

@@ -14,7 +14,8 @@ squared, which an error of the measured shape changes to second order only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +81,16 @@ class Weights:
     tolerances: bool = False
     at: tuple[float, ...] | None = None
     baseline: tuple[LearntError, ...] = ()
+
+    def to_table(self) -> dict:
+        """As plain numbers, but for a baseline."""
+        return asdict(replace(self, baseline=()))
+
+    @classmethod
+    def from_table(cls, table: Mapping) -> Weights:
+        """From what `to_table` gave, after JSON."""
+        plain = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
+        return cls(**plain | {"scales": tuple(map(tuple, table["scales"]))})
 
     def __post_init__(self):
         for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):

@@ -445,6 +445,7 @@ def _run_record(found: _SampledChain, settings: SamplerSettings, error: LearntEr
         "importance sampling": asdict(found.agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, found.against),
+        **({} if problem.weights.baseline else {"likelihood": problem.weights.to_table()}),
     }
 
 

@@ -28,9 +28,9 @@ from probupdate.structure.tangent import Tangent, write_tangent
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.joint_set import joint_set
 from probupdate.updating.posterior_file import Posterior, read_posterior
-from probupdate.updating.problem import Problem, build_problem
+from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.verbs.estimating import Case, compared_modes, refuse_other_kinds
-from probupdate.verbs.models import GivenModel, model_path
+from probupdate.verbs.models import GivenModel, ModelAt, model_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,7 +162,8 @@ def export(
     results = replace(results, problem=_sampled_problem(folder, places, found, results.posterior, progress))
     return export_lifetime(
         results, Path(out), settings, progress=progress,
-        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, results.problem))
+        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, results.problem,
+                                                               results.posterior))
 
 
 def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
@@ -174,35 +175,51 @@ def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | N
 def _sampled_problem(
     folder: Path, places: Mapping[str, Path], diagnosis: Mapping | None, posterior: Posterior, progress: Progress
 ) -> Problem | None:
-    """As `sample` makes it with its default weights, of the set that was sampled: the diagnosis's mean of the blocks in
-    which its findings act, that of nine.json, or of modes.json; None where none of them is there."""
+    """With the weights that posterior.nc states, else those that `sample` has by default, of the set that was sampled:
+    the diagnosis's mean of the blocks in which its findings act, that of nine.json, or of modes.json; None where none
+    of them is there."""
     likelihood = LikelihoodSettings()
     mean = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
     given = [folder / mean] if mean and (folder / mean).is_file() else []
     given += [places[name] for name in ("nine.json", "modes.json") if name in places]
 
+    covariance, stated = likelihood.joint_covariance, posterior.record.get("likelihood")
+    weights = Weights.from_table(stated) if stated else None
+    if weights is not None:
+        covariance = weights.covariance
+
     def is_sampled(path: Path) -> bool:
-        one = joint_set(compared_modes(path, None, False, likelihood.modes), covariance=likelihood.joint_covariance)
+        one = joint_set(compared_modes(path, None, False, likelihood.modes), covariance=covariance)
         return one.data.set().id == posterior.record.get("set_id")
 
     modes = next((path for path in given if is_sampled(path)), places.get("nine.json", places.get("modes.json")))
     if modes is None:
         return None
-    case = Case.of(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
+    if weights is None:
+        case = Case.of(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
+    else:
+        data = compared_modes(modes, None, False, likelihood.modes)
+        case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,
+                    model_at=ModelAt(places["model"], places.get("parameters"), str(modes), data.felt))
     return build_problem(case.model, case.joint.data, weights=case.weights)
 
 
-def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Problem | None):
+def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Problem | None, posterior: Posterior):
     """The one model's problem at its maximum; set-wise updates of update.json; and the diagnosis's extended model with
     its draws, where they are there."""
     from probupdate.lifetime.fatigue_files import FatigueInput, NamedCause
     from probupdate.structure.description_file import read_description
+    from probupdate.updating.laplace import maximum_a_posteriori
     from probupdate.updating.runs import find_maximum
     from probupdate.updating.update_file import read_update
 
-    # the maximum was found for the weights already
-    laplace = None if problem is None else find_maximum(
-        problem, [problem.model.parameters.initial if problem.weights.at is None else np.array(problem.weights.at)])
+    laplace = None
+    if problem is not None and problem.fingerprint() == posterior.fingerprint and "map" in posterior.record:
+        # the highest of all that the sampler's starts found
+        laplace = maximum_a_posteriori(problem, [np.array(posterior.record["map"])])
+    elif problem is not None:
+        at = problem.weights.at
+        laplace = find_maximum(problem, [problem.model.parameters.initial if at is None else np.array(at)])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")

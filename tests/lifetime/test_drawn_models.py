@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import linalg
 
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table
@@ -92,3 +93,32 @@ def test_a_posterior_of_other_settings_takes_no_tolerances(softened, tmp_path):
     done = export_lifetime(other, tmp_path / "out", ExportSettings(n_draw=2, n_mode=4))
     assert any("tolerances in models: as stated" in text for text in done.left_out)
     assert "tolerances.csv" not in json.loads((done.folder / "manifest.json").read_text())["files"]
+
+
+def matrices_as_text(path):
+    """Mass and stiffness of an ExtPtfm file: rows of numbers behind their titles, read without the package."""
+    lines, found = path.read_text().splitlines(), {}
+    for name in ("Mass", "Stiffness"):
+        at = lines.index(f"!{name} Matrix") + 2
+        n = int(lines[at - 1].split(":")[1])
+        found[name] = np.array([[float(word) for word in line.split()] for line in lines[at : at + n]])
+    return found["Mass"], found["Stiffness"]
+
+
+@pytest.mark.parametrize("kind", ["guyan", "cb"])
+def test_written_superelements_have_their_frequencies_by_scipy_alone(softened, kind):
+    done, _, _ = softened
+    entries = json.loads((done.folder / "manifest.json").read_text())["files"]
+    own = []
+    for k in (1, N_DRAW):
+        name = f"superelements/{k:03d}.{kind}"
+        archive = np.load(done.folder / f"{name}.npz", allow_pickle=False)
+        for M, K in (matrices_as_text(done.folder / f"{name}.dat"), (archive["M"], archive["K"])):
+            np.testing.assert_allclose(M, M.T, atol=1e-9 * np.abs(M).max())
+            found = np.sqrt(linalg.eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+            stated = np.array(entries[f"{name}.dat"]["frequency_hz"])
+            np.testing.assert_allclose(found[: len(stated)], stated, rtol=1e-6)
+        # Craig and Bampton: at and above the structure's own
+        assert np.all(archive["frequency_hz"] >= archive["full_frequency_hz"] * (1 - 1e-9))
+        own.append(stated[0])
+    assert abs(own[1] / own[0] - 1) > 1e-5
