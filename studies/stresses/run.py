@@ -30,6 +30,7 @@ from probupdate.lifetime.conditions import read_conditions
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import weights
 from probupdate.lifetime.fatigue import fatigue_model_of
+from probupdate.lifetime.gauges import GaugeFiles
 from probupdate.lifetime.measured_stress import StressSettings, measured_stresses
 from probupdate.lifetime.stress_files import StressResult
 from probupdate.virtual.campaign_files import write_acceleration, write_campaign_toml
@@ -75,6 +76,19 @@ def drawn_campaign(folder: Path, world: truth.World, sensors, blocks: int, rng) 
     return stresses
 
 
+def write_gauges(path: Path, stresses: list[np.ndarray], fm, spots, rng) -> Path:
+    """Of the true stresses at hot spots, as strain gauges of 0.05 MPa noise read them at the accelerometers' rate."""
+    at, w = weights(fm.spots)
+    true = np.vstack(stresses)
+    n = len(true)
+    table = {"time": pd.Timestamp(case.START, tz="UTC") + pd.to_timedelta(np.arange(n) / RATE, unit="s")}
+    for k in spots:
+        stress = true[:, 3 * at[k] : 3 * at[k] + 3].astype(float) @ w[k]
+        table[f"hot_spot_{k + 1}_mpa"] = (stress + 0.05 * rng.standard_normal(n)).round(4)
+    pd.DataFrame(table).to_csv(path, index=False, date_format="%Y-%m-%dT%H:%M:%S.%f%z")
+    return path
+
+
 def by_one_mode(data: np.ndarray, modes: tuple[np.ndarray, np.ndarray], top: tuple[int, int]) -> np.ndarray:
     """(n, n_stress) the habit: acceleration of the top between 0.2 and 0.5 Hz, integrated twice, times the stress of
     the first mode of each axis over its motion there. modes: motion (n_channel, 2) and stress (n_stress, 2)."""
@@ -115,6 +129,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[3] / "shared/reference/oc4")
     parser.add_argument("--blocks", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--gauges", choices=("held_out", "joined"), help="strain gauges at places 1 and 3 of leg welds")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     model, _ = case.write_models(a.data, a.out)
@@ -129,11 +144,15 @@ def main() -> None:
     rng = np.random.default_rng(a.seed)
     true = drawn_campaign(a.out / "campaign", world, sensors, a.blocks, rng)
     draws = fm.parameters.initial * (1 + 0.01 * rng.standard_normal((200, len(fm.parameters.initial))))
+    gauges = GaugeFiles()
+    if a.gauges:
+        welds = [k for k, s in enumerate(fm.spots) if s.side == "weld" and s.place in (1, 3)]
+        gauges = GaugeFiles(**{a.gauges: write_gauges(a.out / "gauges.csv", true, fm, welds, rng)})
     begun = time.process_time()
     campaign = read_campaign(a.out / "campaign")
     found = measured_stresses(campaign, model, fatigue, draws,
                               StateDamping.alike(dict.fromkeys(("FA1", "SS1", "FA2", "SS2"), 0.01)),
-                              settings=StressSettings(n_draw=6, n_worst=6))
+                              settings=StressSettings(n_draw=6, n_worst=6), gauges=gauges)
     seconds = time.process_time() - begun
     print(StressResult(found=found).summary)
     at, w = weights(found.spots)

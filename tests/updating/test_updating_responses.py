@@ -1,5 +1,6 @@
 """The ways to compare modes, chosen by name, and a full covariance: each with its derivative and its count of data."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -209,3 +210,11 @@ def test_what_makes_no_sense_is_refused(wrong):
 def test_other_responses_are_another_problem():
     assert len({problem_of(kind).fingerprint() for kind in [{}, *KINDS]}) == len(KINDS) + 1
     assert len(CHANNELS) == 10
+
+
+def test_weights_are_read_back_from_plain_numbers():
+    """posterior.nc keeps them, so that export and the sampler have one likelihood."""
+    weights = Weights(discrepancy=0.004, mixing=0.01, tolerances=True, at=(1.0, 0.5), frequency_cov=(0.01, 0.02),
+                      scales=((0.003, 0.01, 0.0, -0.4), (0.005, 0.02, 0.01, -1.2)), discrepancy_by="learnt")
+    again = Weights.from_table(json.loads(json.dumps(weights.to_table())))
+    assert again.to_table() == weights.to_table() and again.scales == weights.scales and again.at == weights.at
