@@ -20,17 +20,15 @@ from probupdate.diagnosis.fitting import Fit, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import (
-    Own,
     Prediction,
     carried_unknowns,
     covariance_root,
-    cross,
     crps,
     log_density,
     posterior,
     predict,
-    predict_groups,
     solve_covariance,
+    sum_over_blocks,
     transient,
 )
 from probupdate.diagnosis.prepare import Prepared
@@ -107,22 +105,22 @@ def contest(
              for d, y in zip(designs, centred, strict=True)]
     residuals = [_join_residuals(side) for side in sides]
     whole = [carried_unknowns(d, y, every) for d, y in zip(designs, centred, strict=True)]
-    unknown, own = zip(*(shared_covariance(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
-                       strict=True)
-    densities = [log_density(d, every, Q, r, o)[0]
-                 for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]
+    # what all blocks have in common, then what each fold has besides
+    parts = [[(rows, covariance_root(C, d.prior_std[: len(C)])) for rows, C in ((every, shared), *own)]
+             for d, (_, Q), side in zip(designs, whole, sides, strict=True)
+             for shared, own in [shared_covariance(d, Q, side)]]
+    densities = [log_density(d, r, own)[0] for d, r, own in zip(designs, residuals, parts, strict=True)]
     # by which predictions from the whole record differ: what varies between folds is no difference of the models
     left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
-             zip(y, predict_groups(d, every, mean), noise.weight, strict=True)]
+             zip(y, d.expected(mean), noise.weight, strict=True)]
             for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]
     difference = [a - b for a, b in zip(*left, strict=True)]
-    solution = solve_covariance(designs[0], every, unknown[0], difference, own[0])
+    solution = solve_covariance(designs[0], difference, parts[0])
     gained = densities[1] - densities[0]
-    common = cross(designs[1], every, solution.solved, weighted=False)
-    variance = float(common @ unknown[1] @ common)
-    for places, covariance in own[1]:
-        there = cross(designs[1], places, [w[places] for w in solution.solved], weighted=False)[: len(covariance)]
-        variance += float(there @ covariance @ there)
+    variance = 0.0
+    for places, root in parts[1]:
+        there = sum_over_blocks(designs[1].taken(places), [w[places] for w in solution.solved])
+        variance += float(np.sum((root.T @ there[: len(root)]) ** 2))
     for a, covariance, weight in zip(solution.solved, noise.covariance, noise.weight, strict=True):
         measured = weight > 0
         squares = np.einsum("ni,ij,nj->n", a, covariance, a, optimize=True)
@@ -132,7 +130,9 @@ def contest(
                    snr=float(np.sqrt(max(float(solution.shares.sum()), 0.0))))
 
 
-def shared_covariance(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
+def shared_covariance(
+    design: Design, Q: np.ndarray, predictions: Sequence[Prediction]
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Covariance of how all predictions differ and of how each does besides in the unknowns that are carried, such that
     a fold differs as its own prediction says and the mean over folds as the whole record does, by Q: estimates from a
     part differ from that of the whole by what the part knows less, and these differences nearly cancel. Residuals,

@@ -157,8 +157,8 @@ class Design:
         return [(slice(0, m), itself), (slice(0, n), np.pad(turned, ((0, 0), (0, m - n), (0, 0))))]
 
     @cached_property
-    def _information(self) -> np.ndarray:
-        """(n_unknown, n_unknown) of the unknowns, from the data alone."""
+    def unknowns_information(self) -> np.ndarray:
+        """U^T R^-1 U (n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
         for q, sorted_unknowns in enumerate(self._by_profile):
             seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
@@ -176,16 +176,26 @@ class Design:
     def with_error_scale(self, error_scale: float) -> Design:
         """The design with another `error_scale`; what does not depend on it is not worked out again."""
         other = replace(self, error_scale=error_scale)
-        for name in ("_times", "_by_profile", "_information"):
+        for name in ("_times", "_by_profile", "unknowns_information"):
             vars(other)[name] = getattr(self, name)
         return other
 
     def with_candidates(self, time_profiles: Sequence[TimeProfile], which: np.ndarray) -> Design:
         """The design with other candidates; what the unknowns alone make is not worked out again."""
         other = replace(self, time_profiles=tuple(time_profiles), which=which)
-        for name in ("_information", "_factor"):
+        for name in ("unknowns_information", "_factor"):
             vars(other)[name] = getattr(self, name)
         return other
+
+    def taken(self, chosen: np.ndarray) -> Design:
+        """The design of only the blocks numbered `chosen`."""
+        def of(profile: TimeProfile) -> TimeProfile:
+            return replace(profile, value=profile.value[chosen])
+
+        return replace(self, bin_of=self.bin_of[chosen], noise=self.noise.taken(chosen),
+                       time_profiles=tuple(map(of, self.time_profiles)),
+                       included=tuple((effect, of(profile), std) for effect, profile, std in self.included),
+                       model_errors=tuple((of(profile), spread) for profile, spread in self.model_errors))
 
     def emptied(self) -> Design:
         """The design without signatures, and without what it was asked for."""
@@ -218,7 +228,7 @@ class Design:
         try:
             # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
             # prior's one
-            return ArrowFactor.of(self._information, groups, np.setdiff1d(np.arange(self.n_common), held),
+            return ArrowFactor.of(self.unknowns_information, groups, np.setdiff1d(np.arange(self.n_common), held),
                                   self.prior_std, self.n_unknown * np.finfo(float).eps)
         except np.linalg.LinAlgError:
             raise ConvergenceError(
@@ -324,7 +334,11 @@ class Design:
 
     def unknowns(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """Most probable c, sizes, offsets and model-error scales (..., n_unknown) when nothing else is wrong."""
-        return self._solve(self._right(self._sums(residuals)).T).T
+        return self._solve(self.unknowns_scores(residuals).T).T
+
+    def unknowns_scores(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
+        """U^T R^-1 y (..., n_unknown) of residuals per group (..., n_block, n_response)."""
+        return self._right(self._sums(residuals))
 
     def misfit(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
@@ -332,7 +346,7 @@ class Design:
 
     def misfits(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> np.ndarray:
         """`misfit` (n,) of residuals (n, n_block, n_response) per group."""
-        right = self._right(self._sums(residuals))
+        right = self.unknowns_scores(residuals)
         half = self._factor_held(tuple(held)).half((self.prior_std * right).T)
         # searching for the order of so small products costs more than they do
         total = sum(np.sum((y @ P) * y, axis=2) @ w for w, y, P in
@@ -475,7 +489,7 @@ class Design:
             for first in range(0, size, at_once):
                 part = slice(first, first + at_once)
                 noise = [y[part] for y in residuals]
-                right = self._right(self._sums(noise)) + unknown[part] @ self._information
+                right = self.unknowns_scores(noise) + unknown[part] @ self.unknowns_information
                 result[start + first : start + min(first + at_once, size)] = self.raw_scores(
                     noise, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)

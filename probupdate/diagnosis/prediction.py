@@ -10,7 +10,7 @@ assumptions, R the noise. Everything is linear about a fit to all blocks, whose 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, special
@@ -39,71 +39,6 @@ class Prediction:
     mean: np.ndarray
 
 
-def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,);
-    `profile_factors` shows what the columns are multiplied with in a block."""
-    m, n_all = design.discrepancy_std[q].size, design.n_common
-    start, total = n_all + sum(f.size for f in design.discrepancy_std[:q]), sum(f.size for f in design.discrepancy_std)
-    known = design.effect[q][g][:, [effect for effect, _, _ in design.included]]
-    offsets = np.zeros((m, m))
-    for part, made in design.offsets_made(q):
-        offsets[:, part] += np.diag(made[g]) if made.ndim == 2 else made[g]
-    parts, numbers = [design.nuisance[q][g], known, offsets], [np.arange(n_all), np.arange(start, start + m)]
-    for k, (_, spread) in enumerate(design.model_errors):
-        parts.append(np.diag(spread[q][g]))
-        numbers.append(np.arange(start, start + m) + (k + 1) * total)
-    return np.concatenate(parts, axis=1), np.concatenate(numbers)
-
-
-def profile_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
-    """(n_block, n) what the columns of group q are multiplied with in each of `blocks`: the time profile of effects."""
-    m = design.discrepancy_std[q].size
-    factors = np.ones((len(blocks), design.n_common + (1 + len(design.model_errors)) * m))
-    for k, (_, time_profile, _) in enumerate(design.included):
-        factors[:, design.nuisance_std.size + k] = time_profile.value[blocks]
-    for k, (time_profile, _) in enumerate(design.model_errors):
-        start = design.n_common + (k + 1) * m
-        factors[:, start : start + m] = time_profile.value[blocks, None]
-    return factors
-
-
-def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
-    """X^T R^-1 X (n_unknown, n_unknown) of `blocks` (their numbers)."""
-    total = np.zeros((design.n_unknown, design.n_unknown))
-    for q in range(len(design.discrepancy_std)):
-        weight = design.noise.weight[q][blocks]
-        for g in np.unique(design.bin_of[blocks]):
-            there = blocks[(design.bin_of[blocks] == g) & (weight > 0)]
-            if len(there):
-                X, numbers = columns(design, q, g)
-                t = profile_factors(design, q, there)
-                total[np.ix_(numbers, numbers)] += (X.T @ design.noise.precision[q] @ X) * (
-                    t.T @ (t * design.noise.weight[q][there, None]))
-    return total
-
-
-def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weighted: bool = True) -> np.ndarray:
-    """X^T R^-1 y (n_unknown,) of `blocks`, y per group (len(blocks), n_response); not `weighted`: X^T y."""
-    total = np.zeros(design.n_unknown)
-    for q in range(len(design.discrepancy_std)):
-        weight = design.noise.weight[q][blocks]
-        P = design.noise.precision[q] if weighted else np.eye(design.discrepancy_std[q].size)
-        scale = weight if weighted else (weight > 0).astype(float)
-        for g in np.unique(design.bin_of[blocks]):
-            there = np.flatnonzero((design.bin_of[blocks] == g) & (weight > 0))
-            if len(there):
-                X, numbers = columns(design, q, g)
-                t = profile_factors(design, q, blocks[there])
-                part = (y[q][there] * scale[there, None]) @ (P @ X)
-                total[numbers] += np.sum(part * t, axis=0)
-    return total
-
-
-def predict_groups(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[np.ndarray]:
-    """X u per group (len(blocks), n_response)."""
-    return [y[blocks] for y in design.expected(unknowns)]
-
-
 def transient(design: Design) -> np.ndarray:
     """(n_unknown,) bool: offsets and model errors of signatures, not carried from training to prediction."""
     return np.arange(design.n_unknown) >= design.n_common
@@ -113,18 +48,8 @@ def posterior(
     design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` show them."""
-    prior = design.prior_std
-    # in units of the prior's standard deviations, as these are many powers of ten apart
-    information = gram(design, blocks)
-    information *= np.outer(prior, prior)
-    information[np.diag_indices_from(information)] += 1.0
-    factor = linalg.cho_factor(information, lower=True, overwrite_a=True)
-    del information
-    mean = prior * linalg.cho_solve(factor, prior * cross(design, blocks, [y[blocks] for y in centred]))
-    covariance = linalg.cho_solve(factor, np.eye(design.n_unknown), overwrite_b=True)
-    del factor
-    covariance *= np.outer(prior, prior)
-    return mean, covariance
+    there = design.taken(blocks)
+    return there.unknowns([y[blocks] for y in centred]), there.unknowns_cov(range(design.n_unknown))
 
 
 def carried_unknowns(
@@ -144,30 +69,32 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
     mean, Q = carried_unknowns(design, centred, np.flatnonzero(~held))
-
-    weight = tuple(w[rows] for w in design.noise.weight)
-    expected = predict_groups(design, rows, mean)
+    there, root = design.taken(rows), covariance_root(Q, design.prior_std)
+    weight = there.noise.weight
     residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
-                     for y, m, w in zip(centred, expected, weight, strict=True))
-    shares, squares = log_density(design, rows, Q, residual)
+                     for y, m, w in zip(centred, there.expected(mean), weight, strict=True))
+    shares, squares = log_density(there, residual, [(np.arange(len(rows)), root)])
     numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
     return Prediction(
         rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
-        std=tuple(map(frozen_array, _prediction_std(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
+        std=tuple(map(frozen_array, _prediction_std(there, root))), weight=tuple(map(frozen_array, weight)),
         log_density=float(shares.sum()), squared=squares, n_number=numbers,
         uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
         mean=frozen_array(mean),
     )
 
 
+# what is not known in some blocks (their numbers): a root (n, rank) of the covariance of the first n unknowns
+UnknownPart = tuple[np.ndarray, np.ndarray]
+
+
 def log_density(
-    design: Design, rows: np.ndarray, Q: np.ndarray, residual: Sequence[np.ndarray], own: Sequence[Own] = ()
+    design: Design, residual: Sequence[np.ndarray], parts: Sequence[UnknownPart]
 ) -> tuple[np.ndarray, float]:
-    """Joint log density of the residuals of blocks `rows`, N(0, C) as in `solve_covariance`, as shares (len(rows),)
-    that add up to it, and their squared distance."""
-    found = solve_covariance(design, rows, Q, residual, own)
-    weight = [w[rows] for w in design.noise.weight]
-    numbers = sum(((w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True)), np.zeros(len(rows), int))
+    """Joint log density of residuals, N(0, C) as in `solve_covariance`, as shares (n_block,) that add up to it, and
+    their squared distance."""
+    found, weight = solve_covariance(design, residual, parts), design.noise.weight
+    numbers = np.sum([(w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True)], axis=0)
     density = -0.5 * (found.shares + numbers * np.log(2 * np.pi))
     for w, covariance in zip(weight, design.noise.covariance, strict=True):
         measured = w > 0
@@ -176,14 +103,9 @@ def log_density(
     return density - 0.5 * found.log_determinant * numbers / max(numbers.sum(), 1), float(found.shares.sum())
 
 
-# what differs in a fold alone: places of its blocks among the rows, covariance (n, n) there of the first n unknowns,
-# those that all groups share
-Own = tuple[np.ndarray, np.ndarray]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolvedResiduals:
-    """C^-1 y per group (len(rows), n_response); shares (len(rows),) that add up to y^T C^-1 y: of each block what the
+    """C^-1 y per group (n_block, n_response); shares (n_block,) that add up to y^T C^-1 y: of each block what the
     unknowns' best values leave, and evenly what these values cost; logarithm of what the unknowns multiply the noise's
     determinant with."""
 
@@ -193,40 +115,46 @@ class SolvedResiduals:
 
 
 def solve_covariance(
-    design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray], own: Sequence[Own] = ()
+    design: Design, y: Sequence[np.ndarray], parts: Sequence[UnknownPart]
 ) -> SolvedResiduals:
-    """With C = X Q X^T + R, and in the blocks of every fold of `own` its X Q_own X^T besides."""
-    everywhere = (np.arange(len(rows)), covariance_root(Q, design.prior_std))
-    parts = [everywhere, *((places, covariance_root(covariance, design.prior_std[: len(covariance)]))
-                           for places, covariance in own)]
-    ends = np.cumsum([0, *(root.shape[1] for _, root in parts)])
+    """With C = X Q X^T + R, Q of the root of the first of these `parts`, which is of all blocks, and in the blocks of
+    every other one its X Q_part X^T besides."""
+    n_block, root = len(design.bin_of), parts[0][1]
+    there = [design.taken(places) for places, _ in parts]
+    ends = np.cumsum([0, *(part.shape[1] for _, part in parts)])
     # by columns, so that it is factorised in its place: of all folds together it is larger than all else
     inner, right = np.eye(ends[-1], order="F"), np.empty(ends[-1])
-    for k, (places, root) in enumerate(parts):
-        here, n, G = slice(ends[k], ends[k + 1]), len(root), gram(design, rows[places])
-        inner[here, here] += root.T @ G[:n, :n] @ root
+    for k, ((places, part), of_part) in enumerate(zip(parts, there, strict=True)):
+        here, n, G = slice(ends[k], ends[k + 1]), len(part), of_part.unknowns_information
+        inner[here, here] += part.T @ G[:n, :n] @ part
         if k:
-            inner[: ends[1], here] = everywhere[1].T @ G[:, :n] @ root
+            inner[: ends[1], here] = root.T @ G[:, :n] @ part
             inner[here, : ends[1]] = inner[: ends[1], here].T
-        right[here] = root.T @ cross(design, rows[places], [v[places] for v in y])[:n]
+        right[here] = part.T @ of_part.unknowns_scores([v[places] for v in y])[:n]
     factor = linalg.cho_factor(inner, lower=True, overwrite_a=True)
     del inner
     solution = linalg.cho_solve(factor, right)
     moved = [np.zeros_like(v) for v in y]
-    for k, (places, root) in enumerate(parts):
+    for k, ((places, part), of_part) in enumerate(zip(parts, there, strict=True)):
         unknowns = np.zeros(design.n_unknown)
-        unknowns[: len(root)] = root @ solution[ends[k] : ends[k + 1]]
-        for m, made in zip(moved, predict_groups(design, rows[places], unknowns), strict=True):
+        unknowns[: len(part)] = part @ solution[ends[k] : ends[k + 1]]
+        for m, made in zip(moved, of_part.expected(unknowns), strict=True):
             m[places] += made
-    solved, shares, common, numbers = [], np.zeros(len(rows)), 0.0, np.zeros(len(rows))
-    for q, (r, m) in enumerate(zip(y, moved, strict=True)):
-        w = design.noise.weight[q][rows][:, None]
-        solved.append(w * ((r - m) @ design.noise.precision[q]))
+    solved, shares, common, numbers = [], np.zeros(n_block), 0.0, np.zeros(n_block)
+    for r, m, weight, precision in zip(y, moved, design.noise.weight, design.noise.precision, strict=True):
+        solved.append(weight[:, None] * ((r - m) @ precision))
         shares += np.sum((r - m) * solved[-1], axis=1)
         common += float(np.sum(m * solved[-1]))
-        numbers += (w[:, 0] > 0) * r.shape[1]
+        numbers += (weight > 0) * r.shape[1]
     return SolvedResiduals(solved=solved, shares=shares + common * numbers / max(numbers.sum(), 1.0),
                            log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))
+
+
+def sum_over_blocks(design: Design, y: Sequence[np.ndarray]) -> np.ndarray:
+    """X^T y (n_unknown,) of y per group (n_block, n_response)."""
+    alike = replace(design.noise, precision=tuple(np.eye(v.shape[1]) for v in y),
+                    weight=tuple(np.ones(len(v)) for v in y))
+    return replace(design, noise=alike).unknowns_scores(y)
 
 
 def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -239,23 +167,20 @@ def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
     return size[:, None] * turn[:, kept] * np.sqrt(value[kept])
 
 
-def _prediction_std(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
-    """Standard deviation (n_held, n_response) of every predicted number by itself, per group; infinite where not
-    measured."""
+def _prediction_std(design: Design, root: np.ndarray) -> list[np.ndarray]:
+    """Standard deviation (n_block, n_response) of every predicted number by itself, per group, with unknowns of this
+    root of their covariance; infinite where not measured."""
+    # blocks of one angle in which all time profiles are the same are predicted alike: constants and steps have one or
+    # two values
+    profiles = [*(profile for _, profile, _ in design.included), *(profile for profile, _ in design.model_errors)]
+    levels = np.column_stack([design.bin_of, *(profile.value for profile in profiles)])
+    _, first, place = np.unique(levels, axis=0, return_index=True, return_inverse=True)
+    each = [[np.sum(made**2, axis=0) for made in design.taken(np.array([k])).expected(root.T)] for k in first]
     result = []
-    for q, covariance in enumerate(design.noise.covariance):
-        w = design.noise.weight[q][rows]
-        variance = np.where(w > 0, 1 / np.where(w > 0, w, 1.0), np.inf)[:, None] * np.diag(covariance)
-        for g in np.unique(design.bin_of[rows]):
-            there = np.flatnonzero(design.bin_of[rows] == g)
-            X, numbers = columns(design, q, g)
-            t = profile_factors(design, q, rows[there])
-            own = Q[np.ix_(numbers, numbers)]
-            # few different time profiles: constants and steps have one or two
-            found, place = np.unique(t, axis=0, return_inverse=True)
-            spread = np.array([np.sum(((X * f) @ own) * (X * f), axis=1) for f in found])
-            variance[there] += spread[place.ravel()]
-        result.append(np.sqrt(variance))
+    for of_group, covariance, weight in zip(zip(*each, strict=True), design.noise.covariance, design.noise.weight,
+                                            strict=True):
+        own = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)[:, None] * np.diag(covariance)
+        result.append(np.sqrt(own + np.concatenate(of_group)[place.ravel()]))
     return result
 
 

@@ -11,7 +11,7 @@ from probupdate.diagnosis.expected import residuals_at
 from probupdate.diagnosis.fitting import centred_residuals, design_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
-from probupdate.diagnosis.prediction import carried_unknowns, columns, crps, predict, profile_factors
+from probupdate.diagnosis.prediction import carried_unknowns, crps, predict
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
@@ -45,9 +45,15 @@ def dense(design, rows):
             w = design.noise.weight[q][b]
             if w == 0:
                 continue
-            own, numbers = columns(design, q, design.bin_of[b])
+            g, first = design.bin_of[b], design.n_common + sum(SIZES[:q])
             full = np.zeros((m, design.n_unknown))
-            full[:, numbers] = own * profile_factors(design, q, np.array([b]))
+            full[:, :N_NUISANCE] = design.nuisance[q][g]
+            for k, (effect, profile, _) in enumerate(design.included):
+                full[:, N_NUISANCE + k] = profile.value[b] * design.effect[q][g][:, effect]
+            full[:, first : first + m] = np.eye(m)
+            for k, (profile, spread) in enumerate(design.model_errors, start=1):
+                at_error = first + k * sum(SIZES)
+                full[:, at_error : at_error + m] = profile.value[b] * np.diag(spread[q][g])
             X.append(full)
             R.append(design.noise.covariance[q] / w)
             places.append((q, at))
